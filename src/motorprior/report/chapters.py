@@ -39,17 +39,17 @@ def bench(folder: Path) -> Section:
     """Excitation and response of the first motor."""
     log, facts = read_bench(folder)
     segments = log.segment_slices()
-    part = log.rows(segments[min(3, len(segments) - 1)]).joint(0).rows(slice(0, 700))  # a gait with impacts
+    part = log.rows(segments[min(3, len(segments) - 1)]).joint(0).rows(slice(0, 700))
     columns = (part.joint_vel, part.joint_torque, part.external_torque)
     optional = [None if column is None else column[:, 0] for column in columns]
     time = part.time - part.time[0]
-    title = "Preset rollout: gait and impacts"
-    figure = excitation_and_response(time, part.position_target[:, 0], part.joint_pos[:, 0], *optional, title=title)
+    target, joint_pos = part.position_target[:, 0], part.joint_pos[:, 0]
+    figure = excitation_and_response(time, target, joint_pos, *optional, title="Preset rollout, first motor")
     text = (
         f"{facts.motors} physical motors of fleet {facts.fleet.name} on a virtual dynamometer, {facts.steps} steps "
         f"each. {FAMILIES[facts.fleet.family].motor} The motors differ.",
     )
-    return Section("Bench: excitation and response", text, (picture(figure, "First motor of the bench."),))
+    return Section("Bench: excitation and response", text, (picture(figure, "Excitation and response of one motor."),))
 
 
 def identify(prior_file: Path, bench_folder: Path) -> Section:
