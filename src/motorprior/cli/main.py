@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from functools import partial
 from typing import Annotated, Any, NoReturn, Union
-
-_STARTED = time.monotonic()
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
@@ -45,7 +42,7 @@ LOGS: dict[str, tuple[type, Any]] = {
     "check": (LogsCheck, run_logs_check),
 }
 COMMANDS: dict[str, tuple[type, Any]] = {
-    "demo": (Demo, partial(demo, started=_STARTED)),
+    "demo": (Demo, demo),
     "calibrate": (CalibrateCommand, run_calibrate_command),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (IdentifyCommand, partial(run_identify, progress=TERMINAL)),

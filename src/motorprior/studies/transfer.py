@@ -179,25 +179,21 @@ def as_results(summary: Summary) -> Results:
 
 def write_page(out: Path, summary: Summary, settings: dict[str, str], command: str) -> None:
     """Write report.html and tables.md."""
-    from motorprior.report.page import Report, Section, picture, write_report  # imports matplotlib
+    from motorprior.report.page import Section, page, picture  # here: they import matplotlib
     from motorprior.report.plots_study import forest
 
     headline, differences = headline_table(summary), difference_table(summary)
-    lead = "Speed [m/s] and time upright [%] with 95 % intervals; share of policies upright for 90 % of the time."
-    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.", lead)
-    sections = [Section("Speed and time upright", lead, pictures=(drawn,), tables=(headline,))]
-    if differences.rows:
-        lead = "Differences from the sampled prior; p-values corrected by Holm for all of them."
-        sections.append(Section("Differences from the sampled prior", lead, tables=(differences,)))
-    report = Report(
-        title="Transfer study",
-        subtitle="Policies trained on each model of a bench's motors, on held-out robots.",
-        sections=tuple(sections),
-        settings=settings,
-        command=command,
+    text = (
+        "Policies trained on each model of a bench's motors, on held-out robots.",
+        "Speed [m/s] and time upright [%], with 95 % intervals; the share of policies upright for 90 % of the time.",
     )
-    write_report(out / PAGE, report)
+    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
+    drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")
+    sections = [Section("Speed and time upright", text, (drawn,), (headline,))]
+    if differences.rows:
+        text = ("Differences from the sampled prior; p corrected by Holm for all of them.",)
+        sections.append(Section("Differences from the sampled prior", text, tables=(differences,)))
+    write_text(out / PAGE, page("Transfer study", sections, settings, command))
     write_text(out / TABLES, f"{_markdown(headline)}\n\n{_markdown(differences)}\n")
 
 

@@ -17,7 +17,7 @@ from motorprior.pipeline.motor_choice import gains_for
 from motorprior.pipeline.progress import Task
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.replay import shown_joint
-from motorprior.report.plots_calibrate import Band, LogPanel, calibration
+from motorprior.report.plots_motor import Band, LogPanel, calibration
 from motorprior.report.plots_style import png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
