@@ -31,7 +31,6 @@ from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
-from motorprior.cli.virtual_robot import VirtualRobotCommand, run_virtual_robot  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
 from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
@@ -60,7 +59,6 @@ Command = (
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Deploy, tyro.conf.subcommand("deploy")]
     | Annotated[Record, tyro.conf.subcommand("record")]
-    | Annotated[VirtualRobotCommand, tyro.conf.subcommand("virtual-robot")]
     | Annotated[MakeReport, tyro.conf.subcommand("report")]
 )
 RUN = {
@@ -81,7 +79,6 @@ RUN = {
     Doctor: run_doctor_command,
     Deploy: run_deploy_command,
     Record: run_record_command,
-    VirtualRobotCommand: run_virtual_robot,
     MakeReport: run_report,
 }
 
