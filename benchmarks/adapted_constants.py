@@ -24,7 +24,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import load_fleet
 from motorprior.pipeline.prior_file import load_prior
-from motorprior.pipeline.virtual.twin_body import draw_motors
+from motorprior.pipeline.twin_body import draw_motors
 from motorprior.signals import rmse
 
 CONSTANTS = (

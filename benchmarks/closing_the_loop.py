@@ -109,7 +109,7 @@ def deploy(robot: VirtualRobot, policy: Path, life: int, speed: float) -> Outcom
             commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault as error:
             fault = error.kind
-    return Outcome(port.body.path, float(np.hypot(*(port.body.live.position() - start))), fault)
+    return Outcome(port.path, float(np.hypot(*(port.body.live.position() - start))), fault)
 
 
 @dataclass(frozen=True)

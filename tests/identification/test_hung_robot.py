@@ -16,7 +16,7 @@ from motorprior.identification.networks.network import export, initial_parameter
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.pipeline.virtual.twin_body import draw_motors
+from motorprior.pipeline.twin_body import draw_motors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 pytestmark = pytest.mark.slow

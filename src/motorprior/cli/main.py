@@ -28,7 +28,6 @@ from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
-from motorprior.cli.virtual_robot import VirtualRobotCommand, run_virtual_robot  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
 from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
@@ -57,7 +56,6 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "doctor": (Doctor, run_doctor_command),
     "deploy": (Deploy, run_deploy_command),
     "record": (Record, run_record_command),
-    "virtual-robot": (VirtualRobotCommand, run_virtual_robot),
     "report": (MakeReport, run_report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])

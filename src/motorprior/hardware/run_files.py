@@ -1,4 +1,4 @@
-"""Files beside the recording of a run: run.json and figures.json, whatever ends it."""
+"""Files of a run besides its recording: run.json and figures.json, however it ends."""
 
 from __future__ import annotations
 
@@ -13,20 +13,17 @@ from typing import Any
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.machine import BareTimers, MachineReport, explained, machine_facts
-from motorprior.hardware.real_time import granted
+from motorprior.hardware.real_time import real_time
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Gains, fault_of
 
-FACTS, FIGURES = "run.json", "figures.json"
 
+class RunFiles:
+    """Settings, gains, limits, outcome and timing of a run.
 
-class RunFacts:
-    """Settings, gains, limits and outcome of a run, for a reader of its recording.
-
-    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "pilot",
-    the name of a signal, or the kind of a fault and its message. Infinite limits, those not applied, are null. Under
-    "machine" stands what the system granted and, in the end, whether it kept its time beside the run, see `machine`.
+    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
+    the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine" is what the system
+    permitted the control loop.
 
     Attributes:
         outcome: what ended the run, unless an error did.
@@ -35,7 +32,6 @@ class RunFacts:
     def __init__(self, folder: Path):
         self._folder = folder
         self._facts: dict[str, Any] | None = None
-        self._timer: BareTimers | None = None
         self.outcome = ""
 
     def begin(
@@ -54,6 +50,8 @@ class RunFacts:
         Raises:
             ArtifactError: it cannot be written.
         """
+        with real_time() as permitted:
+            pass
         self._facts = {
             "command": command,
             "port": port,
@@ -61,52 +59,30 @@ class RunFacts:
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
             "gains": asdict(gains),
-            "machine": granted(),
+            "machine": permitted,
             "safety": {name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
             **(more or {}),
         }
-        write_json(self._folder / FACTS, self._facts)
-        self._timer = BareTimers()
+        write_json(self._folder / "run.json", self._facts)
 
     @contextlib.contextmanager
-    def kept(self, link: RobotLink, timing: Timing, period: float) -> Iterator[None]:
-        """Write how the run ended when this is left, if it had begun; the robot is idle by then.
+    def written_at_end(self, link: RobotLink, timing: Timing, period: float) -> Iterator[None]:
+        """Write how the run ended when this is closed, if it had begun; the robot is idle by then.
 
         Raises:
-            ArtifactError: it cannot be written, and nothing else went wrong.
-            RobotFault: the one that ended the run; a silence of the host is explained, see `machine.explained`.
+            ArtifactError: it cannot be written, and there was no other error.
         """
         try:
             yield
-        except RobotFault as fault:
-            report = self._stop_timer()
-            told = explained(fault, report, timing, period)
-            with contextlib.suppress(ArtifactError):  # what ended the run matters more
-                self._end(link, timing, period, told, report)
-            if told is fault:
-                raise
-            raise told from fault
         except BaseException as error:
-            with contextlib.suppress(ArtifactError):
-                self._end(link, timing, period, error, self._stop_timer())
+            with contextlib.suppress(ArtifactError):  # what ended the run matters more
+                self._end(link, timing, period, error)
             raise
-        self._end(link, timing, period, None, self._stop_timer())
+        self._end(link, timing, period, None)
 
-    def _stop_timer(self) -> MachineReport | None:
-        timer, self._timer = self._timer, None
-        return None if timer is None else timer.stop()
-
-    def _end(
-        self,
-        link: RobotLink,
-        timing: Timing,
-        period: float,
-        error: BaseException | None,
-        report: MachineReport | None,
-    ) -> None:
+    def _end(self, link: RobotLink, timing: Timing, period: float, error: BaseException | None) -> None:
         if self._facts is None:
             return
-        measured = {} if report is None else machine_facts(report, timing, period)
         stream = link.stream
         ending = {
             "ended": _now(),
@@ -115,16 +91,15 @@ class RunFacts:
             "position_clips": link.position_clips,
             "slew_clips": link.slew_clips,
             "commands": link.sent,
-            "machine": self._facts["machine"] | measured,
             "frames": {
-                "believed": stream.accepted,
+                "accepted": stream.accepted,
                 "repeated": stream.repeated,
                 "impossible": stream.impossible,
                 "damaged": link.rejected,
             },
         }
-        write_json(self._folder / FACTS, self._facts | ending)
-        write_json(self._folder / FIGURES, clock_results([timing], period).to_figures())
+        write_json(self._folder / "run.json", self._facts | ending)
+        write_json(self._folder / "figures.json", clock_results([timing], period).to_figures())
 
 
 def _kind(error: BaseException) -> str:

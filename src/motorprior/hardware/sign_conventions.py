@@ -1,4 +1,4 @@
-"""The robot's own angles and the library's: signs, and telemetry as a `BackendState`."""
+"""Between the wire and the library: joint signs, telemetry as a `BackendState`, and the firmware's control law."""
 
 from __future__ import annotations
 
@@ -12,18 +12,38 @@ from motorprior.hardware.protocol import Telemetry
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import Wire
 
-_SIGNED = ("pos", "vel", "cur", "pref", "vref", "cref", "lcur")
-
 
 def to_wire(wire: Wire, angles: np.ndarray) -> np.ndarray:
-    """(joints,) angles of the library as the robot counts them [rad]."""
+    """(joints,) angles [rad] in the robot's signs, from the library's; its own inverse."""
     return wire.joint_signs * angles
 
 
 def from_wire(wire: Wire, telemetry: Telemetry) -> Telemetry:
-    """The same telemetry with every joint's series in the library's signs; its own inverse."""
-    signs, series = wire.joint_signs, {name: getattr(telemetry, name) for name in _SIGNED}
-    return replace(telemetry, **{name: signs * value for name, value in series.items() if value is not None})
+    """The same telemetry with positions, velocities and currents in the library's signs; its own inverse."""
+    signs = wire.joint_signs
+    current = None if telemetry.cur is None else signs * telemetry.cur
+    return replace(telemetry, pos=signs * telemetry.pos, vel=signs * telemetry.vel, cur=current)
+
+
+def servo_current(
+    target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    kp: np.ndarray | float,
+    kd: np.ndarray | float,
+    max_current: float,
+) -> np.ndarray:
+    """(joints,) currents of the firmware's law [A]: kp·(target - joint_pos) - kd·joint_vel, within ±max_current.
+
+    Args:
+        target: (joints,) [rad], in the same signs as joint_pos and joint_vel.
+        joint_pos: (joints,) [rad].
+        joint_vel: (joints,) [rad/s].
+        kp: [A/rad].
+        kd: [A·s/rad].
+        max_current: [A].
+    """
+    return np.clip(kp * (target - joint_pos) - kd * joint_vel, -max_current, max_current)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -42,20 +62,20 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def backend_state(robot: Robot, telemetry: Telemetry, torque: np.ndarray, fault: int = 0) -> BackendState:
-    """The state that a robot's own sensors show, in the form that every backend reports.
+    """The state that a robot's sensors measure, in the form that every backend reports.
 
-    Not measured are x, y and the linear velocity, which are 0, and the height, which follows from the longest leg as
-    if that stood on flat ground: max over legs of leg.drop(joint_pos) · cos(roll) · cos(pitch).
+    x, y and the linear velocity are not measured and are 0. The height is that of the longest leg on flat ground:
+    max over legs of leg.drop(joint_pos) · cos(roll) · cos(pitch).
 
     Args:
-        robot: described.
+        robot: of the telemetry.
         telemetry: in the library's signs.
         torque: (joints,) of the motors [N·m].
         fault: 0, or the number of a fault.
     """
-    down = max((leg.drop(telemetry.pos) for leg in robot.legs), default=0.0)
+    height = max((leg.drop(telemetry.pos) for leg in robot.legs), default=0.0)
     return BackendState(
-        base_pos=np.array([0.0, 0.0, down * math.cos(telemetry.roll) * math.cos(telemetry.pitch)]),
+        base_pos=np.array([0.0, 0.0, height * math.cos(telemetry.roll) * math.cos(telemetry.pitch)]),
         base_quat=quaternion(telemetry.roll, telemetry.pitch, telemetry.yaw),
         base_lin_vel=np.zeros(3),
         base_ang_vel=np.array([telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate]),
