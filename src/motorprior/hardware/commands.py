@@ -63,8 +63,8 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         return Results()
     require_terminal(settings.yes)
     out = settings.out or _dated("deploy")
-    files, timing = RunFiles(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, out / _LOG))
+    recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
+    link = RobotLink(robot, SerialLink(robot, port), recorder=recorder)
     with link, stop_on_signals() as stop, files.written_at_end(link, timing, policy.control_dt):
 
         def confirm() -> None:
@@ -104,8 +104,8 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     limits = replace(safety, target_speed=speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
-    files, timing = RunFiles(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), limits, Recorder(robot, out / _LOG))
+    recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
+    link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
     with link, stop_on_signals() as stop, files.written_at_end(link, timing, robot.control_dt):
 
         def confirm() -> None:
