@@ -40,24 +40,15 @@ class ActuatorArrays(NamedTuple):
     """
 
     law: Law
-    parameters: np.ndarray
-    """(rows, n) float64."""
-    memory: np.ndarray
-    """(rows, n) float64, state."""
-    clock: np.ndarray
-    """(2,) int64: steps since reset; steps per renewal (learned) or substeps per step (physical)."""
-    damping: np.ndarray
-    """(n,) float64: damping [N·m·s/rad] that the engine integrates implicitly in the coming step."""
-    weights: np.ndarray
-    """flat float32: the layers' matrices, row-major."""
-    inputs: np.ndarray
-    """(inputs,) int64: rows of the history that the network sees, counted from the newest."""
-    biases: np.ndarray
-    """(blocks, neurons of all layers, 16) float32; z is folded into the first layer's."""
-    history: np.ndarray
-    """(blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state."""
-    scratch: np.ndarray
-    """(blocks, neurons of all layers, 16) float32."""
+    parameters: np.ndarray  # (rows, n) float64
+    memory: np.ndarray  # (rows, n) float64, state
+    clock: np.ndarray  # (2,) int64: steps since reset; steps per renewal (learned) or substeps per step (physical)
+    damping: np.ndarray  # (n,) float64: damping [N·m·s/rad] that the engine integrates implicitly in the coming step
+    weights: np.ndarray  # flat float32: the layers' matrices, row-major
+    inputs: np.ndarray  # (inputs,) int64: rows of the history that the network sees, counted from the newest
+    biases: np.ndarray  # (blocks, neurons of all layers, 16) float32; z is folded into the first layer's
+    history: np.ndarray  # (blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state
+    scratch: np.ndarray  # (blocks, neurons of all layers, 16) float32
 
 
 def require_step(physics_dt: float, longest: float = np.inf) -> None:
@@ -142,14 +133,10 @@ class Actuator(Protocol):
 class Factors(NamedTuple):
     """What the constants of n motors are multiplied by, (n,) each [-]."""
 
-    kp: np.ndarray
-    """gain"""
-    kd: np.ndarray
-    """gain"""
-    torque_limit: np.ndarray
-    """limit of the law's torque"""
-    coulomb: np.ndarray
-    """dry friction, that of standstill included, that of the load not"""
+    kp: np.ndarray  # gain
+    kd: np.ndarray  # gain
+    torque_limit: np.ndarray  # limit of the law's torque
+    coulomb: np.ndarray  # dry friction, that of standstill included, that of the load not
 
     @classmethod
     def ones(cls, count: int) -> Factors:

@@ -11,116 +11,67 @@ from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, 
 from motorprior.actuator.foreign_step import FOREIGN
 from motorprior.actuator.kind import ActuatorKind
 
-_CRAWL = 1e-9
-"""Stribeck velocity of motors whose friction does not depend on speed [rad/s]."""
+_CRAWL = 1e-9  # Stribeck velocity of motors whose friction does not depend on speed [rad/s]
 
 
 @dataclass(frozen=True)
 class ForeignMotors:
     """n foreign motors; every field has shape (n,). "off at 0" is said of the first constant of a term."""
 
-    kp: np.ndarray
-    """[N·m/rad]"""
-    kd: np.ndarray
-    """[N·m·s/rad], off at 0"""
-    torque_limit: np.ndarray
-    """current limit times torque constant of the cold motor [N·m]"""
-    delay: np.ndarray
-    """command latency [s], off at 0"""
-    servo_period: np.ndarray
-    """period of the firmware's law, whose output is held in between [s]; 0: every substep"""
-    profile_speed: np.ndarray
-    """largest speed of the reference [rad/s]; 0: no bound"""
-    profile_acceleration: np.ndarray
-    """largest acceleration of the reference [rad/s²]; 0: no bound"""
-    dead_zone: np.ndarray
-    """error below which the law gives nothing [rad], off at 0"""
-    ki: np.ndarray
-    """integral gain [N·m/(rad·s)], off at 0"""
-    integral_limit: np.ndarray
-    """largest integral part of the torque [N·m]"""
-    output_encoder: np.ndarray
-    """encoder: 0 on the rotor, 1 on the output shaft [-]"""
-    encoder_quantum: np.ndarray
-    """step of the encoder's readings [rad], off at 0"""
-    encoder_zero: np.ndarray
-    """encoder reading at true zero [rad]"""
-    velocity_filter: np.ndarray
-    """time constant of the law's velocity [s], off at 0"""
-    current_time: np.ndarray
-    """time constant of the current loop [s], off at 0"""
-    stall_torque: np.ndarray
-    """voltage-limited torque at rest [N·m]; 0: no voltage limit"""
-    no_load_speed: np.ndarray
-    """speed at which the voltage leaves no torque [rad/s]; 0: speed takes no voltage"""
-    sag: np.ndarray
-    """share of the supply voltage lost at the stall current [-], off at 0"""
-    heat_loss: np.ndarray
-    """share of the torque constant that a warm motor has lost [-], off at 0"""
-    heat_time: np.ndarray
-    """time constant of the warming [s]; 0: the warmth stays as it is"""
-    warmth: np.ndarray
-    """share of the final warming at the start [-]"""
-    ripple: np.ndarray
-    """amplitude of the torque's ripple, share of the torque [-], off at 0"""
+    kp: np.ndarray  # [N·m/rad]
+    kd: np.ndarray  # [N·m·s/rad], off at 0
+    torque_limit: np.ndarray  # current limit times torque constant of the cold motor [N·m]
+    delay: np.ndarray  # command latency [s], off at 0
+    servo_period: np.ndarray  # period of the firmware's law, whose output is held in between [s]; 0: every substep
+    profile_speed: np.ndarray  # largest speed of the reference [rad/s]; 0: no bound
+    profile_acceleration: np.ndarray  # largest acceleration of the reference [rad/s²]; 0: no bound
+    dead_zone: np.ndarray  # error below which the law gives nothing [rad], off at 0
+    ki: np.ndarray  # integral gain [N·m/(rad·s)], off at 0
+    integral_limit: np.ndarray  # largest integral part of the torque [N·m]
+    output_encoder: np.ndarray  # encoder: 0 on the rotor, 1 on the output shaft [-]
+    encoder_quantum: np.ndarray  # step of the encoder's readings [rad], off at 0
+    encoder_zero: np.ndarray  # encoder reading at true zero [rad]
+    velocity_filter: np.ndarray  # time constant of the law's velocity [s], off at 0
+    current_time: np.ndarray  # time constant of the current loop [s], off at 0
+    stall_torque: np.ndarray  # voltage-limited torque at rest [N·m]; 0: no voltage limit
+    no_load_speed: np.ndarray  # speed at which the voltage leaves no torque [rad/s]; 0: speed takes no voltage
+    sag: np.ndarray  # share of the supply voltage lost at the stall current [-], off at 0
+    heat_loss: np.ndarray  # share of the torque constant that a warm motor has lost [-], off at 0
+    heat_time: np.ndarray  # time constant of the warming [s]; 0: the warmth stays as it is
+    warmth: np.ndarray  # share of the final warming at the start [-]
+    ripple: np.ndarray  # amplitude of the torque's ripple, share of the torque [-], off at 0
+    # periods per turn of the output shaft: gear ratio times periods per turn of the rotor [1/rev]
     ripple_order: np.ndarray
-    """periods per turn of the output shaft: gear ratio times periods per turn of the rotor [1/rev]"""
-    ripple_phase: np.ndarray
-    """[rad]"""
-    cogging: np.ndarray
-    """amplitude of the torque without current [N·m], off at 0"""
-    cogging_order: np.ndarray
-    """as ripple_order [1/rev]"""
-    cogging_phase: np.ndarray
-    """[rad]"""
-    armature: np.ndarray
-    """rotor inertia reflected to the output [kg·m²]"""
-    viscous_damping: np.ndarray
-    """[N·m·s/rad], off at 0"""
-    coulomb: np.ndarray
-    """sliding friction [N·m], off at 0"""
-    static_torque: np.ndarray
-    """friction at rest above the sliding friction [N·m], off at 0"""
-    stribeck_velocity: np.ndarray
-    """[rad/s]; 0: friction does not depend on speed, and bristles have no damping"""
-    bristle_stiffness: np.ndarray
-    """stiffness of the friction before it slides [N·m/rad]; 0: no dry friction at all"""
-    bristle_damping: np.ndarray
-    """damping of the friction before it slides [N·m·s/rad], off at 0"""
-    load_friction: np.ndarray
-    """friction per torque in the gear [-], off at 0"""
-    asymmetry: np.ndarray
-    """share by which friction is larger forwards, smaller backwards [-], off at 0"""
-    position_friction: np.ndarray
-    """share by which friction varies with the position [-], off at 0"""
-    position_order: np.ndarray
-    """as ripple_order [1/rev]"""
-    position_phase: np.ndarray
-    """[rad]"""
-    backlash: np.ndarray
-    """full play [rad], off at 0"""
-    gear_stiffness: np.ndarray
-    """of the first contact, without the slider [N·m/rad]"""
-    gear_hardening: np.ndarray
-    """cubic stiffness [N·m/rad³], off at 0"""
-    gear_damping: np.ndarray
-    """[N·m·s/rad], off at 0"""
-    slider_stiffness: np.ndarray
-    """stiffness of the spring behind the slider [N·m/rad], off at 0"""
-    slider_torque: np.ndarray
-    """torque at which the slider slips [N·m], off at 0"""
-    output_damping: np.ndarray
-    """viscous damping of the output shaft, seals and grease [N·m·s/rad], off at 0"""
-    log_position_noise: np.ndarray
-    """standard deviation of the angles in a log [rad], off at 0"""
-    log_position_quantum: np.ndarray
-    """step of the angles in a log [rad], off at 0"""
+    ripple_phase: np.ndarray  # [rad]
+    cogging: np.ndarray  # amplitude of the torque without current [N·m], off at 0
+    cogging_order: np.ndarray  # as ripple_order [1/rev]
+    cogging_phase: np.ndarray  # [rad]
+    armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
+    viscous_damping: np.ndarray  # [N·m·s/rad], off at 0
+    coulomb: np.ndarray  # sliding friction [N·m], off at 0
+    static_torque: np.ndarray  # friction at rest above the sliding friction [N·m], off at 0
+    stribeck_velocity: np.ndarray  # [rad/s]; 0: friction does not depend on speed, and bristles have no damping
+    bristle_stiffness: np.ndarray  # stiffness of the friction before it slides [N·m/rad]; 0: no dry friction at all
+    bristle_damping: np.ndarray  # damping of the friction before it slides [N·m·s/rad], off at 0
+    load_friction: np.ndarray  # friction per torque in the gear [-], off at 0
+    asymmetry: np.ndarray  # share by which friction is larger forwards, smaller backwards [-], off at 0
+    position_friction: np.ndarray  # share by which friction varies with the position [-], off at 0
+    position_order: np.ndarray  # as ripple_order [1/rev]
+    position_phase: np.ndarray  # [rad]
+    backlash: np.ndarray  # full play [rad], off at 0
+    gear_stiffness: np.ndarray  # of the first contact, without the slider [N·m/rad]
+    gear_hardening: np.ndarray  # cubic stiffness [N·m/rad³], off at 0
+    gear_damping: np.ndarray  # [N·m·s/rad], off at 0
+    slider_stiffness: np.ndarray  # stiffness of the spring behind the slider [N·m/rad], off at 0
+    slider_torque: np.ndarray  # torque at which the slider slips [N·m], off at 0
+    output_damping: np.ndarray  # viscous damping of the output shaft, seals and grease [N·m·s/rad], off at 0
+    log_position_noise: np.ndarray  # standard deviation of the angles in a log [rad], off at 0
+    log_position_quantum: np.ndarray  # step of the angles in a log [rad], off at 0
+    # time constant of the differences of logged angles that a log has for velocities [s]; 0: the true
+    # velocities
     log_velocity_filter: np.ndarray
-    """time constant of the differences of logged angles that a log has for velocities [s]; 0: the true velocities"""
-    log_velocity_noise: np.ndarray
-    """standard deviation of the velocities in a log [rad/s], off at 0"""
-    log_torque_noise: np.ndarray
-    """standard deviation of the torques in a log [N·m], off at 0"""
+    log_velocity_noise: np.ndarray  # standard deviation of the velocities in a log [rad/s], off at 0
+    log_torque_noise: np.ndarray  # standard deviation of the torques in a log [N·m], off at 0
 
     def __len__(self) -> int:
         """Number of motors."""

@@ -57,12 +57,14 @@ from motorprior.actuator.kind import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
-SUBSTEP = 0.0001
-"""Longest substep [s]."""
+SUBSTEP = 0.0001  # Longest substep [s]
+# Longest physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some of the
+# shipped motors chatter from 2 N·m of load on, since a gear that hardens is stiffer there; the walking twin shows
+# none of it.
 LONGEST_STEP = 0.001
-"""Longest physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some of the shipped
-motors chatter from 2 N·m of load on, since a gear that hardens is stiffer there; the walking twin shows none of it."""
 
+# Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
+# substep, a time constant the share of the way in a substep (of the velocity filter: in a tick).
 (
     KP, KD, TORQUE_LIMIT, DELAY, SERVO_PERIOD, PROFILE_SPEED, PROFILE_ACCELERATION, DEAD_ZONE, KI, INTEGRAL_LIMIT,
     OUTPUT_ENCODER, ENCODER_QUANTUM, ENCODER_ZERO, VELOCITY_FILTER, CURRENT_TIME, STALL_TORQUE, NO_LOAD_SPEED, SAG,
@@ -71,13 +73,11 @@ motors chatter from 2 N·m of load on, since a gear that hardens is stiffer ther
     ASYMMETRY, POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
     GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE, NUM_ROWS,
 ) = range(46)  # fmt: skip
-"""Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
-substep, a time constant the share of the way in a substep (of the velocity filter: in a tick)."""
+# Rows of the memory; the delay line follows
 (
     ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND, TORQUE, BRISTLE, TWIST,
     SLIDER, HEAT, WAIT, LINE,
 ) = range(15)  # fmt: skip
-"""Rows of the memory; the delay line follows."""
 
 
 @njit(cache=True, nogil=True)

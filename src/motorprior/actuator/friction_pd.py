@@ -26,11 +26,9 @@ from motorprior.actuator.ideal_pd import IDEAL_PD_ROWS, KD, IdealPd, reset_pd, s
 from motorprior.actuator.kind import ActuatorKind
 from motorprior.compiled import njit
 
-SLOWEST = 0.1
-"""Speed [rad/s] above which friction is whole."""
+SLOWEST = 0.1  # Speed [rad/s] above which friction is whole
 _COULOMB, _ARMATURE, _STEEPEST = range(IDEAL_PD_ROWS, IDEAL_PD_ROWS + 3)
-_TINY = 1e-12
-"""Inertia of a rotor without any [kg·m²]."""
+_TINY = 1e-12  # Inertia of a rotor without any [kg·m²]
 
 
 @dataclass(frozen=True)

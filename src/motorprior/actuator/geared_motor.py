@@ -33,25 +33,21 @@ from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
-STIFFNESS = StepConstants._fields.index("gear_stiffness")
-"""Row of the table."""
+STIFFNESS = StepConstants._fields.index("gear_stiffness")  # Row of the table
 _DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(BASE_STATE)
 _REFERENCE = MotorState._fields.index("reference")
+# Rows of the memory: the state, the delayed target, the delay line
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
-"""Rows of the memory: the state, the delayed target, the delay line."""
 
 
 @dataclass(frozen=True)
 class GearedMotor:
     """Linear map from z to the logarithms of the constants; P parameters, Z latents."""
 
-    center: np.ndarray
-    """(P,)"""
-    slope: np.ndarray
-    """(Z, P)"""
-    terms: tuple[str, ...] = ()
-    """of `servo_terms`, in their order there"""
+    center: np.ndarray  # (P,)
+    slope: np.ndarray  # (Z, P)
+    terms: tuple[str, ...] = ()  # of `servo_terms`, in their order there
 
     def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z), under these conditions."""

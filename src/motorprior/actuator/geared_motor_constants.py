@@ -9,26 +9,20 @@ from typing import Any, NamedTuple
 
 from motorprior.actuator.servo_terms import ABSENT, COLD, LARGEST_SHARE, SIGNED, Conditions, constants_of, under
 
+# Units as in `physical.MotorParameters`; kd_over_kp [s]
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
 )  # fmt: skip
-"""Units as in `physical.MotorParameters`; kd_over_kp [s]."""
+# Largest gear_stiffness·h²/armature: a stiffer gear is simulated as if it were only so stiff, or it would explode
 RESOLVED = 1.5
-"""Largest gear_stiffness·h²/armature: a stiffer gear is simulated as if it were only so stiff, or it would explode."""
-DAMPED = 1.0
-"""Largest gear_damping·h/armature: from 2 on a rotor so light swings up on what its joint gives back."""
-LONGEST_DELAY = 0.04
-"""[s]; a motor keeps its commands for so long."""
-LOG_REACH = 2.5
-"""A constant of a drawn motor is within a factor of 12 of the central motor's."""
-ZERO_SCALE = SIGNED["encoder_zero"]
-"""[rad]"""
-PER_STATED = "_per_stated"
-"""Ending of the name of a constant that is a multiple of a stated gain."""
+DAMPED = 1.0  # Largest gear_damping·h/armature: from 2 on a rotor so light swings up on what its joint gives back
+LONGEST_DELAY = 0.04  # [s]; a motor keeps its commands for so long
+LOG_REACH = 2.5  # A constant of a drawn motor is within a factor of 12 of the central motor's
+ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
+PER_STATED = "_per_stated"  # Ending of the name of a constant that is a multiple of a stated gain
 
-Values = Any
-"""Numbers of as many motors as are stepped at once, in the arithmetic's own type."""
+Values = Any  # Numbers of as many motors as are stepped at once, in the arithmetic's own type
 
 
 class StepConstants(NamedTuple):
@@ -36,25 +30,21 @@ class StepConstants(NamedTuple):
 
     kp: Values
     kd: Values
-    filter_gain: Values
-    """share of the way to its input that the filtered velocity goes in a step [-]"""
-    delay: Values
-    """[steps]"""
+    filter_gain: Values  # share of the way to its input that the filtered velocity goes in a step [-]
+    delay: Values  # [steps]
     torque_limit: Values
     armature: Values
     coulomb: Values
     stribeck_torque: Values
     viscous_damping: Values
     load_friction: Values
-    gear_stiffness: Values
-    """not above what a step resolves"""
+    gear_stiffness: Values  # not above what a step resolves
     half_backlash: Values
     gear_damping: Values
     encoder_zero: Values
-    mean_filter_gain: Values
-    """the same share, of the filtered velocity's mean over the step [-]"""
+    mean_filter_gain: Values  # the same share, of the filtered velocity's mean over the step [-]
+    # 1 where the law sees the joint, 0 where it sees the rotor; this and what follows only with terms
     output_encoder: Values = None
-    """1 where the law sees the joint, 0 where it sees the rotor; this and what follows only with terms"""
     profile_speed: Values = None
     profile_acceleration: Values = None
     dead_zone: Values = None
@@ -62,17 +52,14 @@ class StepConstants(NamedTuple):
     integral_limit: Values = None
     stall_torque: Values = None
     no_load_speed: Values = None
-    current_gain: Values = None
-    """share of the way to the law's torque that the current goes in a step [-]"""
-    mean_current_gain: Values = None
-    """the same share, of the current's mean over the step [-]"""
+    current_gain: Values = None  # share of the way to the law's torque that the current goes in a step [-]
+    mean_current_gain: Values = None  # the same share, of the current's mean over the step [-]
     asymmetry: Values = None
     bristle_stiffness: Values = None
     output_damping: Values = None
 
 
-BASE_CONSTANTS = StepConstants._fields.index("output_encoder")
-"""Number of fields that every motor has."""
+BASE_CONSTANTS = StepConstants._fields.index("output_encoder")  # Number of fields that every motor has
 
 
 def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ from motorprior.actuator.kind import ActuatorKind
 from motorprior.actuator.network_law import renew_torque, reset_network
 from motorprior.compiled import njit
 
+# Rows of the parameters before the motor's: the network's scales and limit. One row of memory is the network's.
 SCALES = 4
-"""Rows of the parameters before the motor's: the network's scales and limit. One row of memory is the network's."""
 
 
 @njit(cache=True, nogil=True)

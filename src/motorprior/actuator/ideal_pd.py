@@ -19,8 +19,7 @@ from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
 _KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
-IDEAL_PD_ROWS = 4
-"""Of the parameters."""
+IDEAL_PD_ROWS = 4  # Of the parameters
 
 
 @dataclass(frozen=True)

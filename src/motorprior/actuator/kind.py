@@ -17,8 +17,8 @@ from numba import typeof, types
 from motorprior.actuator.actuator import ActuatorArrays, Law
 from motorprior.compiled import njit
 
+# Step [s] of the dynamometer for motors without a finer one of their own: that of a robot's simulation
 BENCH_STEP = 0.002
-"""Step [s] of the dynamometer for motors without a finer one of their own: that of a robot's simulation."""
 
 
 @njit(cache=True, nogil=True)

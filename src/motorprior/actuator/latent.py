@@ -33,8 +33,7 @@ from motorprior.actuator.servo_terms import HALF_WARM, Conditions
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 
-_LINE = 64
-"""Bytes."""
+_LINE = 64  # Bytes
 
 
 def _softsign(x: Any) -> Any:
@@ -58,43 +57,27 @@ def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
 class LatentNetwork:
     """Weights and scales; shapes with T taps, Z latents, H neurons per layer (a multiple of 4)."""
 
-    w1: np.ndarray
-    """(2T, H): rows are T errors, then T velocities, in the order of ``taps``."""
-    v1: np.ndarray
-    """(Z, H)"""
-    b1: np.ndarray
-    """(H,)"""
-    w2: np.ndarray
-    """(H, H)"""
-    b2: np.ndarray
-    """(H,)"""
-    w3: np.ndarray
-    """(H,)"""
-    b3: np.ndarray
-    """() output bias"""
-    log_armature: np.ndarray
-    """() a0, log of [kg·m²]; -inf is written as no armature by ``has_armature``"""
-    armature_slope: np.ndarray
-    """(Z,) a"""
-    taps: tuple[int, ...]
-    """ages of the inputs in periods, ascending from 0"""
-    period: float
-    """[s]"""
-    error_scale: float
-    """[rad]"""
-    velocity_scale: float
-    """[rad/s]"""
-    torque_scale: float
-    """[N·m]"""
-    torque_limit: float
-    """[N·m]"""
+    w1: np.ndarray  # (2T, H): rows are T errors, then T velocities, in the order of ``taps``
+    v1: np.ndarray  # (Z, H)
+    b1: np.ndarray  # (H,)
+    w2: np.ndarray  # (H, H)
+    b2: np.ndarray  # (H,)
+    w3: np.ndarray  # (H,)
+    b3: np.ndarray  # () output bias
+    log_armature: np.ndarray  # () a0, log of [kg·m²]; -inf is written as no armature by ``has_armature``
+    armature_slope: np.ndarray  # (Z,) a
+    taps: tuple[int, ...]  # ages of the inputs in periods, ascending from 0
+    period: float  # [s]
+    error_scale: float  # [rad]
+    velocity_scale: float  # [rad/s]
+    torque_scale: float  # [N·m]
+    torque_limit: float  # [N·m]
     has_armature: bool
-    motor: GearedMotor | None = None
-    """the physical half of a grey box"""
-    copula: Copula | None = None
-    """from z ~ N(0, I) to the latents that all the above is a function of; None: z itself"""
+    motor: GearedMotor | None = None  # the physical half of a grey box
+    copula: Copula | None = None  # from z ~ N(0, I) to the latents that all the above is a function of; None: z itself
+    # of the stated gains (`MotorLog`) that the motor's kp and kd_over_kp are multiples of; "" if they are its
+    # own
     gain_unit: str = ""
-    """of the stated gains (`MotorLog`) that the motor's kp and kd_over_kp are multiples of; "" if they are its own"""
 
     @property
     def num_latents(self) -> int:

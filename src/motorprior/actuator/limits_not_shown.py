@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+# Beginning of the name of such a metric; its value is the largest that a motor was given [N·m], [rad/s]
 NOT_SHOWN = "not_shown_"
-"""Beginning of the name of such a metric; its value is the largest that a motor was given [N·m], [rad/s]."""
+# Name of the metric that tells how many motors' logs do not show how large their torques are
 UNKNOWN_SIZE = "unknown_torque_size"
-"""Name of the metric that tells how many motors' logs do not show how large their torques are."""
-_UNITS = {"torque_limit": "N·m"}
-"""Of limits; others are speeds."""
+_UNITS = {"torque_limit": "N·m"}  # Of limits; others are speeds
 
 
 def limits_not_shown(metrics: Mapping[str, float]) -> dict[str, float]:

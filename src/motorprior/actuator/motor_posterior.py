@@ -15,8 +15,7 @@ from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.schema import TEXT, Header, Tensor, check_tensors, many, number
 
-LARGEST = 1e3
-"""Bound of a latent and of its variance: N(0, 1) has none beyond 10."""
+LARGEST = 1e3  # Bound of a latent and of its variance: N(0, 1) has none beyond 10
 _REMEDY = "write it with `motorprior adapt`"
 _HEADER = Header(
     "motor posterior",

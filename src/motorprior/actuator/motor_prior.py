@@ -26,8 +26,7 @@ SIGN = "error = position_target - joint_pos; a positive torque accelerates the j
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
-_OLDEST_TAP = 10_000
-"""Periods; every motor keeps so much history."""
+_OLDEST_TAP = 10_000  # Periods; every motor keeps so much history
 
 
 def _are_taps(taps: object) -> bool:
@@ -59,10 +58,8 @@ _HEADER = Header(
     "identify",
 )
 SCHEMA_VERSION = _HEADER.version
-_LARGEST, _LARGEST_LOGARITHM = 1e4, 30.0
-"""Of a weight, and of what is exponentiated."""
-_LARGEST_CENTER = 600.0
-"""Of what `check_central_motor` can exponentiate; it knows the bounds of every constant."""
+_LARGEST, _LARGEST_LOGARITHM = 1e4, 30.0  # Of a weight, and of what is exponentiated
+_LARGEST_CENTER = 600.0  # Of what `check_central_motor` can exponentiate; it knows the bounds of every constant
 _WEIGHTS = {
     "b1": Tensor(("neurons",), _LARGEST),
     "w1": Tensor(("inputs", "neurons"), _LARGEST),

@@ -28,57 +28,37 @@ from motorprior.actuator.kind import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
-SUBSTEP = 0.00025
-"""Longest substep [s]: a tenth of the fastest gear oscillation."""
-LONGEST_STEP = 0.001
-"""Longest physics step [s] at which gear and a bare shank, coupled once per step, stay stable."""
+SUBSTEP = 0.00025  # Longest substep [s]: a tenth of the fastest gear oscillation
+LONGEST_STEP = 0.001  # Longest physics step [s] at which gear and a bare shank, coupled once per step, stay stable
 
 (
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
     _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS, _GEAR_DAMPING, _ZERO,
 ) = range(17)  # fmt: skip
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)
-"""Rows of the memory; the delay line follows."""
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # Rows of the memory; the delay line follows
 
 
 @dataclass(frozen=True)
 class MotorParameters:
     """n physical motors; every field has shape (n,)."""
 
-    kp: np.ndarray
-    """[N·m/rad]"""
-    kd: np.ndarray
-    """[N·m·s/rad]"""
-    delay: np.ndarray
-    """command latency [s]"""
-    velocity_filter: np.ndarray
-    """time constant [s]"""
-    torque_limit: np.ndarray
-    """current limit times torque constant [N·m]"""
-    stall_torque: np.ndarray
-    """voltage-limited torque at rest [N·m]"""
-    no_load_speed: np.ndarray
-    """[rad/s]"""
-    armature: np.ndarray
-    """rotor inertia reflected to the output [kg·m²]"""
-    coulomb: np.ndarray
-    """[N·m]"""
-    stribeck_torque: np.ndarray
-    """static friction above Coulomb's [N·m]"""
-    stribeck_velocity: np.ndarray
-    """[rad/s]"""
-    viscous_damping: np.ndarray
-    """[N·m·s/rad]"""
-    load_friction: np.ndarray
-    """friction per transmitted torque [-]"""
-    backlash: np.ndarray
-    """full play [rad]"""
-    gear_stiffness: np.ndarray
-    """[N·m/rad]"""
-    gear_damping: np.ndarray
-    """[N·m·s/rad]"""
-    encoder_zero: np.ndarray
-    """encoder reading at true zero [rad]"""
+    kp: np.ndarray  # [N·m/rad]
+    kd: np.ndarray  # [N·m·s/rad]
+    delay: np.ndarray  # command latency [s]
+    velocity_filter: np.ndarray  # time constant [s]
+    torque_limit: np.ndarray  # current limit times torque constant [N·m]
+    stall_torque: np.ndarray  # voltage-limited torque at rest [N·m]
+    no_load_speed: np.ndarray  # [rad/s]
+    armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
+    coulomb: np.ndarray  # [N·m]
+    stribeck_torque: np.ndarray  # static friction above Coulomb's [N·m]
+    stribeck_velocity: np.ndarray  # [rad/s]
+    viscous_damping: np.ndarray  # [N·m·s/rad]
+    load_friction: np.ndarray  # friction per transmitted torque [-]
+    backlash: np.ndarray  # full play [rad]
+    gear_stiffness: np.ndarray  # [N·m/rad]
+    gear_damping: np.ndarray  # [N·m·s/rad]
+    encoder_zero: np.ndarray  # encoder reading at true zero [rad]
 
     def __len__(self) -> int:
         """Number of motors."""

@@ -14,8 +14,9 @@ from motorprior.actuator.servo_terms import SIGNED, TERMS
 from motorprior.exceptions import ArtifactError, LogError, spelled
 from motorprior.schema import number, require
 
+# A training drives what a motor does not have, such as friction, towards 0; so small it may be
 NOTHING = math.exp(-30.0)
-"""A training drives what a motor does not have, such as friction, towards 0; so small it may be."""
+# (least, most) of a grey box's constants at z = 0, in SI units
 CENTRAL_MOTOR = {
     "kp": (1e-3, 1e3), "kd_over_kp": (NOTHING, 10.0), "velocity_filter": (NOTHING, 10.0), "delay": (NOTHING, 1.0),
     "torque_limit": (1e-3, 1e3), "armature": (1e-6, 1.0), "coulomb": (NOTHING, 1e3), "stribeck_torque": (NOTHING, 1e3),
@@ -27,17 +28,15 @@ CENTRAL_MOTOR = {
     "bristle_stiffness": (1e-3, 1e7), "output_damping": (NOTHING, 1e2), "heat_loss": (NOTHING, 1.0),
     "heat_time": (1e-3, 1e6), "supply_share": (NOTHING, 1e2), "temperature_loss": (-10.0, 10.0),
 }  # fmt: skip
-"""(least, most) of a grey box's constants at z = 0, in SI units."""
 _GAIN_UNITS = {"kp": "N·m/rad", "kd_over_kp": "s"}
-LARGEST_SLOPE = 10.0
-"""Of the logarithm of a motor's constant over a latent of N(0, 1)."""
-LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12
-"""A loss is of order 1; the square of any metric can be computed with."""
+LARGEST_SLOPE = 10.0  # Of the logarithm of a motor's constant over a latent of N(0, 1)
+LARGEST_LOSS, LARGEST_METRIC = 1e6, 1e12  # A loss is of order 1; the square of any metric can be computed with
 _REMEDY, _LONGEST_NAME = "identify it again", 80
 _REMEDY_OF_LOGS = (
     "identify it again from logs in which no joint runs against its command, has its zero elsewhere than its command, "
     "or is in another unit (`motorprior logs check`)"
 )
+# Names of the figures that an identification finds
 _METRIC = re.compile(
     "final_loss|minutes_of_log|aggregate_posterior_kl|replay_rmse|unexplained"
     f"|saved_({'|'.join(TERMS)}|residual)"
@@ -45,7 +44,6 @@ _METRIC = re.compile(
     "|loss_(mean|log_mean|log_std|motors|pieces|piece_variance)(_without_torque)?"
     "|residual_p[0-9]{2}_(slow|medium|fast)"
 )
-"""Names of the figures that an identification finds."""
 
 
 def check_central_motor(

@@ -15,8 +15,7 @@ from numba.core import cgutils
 from motorprior.actuator.geared_motor_step import Arithmetic
 
 _FLOAT = ir.DoubleType()
-BYTES = 8
-"""Of a float64."""
+BYTES = 8  # Of a float64
 
 
 class Vector:

@@ -15,8 +15,7 @@ from motorprior.exceptions import ArtifactError
 from motorprior.schema import TEXT, Field, Schema, number, one_of, require
 
 _LARGEST = 1e9
-_LARGEST_LOG_SPREAD = 3.0
-"""A lognormal parameter varies by a factor of exp(3) = 20."""
+_LARGEST_LOG_SPREAD = 3.0  # A lognormal parameter varies by a factor of exp(3) = 20
 _KEYS = {
     "constant": ("center",),
     "uniform": ("low", "high", "shared"),

@@ -12,8 +12,8 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 
+# Function (generator, steps, sample period [s]) -> (steps,) signal
 Signal = Callable[[np.random.Generator, int, float], np.ndarray]
-"""Function (generator, steps, sample period [s]) -> (steps,) signal."""
 
 
 @dataclass(frozen=True)

@@ -18,16 +18,13 @@ from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import MotorLog
 from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
 
-MOST_MOTORS = 4096
-"""Largest number of motors of a bench."""
-MOST_STEPS = 1_000_000
-"""Largest number of samples per motor."""
-MOST_SAMPLES = 20_000_000
-"""Largest number of samples of all motors together, about 3 GB of memory during the recording."""
+MOST_MOTORS = 4096  # Largest number of motors of a bench
+MOST_STEPS = 1_000_000  # Largest number of samples per motor
+MOST_SAMPLES = 20_000_000  # Largest number of samples of all motors together, about 3 GB of memory during the recording
 LOG, FACTS = "log.parquet", "bench.json"
-MOTORS_STREAM = 11
-"""Tag of the random stream that draws a bench's motors."""
+MOTORS_STREAM = 11  # Tag of the random stream that draws a bench's motors
 _AGAIN = "record the bench again"
+# Keys of bench.json
 _FACTS = Schema(
     {
         **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
@@ -40,7 +37,6 @@ _FACTS = Schema(
     _AGAIN,
     optional=frozenset({"family"}),
 )
-"""Keys of bench.json."""
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,7 @@ def _hardened(values: Mapping[str, np.ndarray]) -> np.ndarray:
     return 3.0 * cubic * twist**2
 
 
+# Motors of `actuator.physical`; the family of a fleet that names none
 GEARED = Family(
     name="geared",
     motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
@@ -155,7 +156,6 @@ GEARED = Family(
     stiffness=("gear_stiffness",),
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
-"""Motors of `actuator.physical`; the family of a fleet that names none."""
 
 _FOREIGN_UNITS = {
     "kp": "N·m/rad", "kd_over_kp": "s", "torque_limit": "N·m",
@@ -188,6 +188,7 @@ _COMPANIONS = (
     ("slider_stiffness", ("slider_torque",)), ("slider_torque", ("slider_stiffness",)),
 )  # fmt: skip
 
+# Motors of `actuator.foreign`, most of whose equations no learned decoder has
 FOREIGN = Family(
     name="foreign",
     motor="The foreign motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a gear "
@@ -205,11 +206,10 @@ FOREIGN = Family(
     companions=_COMPANIONS,
     switches=frozenset({"output_encoder"}),
 )
-"""Motors of `actuator.foreign`, most of whose equations no learned decoder has."""
 
 FAMILIES = {family.name: family for family in (GEARED, FOREIGN)}
+# Of the parameters of all families
 UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
-"""Of the parameters of all families."""
 
 
 def geared(motors: TrueMotors) -> MotorParameters:

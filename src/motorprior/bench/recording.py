@@ -23,8 +23,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-BENCH = "bench"
-"""What a bench's log calls the robot of its motors."""
+BENCH = "bench"  # What a bench's log calls the robot of its motors
 
 
 @dataclass(frozen=True)
@@ -57,16 +56,13 @@ class BenchPreset:
         return replace(self, load_inertia=loads, torque=robot.reference_torque)
 
 
+# Smallest and largest load inertia of the robot for which the presets are written [kg·m²]
 REFERENCE_LOAD = (1e-4, 3e-2)
-"""Smallest and largest load inertia of the robot for which the presets are written [kg·m²]."""
+# Tags of the random streams of a bench's excitation, and of the noise of its instruments
 EXCITATION_STREAM, INSTRUMENTS_STREAM = 13, 47
-"""Tags of the random streams of a bench's excitation, and of the noise of its instruments."""
-FLUNG = 1.5
-"""Distance [rad] from its command beyond which a joint counts as flung by a push."""
-HALVINGS = 4
-"""How often a push that flings a joint is made smaller."""
-FASTEST = 1e3
-"""Speed [rad/s] beyond which a simulation counts as diverged, far above any motor's."""
+FLUNG = 1.5  # Distance [rad] from its command beyond which a joint counts as flung by a push
+HALVINGS = 4  # How often a push that flings a joint is made smaller
+FASTEST = 1e3  # Speed [rad/s] beyond which a simulation counts as diverged, far above any motor's
 PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
     "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "creep"), 5),

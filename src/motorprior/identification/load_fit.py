@@ -50,28 +50,20 @@ from motorprior.logs.doctor.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
+# Of the free runs: a second long, no term of a servo's firmware but what the log states
 RECIPE = PRESETS["pace_long_runs"]
-"""Of the free runs: a second long, no term of a servo's firmware but what the log states."""
-SAG = 0.2
-"""g over kp [rad]."""
+SAG = 0.2  # g over kp [rad]
+# Random searches of a joint's fit, rounds after each, and most rounds after the best of them: limits and gears that
+# touch leave more than one optimum
 STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
-"""Random searches of a joint's fit, rounds after each, and most rounds after the best of them: limits and gears that
-touch leave more than one optimum."""
-MOST_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS
-"""Per joint."""
-_LOAD = 3
-"""Latents of the load; they come last."""
-_ROWS = 30_000
-"""About the most rows that are fitted."""
+MOST_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # Per joint
+_LOAD = 3  # Latents of the load; they come last
+_ROWS = 30_000  # About the most rows that are fitted
 _SEARCH, _AROUND, _DRAWS, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
-_QUIET, _LITTLE = 3, 0.01
-"""Rounds in a row, each of which lowers the loss by a smaller share, that end a fit."""
-_DEVIATIONS = 1.0, 2.0, 1.0
-"""Believed of a constant's latent, of ln(J/J₀), and of s/g and c/g."""
-_HOPED, _BROKEN = 0.01, 1e6
-"""Loss after a fit, over that before; loss of a motor that cannot be simulated."""
-_LANES = 32
-"""Loads that are simulated at a time; every one has rows of its own."""
+_QUIET, _LITTLE = 3, 0.01  # Rounds in a row, each of which lowers the loss by a smaller share, that end a fit
+_DEVIATIONS = 1.0, 2.0, 1.0  # Believed of a constant's latent, of ln(J/J₀), and of s/g and c/g
+_HOPED, _BROKEN = 0.01, 1e6  # Loss after a fit, over that before; loss of a motor that cannot be simulated
+_LANES = 32  # Loads that are simulated at a time; every one has rows of its own
 _STREAM = 61
 
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-POSITION_SCALE = 0.01
-"""Position error at which the rollout loss turns from quadratic to linear [rad]."""
-VELOCITY_SCALE = 0.3
-"""Velocity error at which the rollout loss turns from quadratic to linear [rad/s]."""
-TORQUE_SCALE = 0.3
-"""Torque error at which the rollout loss turns from quadratic to linear [N·m]."""
+POSITION_SCALE = 0.01  # Position error at which the rollout loss turns from quadratic to linear [rad]
+VELOCITY_SCALE = 0.3  # Velocity error at which the rollout loss turns from quadratic to linear [rad/s]
+TORQUE_SCALE = 0.3  # Torque error at which the rollout loss turns from quadratic to linear [N·m]
 SCALES = (POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE)
 
 

@@ -23,12 +23,9 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, without_residual
 from motorprior.identification.training_data.windows import TrainingData, some_stretches
 
-_UNSTABLE = 1e6
-"""Loss of a motor whose simulation breaks down."""
-_STAGE = CHUNK
-"""Share of the work that one stage of a fit is, in Adam steps."""
-WORK = _STAGE * (len(TERMS) + STAGES)
-"""Sum of the numbers that `fit_physics` reports."""
+_UNSTABLE = 1e6  # Loss of a motor whose simulation breaks down
+_STAGE = CHUNK  # Share of the work that one stage of a fit is, in Adam steps
+WORK = _STAGE * (len(TERMS) + STAGES)  # Sum of the numbers that `fit_physics` reports
 
 
 @dataclass(frozen=True)

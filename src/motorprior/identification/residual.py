@@ -27,8 +27,7 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, window_starts
 
-LEAST_GAIN = 0.03
-"""Share of the held-out loss that a residual must save."""
+LEAST_GAIN = 0.03  # Share of the held-out loss that a residual must save
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,7 @@ from motorprior.identification.residual import (
 )
 from motorprior.identification.training_data.windows import TrainingData
 
-_NAMED = 6
-"""Motors that a note names."""
+_NAMED = 6  # Motors that a note names
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,12 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.identification.baselines.replay_error import Told, as_they_are, closed_loop_error
 from motorprior.logs.motor_log import MotorLog
 
+# Where the fit of a constant begins, that a nominal PD does not have [kg·m²], [s], [N·m]
 START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}
-"""Where the fit of a constant begins, that a nominal PD does not have [kg·m²], [s], [N·m]."""
-_DELAY = 0.01
-"""[s]; a delay is searched in this unit, since its logarithm has no way back from 0."""
-_FAR = 100.0
-"""Of logarithms: where a log tells nothing of a constant, the search goes on until it overflows."""
+_DELAY = 0.01  # [s]; a delay is searched in this unit, since its logarithm has no way back from 0
+_FAR = 100.0  # Of logarithms: where a log tells nothing of a constant, the search goes on until it overflows
+# A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit
 CONVERGED, NOTHING = 0.002, 1e-5
-"""A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.logs.motor_log import MotorLog, stated_gain_rows, stated_gains_of
 from motorprior.signals import rmse
 
-_BROKEN = 1e3
-"""Error of a simulation that broke down [rad]."""
+_BROKEN = 1e3  # Error of a simulation that broke down [rad]
 
 
 def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
@@ -41,9 +40,9 @@ def _first(rows: np.ndarray | None) -> np.ndarray | None:
     return None if rows is None else rows[0]
 
 
+# Function from the motors of a log and one of its segments to the motors with the gains that they have in it: what
+# `in_proportion` returns, or `as_they_are`
 Told = Callable[[Actuator, MotorLog], Actuator]
-"""Function from the motors of a log and one of its segments to the motors with the gains that they have in it: what
-`in_proportion` returns, or `as_they_are`."""
 
 
 def as_they_are(motors: Actuator, part: MotorLog) -> Actuator:

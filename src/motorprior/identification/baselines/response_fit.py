@@ -21,28 +21,23 @@ from scipy.optimize import differential_evolution, least_squares
 from motorprior.identification.baselines.response_models import CONSTANTS, GRAVITY, MODELS, JointRuns, ResponseMotors
 from motorprior.identification.physics.window_runs import WindowRuns
 
+# Of constants that are searched as logarithms, in SI units
 BOUNDS = {
     "delay": (1e-4, 0.4), "rate": (2.0, 600.0), "damping": (0.05, 20.0), "speed": (0.05, 100.0),
     "acceleration": (0.5, 1e5), "band": (1e-5, 0.3),
 }  # fmt: skip
-"""Of constants that are searched as logarithms, in SI units."""
+# One unit of the search, of constants that are searched as they are: REACHABLE units on both sides of nothing
 UNITS = {"gain": 0.15, "offset": 0.1, "sag": 0.1, "sine": 0.1, "cosine": 0.1}
-"""One unit of the search, of constants that are searched as they are: REACHABLE units on both sides of nothing."""
 REACHABLE = 3.0
+# Constants of servo_limits that are left out together, in this order
 OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())
-"""Constants of servo_limits that are left out together, in this order."""
+# Constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
 TOLD = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
-"""Constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)."""
-GENERATIONS, POPULATION = 60, 8
-"""Of the differential evolution per joint and model; the latter for each constant."""
-EVALUATIONS = 60
-"""Most steps of a polish."""
-REACHES = (0.05, 0.005)
-"""Half the distance of two simulations that give a derivative, first and then."""
-PRICE = 0.04
-"""Share of the squared error that a constant must save."""
-LONGEST = 40_000
-"""About as many samples of a joint make the residuals; of more, every n-th."""
+GENERATIONS, POPULATION = 60, 8  # Of the differential evolution per joint and model; the latter for each constant
+EVALUATIONS = 60  # Most steps of a polish
+REACHES = (0.05, 0.005)  # Half the distance of two simulations that give a derivative, first and then
+PRICE = 0.04  # Share of the squared error that a constant must save
+LONGEST = 40_000  # About as many samples of a joint make the residuals; of more, every n-th
 
 
 def fit_responses(

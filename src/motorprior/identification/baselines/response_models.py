@@ -24,19 +24,19 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
 
 AT_ONCE = 1e9
+# Constants in SI units, with the values at which each does nothing; from AT_ONCE on the joint is where it aims
 CONSTANTS = {
     "delay": 0.0, "rate": AT_ONCE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
     "offset": 0.0, "sag": 0.0, "sine": 0.0, "cosine": 0.0,
 }  # fmt: skip
-"""Constants in SI units, with the values at which each does nothing; from AT_ONCE on the joint is where it aims."""
+# Constants that each model has; `servo_limits` also has those of one of GRAVITY
 MODELS = {
     "pure_delay": ("delay",),
     "second_order": ("delay", "rate", "damping", "offset"),
     "servo_limits": ("delay", "rate", "damping", "speed", "acceleration", "band", "gain", "offset"),
 }
-"""Constants that each model has; `servo_limits` also has those of one of GRAVITY."""
+# What stands for gravity: the log's external torque, or the joint's angle
 GRAVITY = {"torque": ("sag",), "angle": ("sine", "cosine")}
-"""What stands for gravity: the log's external torque, or the joint's angle."""
 
 
 @njit(cache=True, nogil=True)

@@ -20,26 +20,19 @@ from motorprior.identification.baselines.pd_fit import Effort, PdFit, beginnings
 from motorprior.identification.baselines.replay_error import Told, as_they_are, closed_loop_error
 from motorprior.logs.motor_log import MotorLog
 
-GAINS = ("kp", "kd", "torque_limit")
-"""Constants that are fitted for an ideal PD."""
-EVERYTHING = (*GAINS, "armature", "delay")
-"""Constants that are fitted for the tuned PD."""
-FRICTION = (*EVERYTHING, "coulomb")
-"""Constants that are fitted for a PD with friction."""
+GAINS = ("kp", "kd", "torque_limit")  # Constants that are fitted for an ideal PD
+EVERYTHING = (*GAINS, "armature", "delay")  # Constants that are fitted for the tuned PD
+FRICTION = (*EVERYTHING, "coulomb")  # Constants that are fitted for a PD with friction
+# kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives
 _GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
-"""kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives."""
-_NO_LIMIT, _LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())
-"""[N·m]"""
-_LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}
-"""[kg·m²], [s]."""
+_NO_LIMIT, _LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())  # [N·m]
+_LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}  # [kg·m²], [s]
 _STARTS = prod(map(len, _LAGS.values()))
-_MOST_SEGMENTS, _MOST_ROWS = 16, 8000
-"""Of the part of a log that searches begin with."""
+_MOST_SEGMENTS, _MOST_ROWS = 16, 8000  # Of the part of a log that searches begin with
 _BEGIN, _GO_ON = Effort(first=60, rounds=0), Effort(first=80, rounds=3, evaluations=150)
+# About how often `tuned_pd` reports
 TUNING = _STARTS * (len(_GAINS) + len(_LIMITS)) + 2 * _STARTS * _BEGIN.first + _GO_ON.most(2)
-"""About how often `tuned_pd` reports."""
-GAINS_ALONE = _GO_ON.most(1)
-"""About how often `best_gains` reports."""
+GAINS_ALONE = _GO_ON.most(1)  # About how often `best_gains` reports
 
 
 def tuned_pd(log: MotorLog, progress: Callable[[int], None] | None = None, told: Told = as_they_are) -> IdealPd:

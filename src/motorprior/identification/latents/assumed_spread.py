@@ -17,17 +17,15 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.logs.motor_log import FIRMWARE
 
-WORTH = 3.0
-"""Motors that the assumption is worth."""
+WORTH = 3.0  # Motors that the assumption is worth
+# s of each constant: of its logarithm, but for encoder_zero, whose unit is 0.05 rad. Gains and armature have the
+# spread between motors of one robot that was found in logs of a real quadruped, the one that the library comes
+# with; the others are ours. Registers of a firmware are the same in all motors.
 SPREADS = {
     "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
     "backlash": 0.4, "encoder_zero": 0.2, "integral_rate": 0.05, "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
-"""s of each constant: of its logarithm, but for encoder_zero, whose unit is 0.05 rad. Gains and armature have the
-spread between motors of one robot that was found in logs of a real quadruped, the one that the library comes with; the
-others are ours. Registers of a firmware are the same in all motors."""
-OTHER = 0.25
-"""s of every other constant: the spread of Coulomb friction there."""
+OTHER = 0.25  # s of every other constant: the spread of Coulomb friction there
 
 
 def assumed_spread(terms: tuple[str, ...], held: np.ndarray) -> np.ndarray:

@@ -15,21 +15,18 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
+# Standard deviations of the draws in the rounds of the random search, and their number
 SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64
-"""Standard deviations of the draws in the rounds of the random search, and their number."""
-STEPS, TURNS = 8, 20
-"""Gauss-Newton steps from one beginning, and the most restarts."""
+STEPS, TURNS = 8, 20  # Gauss-Newton steps from one beginning, and the most restarts
+# A search ends after so many restarts in a row of which each lowers the motors' energies by less, mean share
 IDLE, LEAST_GAIN = 4, 2e-3
-"""A search ends after so many restarts in a row of which each lowers the motors' energies by less, mean share."""
-_LEAST_ENERGY = 1e-12
-"""An energy below counts as this."""
-REDRAWN = 96
-"""Draws of which each further beginning is the best: the motor so far, with a random half of z drawn anew."""
+_LEAST_ENERGY = 1e-12  # An energy below counts as this
+REDRAWN = 96  # Draws of which each further beginning is the best: the motor so far, with a random half of z drawn anew
+# How far a joint is believed to be from the joint of the same name that a prior was trained on, in deviations of
+# the prior: an assumption, wide of the 13 to 17 % by which frictions of like joints of one robot were found to
+# differ
 OF_THE_SAME_NAME = 0.3
-"""How far a joint is believed to be from the joint of the same name that a prior was trained on, in deviations of the
-prior: an assumption, wide of the 13 to 17 % by which frictions of like joints of one robot were found to differ."""
-_UNFELT = 1e-3
-"""Precision, of the belief's, below which a log says nothing of a latent."""
+_UNFELT = 1e-3  # Precision, of the belief's, below which a log says nothing of a latent
 _STREAM = 47
 
 

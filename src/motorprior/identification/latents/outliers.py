@@ -27,10 +27,8 @@ from motorprior.identification.latents.latent_fit import adapt
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-WIDER = 3.0
-"""Standard deviation of the second fit's prior, in standard deviations of the training motors."""
-_SAME = 1e-9
-"""Standard deviation of a latent up to which the training motors do not differ in it: only rounding does."""
+WIDER = 3.0  # Standard deviation of the second fit's prior, in standard deviations of the training motors
+_SAME = 1e-9  # Standard deviation of a latent up to which the training motors do not differ in it: only rounding does
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from scipy.stats import t as student_t
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.latents.outliers import Outliers, latent_names
 
-FEWEST = 4
-"""Motors among which one can stand out."""
+FEWEST = 4  # Motors among which one can stand out
 _SMALLEST = 1e-9
 
 

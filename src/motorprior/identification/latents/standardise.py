@@ -27,12 +27,11 @@ from motorprior.identification.latents.latent_fit import laplace_covariance, win
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
+# Least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error
 MOTORS_AT_LEAST = 8
-"""Least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error."""
+# Least number of motors for reliable draws; with fewer, outer quantiles are extrapolated and independence assumed
 MOTORS_TO_TRUST = 24
-"""Least number of motors for reliable draws; with fewer, outer quantiles are extrapolated and independence assumed."""
-_RISE = 1e-6
-"""Smallest slope of a latent over its normal score."""
+_RISE = 1e-6  # Smallest slope of a latent over its normal score
 
 
 def standardised(

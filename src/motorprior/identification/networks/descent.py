@@ -17,14 +17,11 @@ from motorprior.identification.networks.objectives import OBJECTIVES, kl_to_stan
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, draw
 
-CHUNK = 100
-"""Adam steps per compiled call, after which progress is reported."""
-CHECKPOINT_EVERY = 5
-"""Number of chunks between two checkpoints."""
+CHUNK = 100  # Adam steps per compiled call, after which progress is reported
+CHECKPOINT_EVERY = 5  # Number of chunks between two checkpoints
+# A chunk whose loss is so many times the least so far, the one before the first step included, has diverged
 DIVERGED = 3.0
-"""A chunk whose loss is so many times the least so far, the one before the first step included, has diverged."""
-SLOWER, RESTARTS = 3.0, 3
-"""By how much a restart lowers the learning rate, and how many there are."""
+SLOWER, RESTARTS = 3.0, 3  # By how much a restart lowers the learning rate, and how many there are
 _PHYSICS = ("motor_center", "motor_slope")
 
 
@@ -32,8 +29,7 @@ class DivergedError(MotorPriorError):
     """A training that diverged at every learning rate that was tried."""
 
 
-Report = Callable[[int, str], None]
-"""(steps made, what to say of them)."""
+Report = Callable[[int, str], None]  # (steps made, what to say of them)
 
 
 class Checkpoints(Protocol):

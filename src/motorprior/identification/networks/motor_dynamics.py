@@ -15,9 +15,9 @@ from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, 
 from motorprior.actuator.servo_terms import Conditions
 from motorprior.identification.networks.network import Parameters
 
+# Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]. A motor that reaches the
+# end of its backlash one step later has huge and meaningless gradients, which would dominate the batch.
 LARGEST_SENSITIVITY = 3.0
-"""Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]. A motor that reaches the end
-of its backlash one step later has huge and meaningless gradients, which would dominate the batch."""
 _ARITHMETIC = array_arithmetic(jnp)
 
 Constants = dict[str, jnp.ndarray]

@@ -16,8 +16,8 @@ from motorprior.identification.networks.network import Parameters, decoder_laten
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured
 
+# (parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals
 Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
-"""(parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals."""
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,9 @@ from motorprior.identification.physics.speed_limits import SPEED_LIMITS
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
+# Of torque and speed. Where logs do not show them, a fit sets most of them far beyond (`fleet_fit.ROOM`).
 LIMITS = ("torque_limit", *SPEED_LIMITS)
-"""Of torque and speed. Where logs do not show them, a fit sets most of them far beyond (`fleet_fit.ROOM`)."""
-WORSE = 1.02
-"""Loss with half or double of a constant, over the loss with it, from which on the log feels it."""
+WORSE = 1.02  # Loss with half or double of a constant, over the loss with it, from which on the log feels it
 
 
 def felt_constants(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, names: Iterable[str]) -> frozenset[str]:

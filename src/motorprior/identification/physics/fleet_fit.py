@@ -29,17 +29,14 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
 RESTARTS, RESTART_DRAWS = 3, 96
+# Of the empirical Bayes: reach of the differences, and Gauss-Newton steps
 TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)
-"""Of the empirical Bayes: reach of the differences, and Gauss-Newton steps."""
 FIRST_STEPS, RESTART_STEPS = 10, 8
-STAGES = 1 + RESTARTS + len(TURNS)
-"""How often a fit reports."""
-_WEAK = 1e-4
-"""Precision of the belief in the initial motor, per unit of the loss."""
+STAGES = 1 + RESTARTS + len(TURNS)  # How often a fit reports
+_WEAK = 1e-4  # Precision of the belief in the initial motor, per unit of the loss
+# A limit that no log shows over the most that was asked for or reached [-]; a loss that shows it, over the other
 ROOM, UNSEEN = 4.0, 1.001
-"""A limit that no log shows over the most that was asked for or reached [-]; a loss that shows it, over the other."""
-_LEAST_SPREAD = 0.05
-"""Standard deviation of a constant's logarithm over motors that is not undercut."""
+_LEAST_SPREAD = 0.05  # Standard deviation of a constant's logarithm over motors that is not undercut
 _STREAM = 41
 
 

@@ -22,25 +22,21 @@ from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
+# Constants at which a fit begins, in SI units: a small geared servo
 INITIAL_MOTOR = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
     "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
     "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
 }  # fmt: skip
-"""Constants at which a fit begins, in SI units: a small geared servo."""
+# Constants that scale with the size of a motor
 TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
-"""Constants that scale with the size of a motor."""
-_OVER_HELD = 1.1
-"""Initial limit of speed over the speed that motors held [-]."""
-_NOTHING = 1e-9
-"""A constant that motors of a recipe lack."""
-_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
-"""Logarithms of the factors that are tried."""
-_MUCH_LESS = 0.5
-"""Largest loss, over that of the initial motor, with which another size is taken."""
+_OVER_HELD = 1.1  # Initial limit of speed over the speed that motors held [-]
+_NOTHING = 1e-9  # A constant that motors of a recipe lack
+_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # Logarithms of the factors that are tried
+_MUCH_LESS = 0.5  # Largest loss, over that of the initial motor, with which another size is taken
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:

@@ -18,20 +18,14 @@ from motorprior.compiled import njit
 from motorprior.identification.loss import huber, huber_curvature, huber_weight
 from motorprior.identification.physics.window_runs import WindowRuns
 
+# Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)
 WIDE, NARROW = 0.1, 0.03
-"""Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)."""
-LARGEST_STEP = 0.5
-"""Of a latent, in one Gauss-Newton step."""
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
-"""Factors on the damping that are tried in every step."""
-_LEAST_GAIN = 1e-4
-"""Share of U below which a step that lowers it is a motor's last."""
-_LANES = 768
-"""Motors simulated at a time; bounds the memory."""
-_NEVER, _BROKEN = 1e9, 1e6
-"""Loss of a simulation that broke down, and residual of one."""
-_CERTAIN = 1e6
-"""Precision of what is held."""
+LARGEST_STEP = 0.5  # Of a latent, in one Gauss-Newton step
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # Factors on the damping that are tried in every step
+_LEAST_GAIN = 1e-4  # Share of U below which a step that lowers it is a motor's last
+_LANES = 768  # Motors simulated at a time; bounds the memory
+_NEVER, _BROKEN = 1e9, 1e6  # Loss of a simulation that broke down, and residual of one
+_CERTAIN = 1e6  # Precision of what is held
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})

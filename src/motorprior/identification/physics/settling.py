@@ -24,14 +24,11 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-LONGER = 200
-"""About how many steps the longer runs have."""
-SPARED = 0.2
-"""Largest share of the rows in the recipe's windows that longer windows may leave out."""
-FEWEST = 10
-"""Least number of longer windows of a motor; what fewer show is mostly noise."""
+LONGER = 200  # About how many steps the longer runs have
+SPARED = 0.2  # Largest share of the rows in the recipe's windows that longer windows may leave out
+FEWEST = 10  # Least number of longer windows of a motor; what fewer show is mostly noise
+# Reach of the differences, and Gauss-Newton steps at most: wide ones see over ripples, narrow ones find the bottom
 TURNS = ((WIDE, 10), (NARROW, 10), (0.01, 10))
-"""Reach of the differences, and Gauss-Newton steps at most: wide ones see over ripples, narrow ones find the bottom."""
 
 
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:

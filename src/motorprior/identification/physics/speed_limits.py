@@ -19,10 +19,8 @@ from scipy.ndimage import minimum_filter1d
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-HELD_SECONDS = 0.1
-"""So long a motor's own speed lasts at least."""
-MARGIN = 1.02
-"""Least limit of speed over the speed that the motor held [-]."""
+HELD_SECONDS = 0.1  # So long a motor's own speed lasts at least
+MARGIN = 1.02  # Least limit of speed over the speed that the motor held [-]
 
 
 def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:

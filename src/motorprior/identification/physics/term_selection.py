@@ -36,35 +36,30 @@ from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either
 from motorprior.identification.physics.window_runs import WindowRuns
 
-PRICE = 0.04
-"""Share of the held-out loss that a term must save."""
+PRICE = 0.04  # Share of the held-out loss that a term must save
+# Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them
 MOTORS, ROWS, WINDOWS = 8, 10_000, 60
-"""Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
-SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
-"""What the servos of hobby robots have."""
+SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # What the servos of hobby robots have
+# Stretches of a log of few segments; from so many segments of many motors on, these are the stretches
 STRETCHES, FEWEST = 32, 4
-"""Stretches of a log of few segments; from so many segments of many motors on, these are the stretches."""
+# Terms that only logs under several conditions show, in the order of `Segment.conditions`, and the least difference
+# between two segments: a share of the usual voltage, and [K]
 VARIES = {"supply": 0.03, "temperature": 10.0}
-"""Terms that only logs under several conditions show, in the order of `Segment.conditions`, and the least difference
-between two segments: a share of the usual voltage, and [K]."""
+# The term that says what one of `motor_log.CONDITIONS` does
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}
-"""The term that says what one of `motor_log.CONDITIONS` does."""
+# In which terms are left out
 ORDER = (
     "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
     "output_damping", "torque_speed", "profile",
 )  # fmt: skip
-"""In which terms are left out."""
+# Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these:
+# from fewer no term is chosen
 _LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
-"""Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these: from
-fewer no term is chosen."""
-_NO_LOSS = 1e-9
-"""A loss below counts as none."""
+_NO_LOSS = 1e-9  # A loss below counts as none
 _TURNS = (*TURNS[:3], *TURNS[-2:])
 _STEPS = 10
-SURE = 0.3
-"""Share of the held-out loss: a term that saved more in one turn is not left out in the next."""
-_ATTEMPTS = 3
-"""Random searches for a fit of all terms."""
+SURE = 0.3  # Share of the held-out loss: a term that saved more in one turn is not left out in the next
+_ATTEMPTS = 3  # Random searches for a fit of all terms
 
 
 @dataclass(frozen=True)

@@ -47,14 +47,11 @@ from motorprior.identification.training_data.windows import (
     TrainingData,
 )
 
-LANES_PER_TASK = 256
-"""Motors that one thread simulates at a time; their state then stays in a core's cache."""
-HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")
-"""Constants that an encoder on the rotor does not show."""
-_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL
-"""Rows of a grey box's memory."""
+LANES_PER_TASK = 256  # Motors that one thread simulates at a time; their state then stays in a core's cache
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # Constants that an encoder on the rotor does not show
+_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # Rows of a grey box's memory
+# Rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
-"""Rows of its parameters."""
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 

@@ -16,18 +16,13 @@ import numpy as np
 
 from motorprior.compiled import njit
 
-LEAST_NOISE = 4e-5
-"""Deviation of a reading below which a log counts as free of noise [rad]."""
-NOISES = np.geomspace(1e-5, 3e-3, 11)
-"""Deviations r that are tried [rad]."""
-DENSITIES = np.geomspace(1.0, 3e4, 10)
-"""Densities d that are tried [rad/s²/√s]."""
-_WIDE = 1e2
-"""Initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]."""
-_TRIED_ROWS, _TRIED_MOTORS = 2000, 6
-"""Rows and motors on which noise and density are chosen."""
+LEAST_NOISE = 4e-5  # Deviation of a reading below which a log counts as free of noise [rad]
+NOISES = np.geomspace(1e-5, 3e-3, 11)  # Deviations r that are tried [rad]
+DENSITIES = np.geomspace(1.0, 3e4, 10)  # Densities d that are tried [rad/s²/√s]
+_WIDE = 1e2  # Initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]
+_TRIED_ROWS, _TRIED_MOTORS = 2000, 6  # Rows and motors on which noise and density are chosen
+# Rows that are tried together; those at whose end the filter has found the state in which they begin
 _BLOCK, _FIRST_STATES = 500, 10
-"""Rows that are tried together; those at whose end the filter has found the state in which they begin."""
 
 
 @njit(cache=True, nogil=True)

@@ -7,8 +7,8 @@ import numpy as np
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TARGET, VEL, TrainingData
 
+# Range of a command [rad] and speed [rad/s] that no joint exceeds in a second that counts as standing still
 STILL_TARGET, STILL_VEL = 1e-3, 0.02
-"""Range of a command [rad] and speed [rad/s] that no joint exceeds in a second that counts as standing still."""
 
 
 def used_share(data: TrainingData, preset: Preset) -> str:

@@ -69,10 +69,8 @@ _REMEDIES = {
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
 SUPPLY, WARMER, STIFFNESS = range(KD + 1, KD + 4)
 CHANNELS = STIFFNESS + 1
-PAUSE = 60.0
-"""Time between two segments after which motors count as cold again [s]."""
-MEANS = (VEL, TORQUE, EXTERNAL)
-"""Channels of `TrainingData.series` that are averaged with the row before for a rollout."""
+PAUSE = 60.0  # Time between two segments after which motors count as cold again [s]
+MEANS = (VEL, TORQUE, EXTERNAL)  # Channels of `TrainingData.series` that are averaged with the row before for a rollout
 
 
 def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
@@ -118,8 +116,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     )
 
 
-SHORTEST_WINDOW = 64
-"""Steps of a free run; in a shorter one a joint hardly moves."""
+SHORTEST_WINDOW = 64  # Steps of a free run; in a shorter one a joint hardly moves
 
 
 def that_fits(preset: Preset, log: MotorLog) -> Preset:
