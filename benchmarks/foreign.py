@@ -20,9 +20,9 @@ import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
+from motorprior.bench.families import TrueMotors
 from motorprior.identification.judging.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from turning import TURNS, followed, rows_of, told
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
@@ -51,7 +52,6 @@ from motorprior.transfer.gait_quality import gait_quality
 from motorprior.transfer.quality_results import quality_results
 from motorprior.transfer.study import STUDY_SEED
 from motorprior.transfer.twin import HARD, NOISY, twin_of
-from turning import TURNS, followed, rows_of, told
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)

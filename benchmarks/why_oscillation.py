@@ -26,8 +26,8 @@ from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
+from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
 from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED

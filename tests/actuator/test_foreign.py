@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator import foreign_step as rows
-from motorprior.actuator.foreign import ForeignMotors
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import trial
@@ -18,16 +18,16 @@ BLOCKED = 1e9
 """Inertia of a joint that does not move [kg·m²]."""
 
 
-def motor(**constants: float) -> ForeignMotors:
+def motor(**constants: float) -> OutOfFamilyMotors:
     """One motor of which everything is off but what is given, a rotor and a stiff gear."""
     known = {"torque_limit": 1e3, "armature": 0.004, "gear_stiffness": 4000.0, "gear_damping": 1.0} | constants
-    names = [field.name for field in fields(ForeignMotors)]
+    names = [field.name for field in fields(OutOfFamilyMotors)]
     assert set(known) <= set(names)
-    return ForeignMotors(**{name: np.array([known.get(name, 0.0)]) for name in names})
+    return OutOfFamilyMotors(**{name: np.array([known.get(name, 0.0)]) for name in names})
 
 
 def respond(
-    motors: ForeignMotors, target: np.ndarray, external: np.ndarray | float = 0.0, load: float = 0.01
+    motors: OutOfFamilyMotors, target: np.ndarray, external: np.ndarray | float = 0.0, load: float = 0.01
 ) -> Response:
     """Of one motor to (steps,) targets [rad] and torques [N·m], in steps of DT."""
     torque = np.broadcast_to(external, target.shape)
@@ -40,7 +40,7 @@ def step(height: float, seconds: float) -> np.ndarray:
     return target
 
 
-def referred(motors: ForeignMotors, targets: np.ndarray) -> np.ndarray:
+def referred(motors: OutOfFamilyMotors, targets: np.ndarray) -> np.ndarray:
     """(steps,) reference of the firmware [rad] after every step of DT, the joint at rest."""
     arrays, still, torque = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
     reset_actuator(arrays, targets[:1].copy(), still)
@@ -77,7 +77,7 @@ def test_sliding_friction_is_that_of_the_direction(direction):
     assert friction == pytest.approx(0.05 * (1 + 0.2 * direction), rel=0.01)
 
 
-def friction_at(motors: ForeignMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
+def friction_at(motors: OutOfFamilyMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
     """Friction [N·m] of a heavy rotor that has long moved at this speed [rad/s], behind a gear of this twist [rad]."""
     arrays, still, gear = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
     reset_actuator(arrays, still, np.array([position]))
@@ -123,7 +123,7 @@ def test_a_motor_that_is_switched_off_only_takes_energy(name):
     """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
     n, nothing = 16, np.zeros(16)
     motors = load_fleet(name).sample(n, np.random.default_rng(0))
-    assert isinstance(motors, ForeignMotors)
+    assert isinstance(motors, OutOfFamilyMotors)
     motors = replace(motors, kp=nothing, kd=nothing, ki=nothing, cogging=nothing)
     rng, load = np.random.default_rng(1), np.geomspace(1e-3, 2e-2, n)
     external = np.repeat(rng.uniform(-0.6, 0.6, (20, n)), 400, axis=0)
@@ -147,7 +147,7 @@ def test_the_profile_keeps_its_speed_and_acceleration_and_lands_on_the_target():
     assert DT * np.argmax(found > 1.19) == pytest.approx(rest, abs=0.03)
 
 
-def held_torque(motors: ForeignMotors, error: float, seconds: float = 0.1) -> np.ndarray:
+def held_torque(motors: OutOfFamilyMotors, error: float, seconds: float = 0.1) -> np.ndarray:
     """(steps,) torque [N·m] on a joint that is blocked at 0, with this target [rad]."""
     return respond(motors, step(error, seconds), load=BLOCKED).joint_torque[:, 0]
 
@@ -180,7 +180,7 @@ def test_a_free_motor_ends_at_the_speed_that_leaves_no_torque():
     assert respond(motors, step(1e3, 3.0)).joint_vel[-1, 0] == pytest.approx(30.0, rel=1e-3)
 
 
-def twisted(motors: ForeignMotors, twist: np.ndarray) -> np.ndarray:
+def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:
     """(steps,) torque of the gear [N·m] behind a rotor that does not move."""
     arrays, torque, still = motors.actuator().arrays(DT), np.zeros((len(twist), 1)), np.zeros(1)
     reset_actuator(arrays, still, still)

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.actuator.friction_pd import SLOWEST, FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.torque_law import make_explicit, reset_actuator, step_actuator
+from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
 
 DT, COULOMB = 0.002, 0.26
 PD = IdealPd.uniform(4, kp=8.3, kd=0.73, torque_limit=1.45, armature=0.0015)

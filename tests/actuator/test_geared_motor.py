@@ -11,8 +11,8 @@ from numba.core.errors import TypingError
 
 from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import LOG_REACH, LONGEST_DELAY, PARAMETERS
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bench import behaviour
 
 MOTORS = 8

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 
 DT = 0.002

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.physical import ROTOR_POS, SUBSTEP, MotorParameters, PhysicalActuator
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 
 DT = 0.001

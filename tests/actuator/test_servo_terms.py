@@ -11,9 +11,9 @@ from motorprior.actuator.geared_motor_constants import (
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.servo_terms import TERMS, Conditions, under
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 
 Networks = Callable[..., LatentNetwork]

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.actuator.foreign import ForeignMotors
-from motorprior.actuator.foreign_step import FOREIGN as KIND
-from motorprior.bench.facts import facts_from_json, read_bench
+from motorprior.actuator.out_of_family import FOREIGN as KIND
+from motorprior.actuator.out_of_family import OutOfFamilyMotors
+from motorprior.bench.bench_folder import bench_from_json, read_bench
 from motorprior.bench.families import FOREIGN, UNITS
 from motorprior.bench.fleet import fleet_of, load_fleet
 from motorprior.bench.recording import PRESETS, record
@@ -37,9 +37,9 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def sampled(name: str, count: int) -> ForeignMotors:
+def sampled(name: str, count: int) -> OutOfFamilyMotors:
     motors = load_fleet(name).sample(count, 1)
-    assert isinstance(motors, ForeignMotors)
+    assert isinstance(motors, OutOfFamilyMotors)
     return motors
 
 
@@ -47,7 +47,7 @@ def test_what_a_file_leaves_out_is_off(tmp_path):
     fleet = load_fleet(written(tmp_path, LEAST))
     assert fleet.kind is KIND and sorted(fleet.summary()) == sorted(set(FOREIGN.units) - FOREIGN.optional)
     motors = fleet.sample(3, 0)
-    assert isinstance(motors, ForeignMotors)
+    assert isinstance(motors, OutOfFamilyMotors)
     np.testing.assert_allclose(motors.kd, 0.45)
     assert not any(getattr(motors, name).any() for name in FOREIGN.optional)
 
@@ -66,7 +66,7 @@ def test_motors_of_a_bench_that_was_recorded_earlier_are_drawn_again(tmp_path):
     parameters = fleet.summary() | {"coulomb": {"kind": "constant", "center": 0.05}}
     again = fleet_of("mine", "test", "pupper_v2", parameters, "bench.json", FOREIGN)
     motors = again.sample(3, 0)
-    assert isinstance(motors, ForeignMotors)
+    assert isinstance(motors, OutOfFamilyMotors)
     np.testing.assert_array_equal(motors.coulomb, 0.05)
 
 
@@ -87,12 +87,12 @@ def test_a_bench_gives_its_motors_back(tmp_path, name):
     log, facts = read_bench(tmp_path)
     fleet = load_fleet(name)
     assert facts.fleet == fleet and (log.num_joints, log.num_rows) == (3, 1200) and log.motor == fleet.motor
-    drawn, again = (found.physical_motors() for found in (facts, facts_from_json(facts.as_json(), "here")))
+    drawn, again = (found.physical_motors() for found in (facts, bench_from_json(facts.as_json(), "here")))
     np.testing.assert_array_equal(drawn.kp, again.kp)
     text = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
     assert text.get("family", "geared") == fleet.family and ("family" in text) == (name != "mixed")
     with pytest.raises(ArtifactError, match="family = 'alien' is not geared or foreign"):
-        facts_from_json({**text, "family": "alien"}, "here")
+        bench_from_json({**text, "family": "alien"}, "here")
 
 
 def test_a_log_is_of_motors_that_warm_up_and_of_noisy_instruments():

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.bench.fleet import load_fleet
-from motorprior.bench.fleet_file import write_fleet
+from motorprior.bench.fleet import load_fleet, write_fleet
 from motorprior.robots.shipped import SHIPPED
 
 NAMES = [name for robot in SHIPPED for name, _ in robot.fleets]

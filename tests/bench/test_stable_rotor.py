@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES, Family
 from motorprior.bench.fleet import load_fleet

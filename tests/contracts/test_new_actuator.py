@@ -7,12 +7,12 @@ from numba import njit
 from policies import random_policy
 
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.foreign_step import FOREIGN
 from motorprior.actuator.friction_pd import FRICTION_PD
-from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.ideal_pd import IDEAL_PD, IdealPd
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LATENT
+from motorprior.actuator.learned_kernels import GREY_BOX
+from motorprior.actuator.out_of_family import FOREIGN
 from motorprior.actuator.physical import PHYSICAL
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run

@@ -23,7 +23,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors
 from motorprior.actuator.ideal_pd import IDEAL_PD_ROWS, KD, IdealPd, reset_pd, step_pd
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 
 SLOWEST = 0.1  # Speed [rad/s] above which friction is whole
@@ -70,9 +70,9 @@ class FrictionPd:
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        law = self.pd.arrays(physics_dt)
-        rows = [law.parameters, self.coulomb, self.armature, self.armature / physics_dt]
-        return law._replace(law=FRICTION_PD.law, parameters=np.vstack(rows))
+        arrays = self.pd.arrays(physics_dt)
+        rows = [arrays.parameters, self.coulomb, self.armature, self.armature / physics_dt]
+        return arrays._replace(kernels=FRICTION_PD.kernels, parameters=np.vstack(rows))
 
 
 @njit(cache=True, nogil=True)

@@ -20,7 +20,7 @@ DAMPED = 1.0  # Largest gear_damping·h/armature: from 2 on a rotor so light swi
 LONGEST_DELAY = 0.04  # [s]; a motor keeps its commands for so long
 LOG_REACH = 2.5  # A constant of a drawn motor is within a factor of 12 of the central motor's
 ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
-PER_STATED = "_per_stated"  # Ending of the name of a constant that is a multiple of a stated gain
+PER_LOGGED = "_per_stated"  # Ending of the name of a constant that is a multiple of a stated gain
 
 Values = Any  # Numbers of as many motors as are stepped at once, in the arithmetic's own type
 
@@ -84,22 +84,17 @@ def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Condit
     return under(conditions, values, xp)
 
 
-def with_stated_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
-    """Constants by name of motors that were told the gains ``kp`` and ``kd``, of which the decoded ones are multiples.
+def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
+    """Constants by name of motors with these gains, of which the decoded ones are multiples.
 
-        kp = decoded kp·stated kp,   kd = decoded kp·decoded kd_over_kp·stated kd
-
-    If the stated gains are those of the motor, the decoded kp and kd_over_kp [-] are 1.
+    kp' = decoded kp·kp, kd' = decoded kp·decoded kd_over_kp·kd.
     """
     return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
 
 
 def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
-    """Constants by name of motors whose kp and kd_over_kp are multiples of stated gains, which then have names of it.
-
-    ``kp_per_stated`` and ``kd_over_kp_per_stated``: in units of no gain, or per unit of a firmware's gain.
-    """
-    return {f"{name}{PER_STATED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
+    """Constants by name; those that are multiples of logged gains are renamed, for example ``kp_per_stated``."""
+    return {f"{name}{PER_LOGGED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
 
 
 def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[str, ...] = ()) -> StepConstants:

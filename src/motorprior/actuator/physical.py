@@ -19,12 +19,14 @@ puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, multiplied, require_step
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
@@ -69,22 +71,18 @@ class MotorParameters:
         return MotorParameters(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
     def actuator(self) -> PhysicalActuator:
-        """See `TrueMotors.actuator`."""
+        """The motors, ready to be simulated."""
         return PhysicalActuator(self)
 
     def after(self, seconds: float) -> MotorParameters:
-        """Themselves: work changes nothing."""
+        """The motors after so many seconds [s] of work: the same."""
         return self
 
     def logged(
         self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `TrueMotors.logged`: what is there, without noise."""
+        """What instruments record of (steps, n) angles [rad], velocities and torques: the truth, without noise."""
         return joint_pos, joint_vel, torque
-
-    def table(self) -> np.ndarray:
-        """(17, n) in the order of the fields."""
-        return np.stack([getattr(self, field.name) for field in fields(self)])
 
 
 @dataclass(frozen=True)
@@ -115,17 +113,22 @@ class PhysicalActuator:
 
     def with_factors(self, factors: Factors) -> PhysicalActuator:
         """See `HasConstants`."""
-        return PhysicalActuator(multiplied(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
+        return PhysicalActuator(scaled(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, LONGEST_STEP)
-        table = self.motors.table()
+        table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)])
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
         table[_DELAY] /= physics_dt
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
         return empty_arrays(PHYSICAL, table, _LINE + ring, substeps)
+
+
+def scaled(motors: Any, factors: Mapping[str, Any]) -> Any:
+    """The same motors, of a dataclass with a field (n,) per constant, with these constants times these factors [-]."""
+    return replace(motors, **{name: getattr(motors, name) * factor for name, factor in factors.items()})
 
 
 @njit(cache=True, nogil=True)

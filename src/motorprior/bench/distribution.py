@@ -1,11 +1,10 @@
-"""The distribution of one constant over a fleet: what a file says, which motors it draws, and what is refused."""
+"""The distribution of one constant over a fleet, as a table in a file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,13 +45,6 @@ class Distribution:
         if self.kind == "uniform":
             return 0.5 * (self.values["low"] + self.values["high"])
         return self.values["center"]
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether it draws 0 and nothing else."""
-        if self.kind == "lognormal":
-            return self.center == 0.0
-        return not any(self.values.get(key) for key in ("center", "low", "high", "spread", "center_uncertainty"))
 
     def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
         """(count,) draws, see `Fleet.sample`."""
@@ -108,14 +100,8 @@ def distribution_of(
     schema.check(table, where)
     values = {key: float(table[key]) for key in numbers if key in table}
     if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
-        raise ArtifactError(
-            "a normal distribution can draw values that are not above 0", where=where,
-            remedy="give a minimum above 0, or use lognormal",
-        )  # fmt: skip
-    if kind == "uniform" and values["low"] > values["high"]:
-        raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
-    if name in family.switches and (kind != "constant" or values["center"] not in (0.0, 1.0)):
-        raise ArtifactError("it is a switch", where=where, remedy="give a constant of 0 or 1")
+        problem = "a normal distribution can draw values that are not above 0"
+        raise ArtifactError(problem, where=where, remedy="give a minimum above 0, or use lognormal")
     return Distribution(str(kind), values)
 
 
@@ -123,25 +109,3 @@ def bounds_of(name: str, family: Family) -> tuple[float, float]:
     """Least and largest value of a parameter [SI]; draws beyond are put there."""
     most = family.largest.get(name, _LARGEST)
     return -most if name in family.signed else 0.0, most
-
-
-def require_companions(parameters: Mapping[str, Distribution], family: Family, where: str | Path, remedy: str) -> None:
-    """Refuse a constant that does nothing without another, which is off.
-
-    Args:
-        parameters: of a fleet.
-        family: of its motors.
-        where: what they are of, for the message.
-        remedy: what else to look at.
-
-    Raises:
-        ArtifactError: names both.
-    """
-    on = {name for name, found in parameters.items() if not found.is_zero}
-    for name, companions in family.companions:
-        if name in on and not on & set(companions):
-            wanted = " or ".join(f"[{each}]" for each in companions)
-            raise ArtifactError(
-                f"{name} does nothing without {wanted}", where=f"{where}[{name}]",
-                remedy=f"give {wanted}, or leave {name} out; {remedy}",
-            )  # fmt: skip

@@ -1,18 +1,32 @@
-"""Virtual dynamometer: joints with known loads, driven by physical or learned motors.
-
-The step of the joint is that of `loaded_joint`.
-"""
+"""Virtual dynamometer: joints with known loads, driven by physical or learned motors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.bench.loaded_joint import next_velocity
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
+
+
+def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: Any, dt: Any) -> Any:
+    """Joint velocity [rad/s] after a step of semi-implicit Euler with implicit damping, as MuJoCo's; also for JAX.
+
+        dq' = (dq + dt·(torque + external)/inertia) / (1 + dt·damping/inertia),   then q' = q + dt·dq'
+
+    Args:
+        dq: joint velocity before the step [rad/s].
+        torque: torque of the motor without its damping [N·m].
+        external: torque of the load [N·m].
+        inertia: inertia of load and armature [kg·m²].
+        damping: damping of the motor [N·m·s/rad].
+        dt: time step [s].
+    """
+    return (dq + dt * (torque + external) / inertia) / (1.0 + dt * damping / inertia)
+
 
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
@@ -26,10 +40,9 @@ class Trial:
         external_torque: (steps, n) [N·m] on the joint.
         load_inertia: (n,) [kg·m²], without the motor's own.
         dt: sample period of the trial [s].
-        joint_pos: (n,) where the joints begin [rad]; at their first target if not given.
-        joint_vel: (n,) their velocities there [rad/s]; at rest if not given.
-        load_stiffness: (steps, n) torque on the joint per its own angle, beside external_torque [N·m/rad]; none if not
-            given.
+        joint_pos: (n,) initial angles [rad]; the first target if not given.
+        joint_vel: (n,) initial velocities [rad/s]; 0 if not given.
+        load_stiffness: (steps, n) further torque on the joint per its own angle [N·m/rad]; none if not given.
     """
 
     position_target: np.ndarray

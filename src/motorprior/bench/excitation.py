@@ -1,6 +1,6 @@
 """Excitations: position targets and external torques from which motors are identified.
 
-Each function returns (steps,) targets [rad] unless it says torques; EXCITATIONS lists the excitations of a bench.
+Each function returns (steps,) targets [rad], or torques where stated. EXCITATIONS lists the excitations of a bench.
 """
 
 from __future__ import annotations
@@ -84,14 +84,11 @@ def chirp(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return 0.5 / np.maximum(1.0, frequency) * np.sin(2 * np.pi * np.cumsum(frequency) * dt)
 
 
-_SINES = 12
-
-
 def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """Sum of sines from 0.2 to 8 Hz with random phases, equal speed amplitudes above 1 Hz, rms 0.25 rad."""
-    frequency = np.geomspace(0.2, 8.0, _SINES) * rng.uniform(0.95, 1.05, _SINES)
+    frequency = np.geomspace(0.2, 8.0, 12) * rng.uniform(0.95, 1.05, 12)
     amplitude = 1.0 / np.maximum(1.0, frequency)
-    phase = rng.uniform(0, 2 * np.pi, _SINES)
+    phase = rng.uniform(0, 2 * np.pi, 12)
     total = amplitude @ np.sin(2 * np.pi * frequency[:, None] * np.arange(steps) * dt + phase[:, None])
     return 0.25 * total / np.sqrt(0.5 * np.sum(amplitude**2))
 
@@ -146,11 +143,7 @@ EXCITATIONS = (
 
 
 def excitation_named(name: str) -> Excitation:
-    """The excitation of that name.
-
-    Raises:
-        ConfigError: unknown name.
-    """
+    """The excitation of that name; raises `ConfigError` if there is none."""
     for each in EXCITATIONS:
         if each.name == name:
             return each

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.limits_not_shown import NOT_SHOWN, UNKNOWN_SIZE, limit_in_words
+from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
 from motorprior.exceptions import listed
 from motorprior.identification.judging.distribution import aggregate_posterior_summary
 from motorprior.identification.latents.assumed_spread import assumed_spread
@@ -231,9 +231,9 @@ def _limits_not_shown(fleet: Fleet, runs: WindowRuns, names: tuple[str, ...], me
     """Notes on limits that the logs do not feel; they go to ``metrics``, too."""
     notes = []
     for name, hidden in limits_not_felt(fleet.network, runs, fleet.z).items():
-        metrics[f"{NOT_SHOWN}{name}"] = hidden.most
+        metrics[f"{UNIDENTIFIED}{name}"] = hidden.most
         notes.append(
-            f"warning: {_whose(hidden.motors, names)} do not show a {limit_in_words(name, hidden.most)}, the largest "
+            f"warning: {_whose(hidden.motors, names)} do not show a {limit_text(name, hidden.most)}, the largest "
             f"that the fit gave them: with half of it, or with double, the loss of such a log is at most {WORSE:g} "
             "times what it is. A policy that is trained on this prior may count on it"
         )
@@ -245,7 +245,7 @@ def _size_not_shown(fleet: Fleet, runs: WindowRuns, names: tuple[str, ...], metr
     hidden = sizes_not_felt(fleet.network, runs, fleet.z)
     if not hidden.any():
         return []
-    metrics[UNKNOWN_SIZE] = float(hidden.sum())
+    metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())
     return [
         f"warning: {_whose(hidden, names)} do not show how large their torques are: with half of all torques and of "
         f"the rotor's inertia, or with double, the loss of such a log is at most {WORSE:g} times what it is. Only "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import named_multiples, with_stated_gains
+from motorprior.actuator.geared_motor_constants import named_multiples, with_logged_gains
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
@@ -263,7 +263,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
         return {}
     values, gains = prior.network.constants(latents), stated_gains_of(log)
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
-        return with_stated_gains(values, *gains)
+        return with_logged_gains(values, *gains)
     return named_multiples(values) if prior.network.gain_unit else values
 
 

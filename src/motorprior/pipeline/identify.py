@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.prior_bounds import check_stated_gains
+from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_count, require_seed
@@ -178,7 +177,7 @@ def _data(job: _Job) -> TrainingData:
 
     gains = stated_gains_of(job.log)
     if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
-        check_stated_gains(gains, job.where)
+        check_gain_units(gains, job.where)
     return training_data(job.log, job.recipe, job.where)
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.limits_not_shown import UNKNOWN_SIZE, limit_in_words, limits_not_shown
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, unidentified_limits
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
@@ -41,12 +40,12 @@ def doubts(prior: MotorPrior, robot: Robot) -> list[str]:
     Beside a torque it tells what the robot says. One more line tells where logs did not show how large torques are.
     """
     found = _gains_in_doubt(prior, robot)
-    if hidden := prior.metrics.get(UNKNOWN_SIZE):
+    if hidden := prior.metrics.get(UNKNOWN_TORQUE_SCALE):
         found.append(
             f"note: the logs of {hidden:.0f} of the prior's {len(prior.mean)} motors do not show how large torques "
             f"are: its motors may be several times too strong or too weak for {robot.name}"
         )
-    return found + [_doubt(name, value, robot) for name, value in limits_not_shown(prior.metrics).items()]
+    return found + [_doubt(name, value, robot) for name, value in unidentified_limits(prior.metrics).items()]
 
 
 def _gains_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
@@ -74,7 +73,7 @@ def _range(gains: np.ndarray) -> np.ndarray:
 
 
 def _doubt(name: str, value: float, robot: Robot) -> str:
-    said = f"note: a {limit_in_words(name, value)} of the prior was not seen in its logs"
+    said = f"note: a {limit_text(name, value)} of the prior was not seen in its logs"
     described = max(joint.torque_limit for joint in robot.joints)
     if name == "torque_limit" and described < value:
         said += f" (the description of {robot.name}: {described:.3g} at most)"

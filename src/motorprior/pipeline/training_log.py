@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from motorprior.bench.facts import FACTS, LOG, read_bench
+from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.formats.parquet_io import read_parquet
@@ -42,13 +42,13 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
         raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
-    paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
+    paths = [path.parent if path.name == LOG and (path.parent / BENCH_JSON).is_file() else path for path in paths]
     if not any(path.is_dir() for path in paths):
         logs = [read_parquet(path) for path in paths]
         log = joined(logs)
         if log.robot == BENCH:
             raise LogError(
-                f"the log of a bench without its {FACTS}, which says of which robot its motors are", where=paths[0],
+                f"the log of a bench without its {BENCH_JSON}, which says of which robot its motors are", where=paths[0],
                 remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
             )  # fmt: skip
         return log, paths, origin_of(log, logs)
@@ -56,7 +56,7 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
         folder = next(path for path in paths if path.is_dir())
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
     path = paths[0]
-    if not any((path / name).is_file() for name in (LOG, FACTS)):
+    if not any((path / name).is_file() for name in (LOG, BENCH_JSON)):
         raise LogError(
             f"a folder without {LOG}", where=path,
             remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
@@ -64,4 +64,4 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     log, facts = read_bench(path)
     provenance = {"bench": facts.as_json(), MOTIONS: [motion_digest(log)]}
     origin = Origin(facts.fleet.robot, facts.fleet.motor, provenance)
-    return log, [path / LOG, path / FACTS], origin
+    return log, [path / LOG, path / BENCH_JSON], origin

@@ -10,7 +10,7 @@ import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import FAMILIES
 from motorprior.report.gait_sections import gait_pictures
 from motorprior.report.latent_directions import behaviour_directions, best_explained

@@ -16,9 +16,9 @@ import mujoco
 import numpy as np
 
 from motorprior.actuator.geared_motor import step_geared_motor
-from motorprior.actuator.grey_box import SCALES
+from motorprior.actuator.kernels import measure_joint_pos
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.torque_law import measure_joint_pos
+from motorprior.actuator.learned_kernels import SCALES
 from motorprior.backend import BackendState
 from motorprior.robots.robot import Robot
 from motorprior.simulation.world import World

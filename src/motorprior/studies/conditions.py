@@ -8,7 +8,7 @@ from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
 from motorprior.logs.formats.parquet_io import read_parquet, write_log

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.true_motors import TrueMotors
+from motorprior.bench.families import TrueMotors
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.stated import gains_in_words
 

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motorprior.pipeline.transfer_study.study_pds import LAGS
 
+from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import run
-from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.pd_fit import PdFit, beginnings, fit_to_the_end, pd_motors
 from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.transfer_study.study_pds import LAGS
 
 TRUE = {"kp": 7.0, "kd": 0.7, "torque_limit": 1.2, "armature": 0.004, "delay": 0.004, "coulomb": 0.15}
 START = {"kp": 8.8, "kd": 0.84, "torque_limit": 1.26}

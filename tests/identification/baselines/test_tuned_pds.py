@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import run
-from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.replay_error import closed_loop_error, following_gains, in_proportion, trials

@@ -23,9 +23,9 @@ from motorprior.actuator.geared_motor_step import (
     array_arithmetic,
     step,
 )
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.servo_terms import TERMS, Conditions
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.networks import motor_dynamics
 from motorprior.identification.networks.closed_loop import closed_loop

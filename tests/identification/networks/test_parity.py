@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, scaled_torque
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.identification.networks.network import (
     armature,
     export,

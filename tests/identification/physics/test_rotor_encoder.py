@@ -11,8 +11,8 @@ from series import complete
 
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.identification.networks.network import export, initial_parameters
 from motorprior.identification.networks.objectives import rollout_objective
 from motorprior.identification.presets import PRESETS

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.actuator.limits_not_shown import limits_not_shown
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior, unidentified_limits
 from motorprior.bench.recording import bench_names
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
@@ -25,13 +24,13 @@ def fitted(excitation: str, said: io.StringIO) -> MotorPrior:
 def test_sinusoids_without_load_show_no_torque_limit(tmp_path: Path):
     said = io.StringIO()
     prior = fitted("narrow", said)
-    found = limits_not_shown(prior.metrics)
+    found = unidentified_limits(prior.metrics)
     assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
     whose = f"the logs of 4 of 4 motors ({', '.join(bench_names(4))}) do not show"
     assert f"{whose} a torque limit of {found['torque_limit']:.3g} N·m" in said.getvalue()
     assert "with half of it, or with double, the loss of such a log is at most 1.02 times what it is" in said.getvalue()
     prior.save(tmp_path / "prior.safetensors")
-    assert limits_not_shown(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
+    assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
 
     heard = io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
@@ -49,6 +48,6 @@ def test_of_gaits_with_impacts_only_the_motor_whose_log_is_too_short_is_told():
     prior = fitted("rollout", said)
     limits = prior.network.constants(prior.mean)["torque_limit"]
     assert (limits > 2.0).sum() == 1 and np.median(limits) == pytest.approx(1.26, rel=0.1)
-    assert limits_not_shown(prior.metrics)["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
+    assert unidentified_limits(prior.metrics)["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
     worst = bench_names(4)[int(limits.argmax())]
     assert f"the logs of 1 of 4 motors ({worst}) do not show a torque limit" in said.getvalue()

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.told_pd import ToldPd
+from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.logs.motor_log import MotorLog, stated_gain_rows, stated_gains_of
 from motorprior.signals import rmse
@@ -53,7 +52,7 @@ def as_they_are(motors: Actuator, part: MotorLog) -> Actuator:
 def in_proportion(log: MotorLog) -> Told:
     """What gives a PD of a whole log the gains of a segment, in proportion to those that the log states, if any.
 
-    Medians are over segments and joints (`told_pd.ToldPd`).
+    Medians are over segments and joints (`told_pd.GainScaledPd`).
     """
     medians = _stated_medians(log)
     if medians is None:
@@ -63,15 +62,15 @@ def in_proportion(log: MotorLog) -> Told:
         gains = stated_gains_of(part)
         if gains is None or not isinstance(motors, IdealPd):
             return motors
-        return ToldPd(motors, medians).at(gains)
+        return GainScaledPd(motors, medians).at(gains)
 
     return told
 
 
-def following_gains(pd: IdealPd, log: MotorLog) -> IdealPd | ToldPd:
+def following_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
     """A PD that was fitted to a log, such that it follows the gains that other logs state, if this one states any."""
     medians = _stated_medians(log)
-    return pd if medians is None else ToldPd(pd, medians)
+    return pd if medians is None else GainScaledPd(pd, medians)
 
 
 def _stated_medians(log: MotorLog) -> np.ndarray | None:

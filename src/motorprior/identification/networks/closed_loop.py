@@ -21,10 +21,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LONGEST_DELAY, with_stated_gains
+from motorprior.actuator.geared_motor_constants import LONGEST_DELAY, with_logged_gains
 from motorprior.actuator.geared_motor_step import MotorState
 from motorprior.actuator.latent import scaled_torque
-from motorprior.bench.loaded_joint import next_velocity
+from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.networks.motor_dynamics import Constants, advance, at_rest, decode, delayed
 from motorprior.identification.networks.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
@@ -107,7 +107,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         under = (free[0, :, channel] for channel in (SECONDS, SUPPLY, WARMER))
         motor = decode(parameters, own, bounded, terms, *under) if preset.grey_box else {}
         if preset.gain_unit:
-            motor = with_stated_gains(motor, free[0, :, KP], free[0, :, KD])
+            motor = with_logged_gains(motor, free[0, :, KP], free[0, :, KD])
         bias = motor_bias(parameters, own)
         inertia = free[0, :, INERTIA]
         if preset.has_armature:

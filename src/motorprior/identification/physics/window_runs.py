@@ -17,15 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
-from motorprior.actuator.grey_box import SCALES as BOX_ROWS
+from motorprior.actuator.ideal_pd import GainScaledPd
+from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
 from motorprior.actuator.servo_terms import Conditions
-from motorprior.actuator.told_pd import ToldPd
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
-from motorprior.bench.loaded_joint import next_velocity
+from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.identification.loss import SCALES
@@ -82,7 +81,7 @@ def _free_runs(
         at_rotor: whether positions and velocities are the rotors'.
         out: overwritten.
     """
-    observer, free, rows = borrowed(observer), borrowed(free), borrowed(rows)
+    observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, TARGET][motor], rows[0, POS][motor], rows[0, VEL][motor]
     inertia, torque, unused = rows[0, INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
@@ -245,11 +244,11 @@ class WindowRuns:
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
-    def errors(self, motors: Actuator | ToldPd) -> np.ndarray:
+    def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
         Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are. A
-        `ToldPd` has the gains of each segment.
+        `GainScaledPd` has the gains of each segment.
         """
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:
             return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
@@ -257,7 +256,7 @@ class WindowRuns:
         done, dt = 0, self.preset.period
         for segment in self.segments:
             filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
-            rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, ToldPd) else motors
+            rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
             rows[:, INERTIA] += here.armature
             self._fill(here.arrays(dt), here.arrays(dt), np.arange(self.num_motors), rows, False, filled)
             out[:, done : done + segment.windows] = filled

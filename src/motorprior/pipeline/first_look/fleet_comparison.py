@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from motorprior.bench.fleet import Fleet
-from motorprior.report.real_motor_tables import CONSTANT, NOT_SHOWN
+from motorprior.report.real_motor_tables import CONSTANT, UNIDENTIFIED
 from motorprior.results import Result, Results
 
 DRAWS = 400
@@ -52,7 +52,7 @@ def shown_by_logs(constants: Mapping[str, np.ndarray], felt: Collection[str]) ->
 def not_shown_results(constants: Mapping[str, np.ndarray], shown: Collection[str], units: Mapping[str, str]) -> Results:
     """A row for each constant that is not ``shown``, with the motors' median."""
     return Results.of(
-        Result(f"{CONSTANT}{name}", units[name], float(np.median(values)), statistic=NOT_SHOWN)
+        Result(f"{CONSTANT}{name}", units[name], float(np.median(values)), statistic=UNIDENTIFIED)
         for name, values in constants.items()
         if name not in shown
     )
