@@ -105,12 +105,12 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
 
 def tuned_pd(settings: Settings, family: str) -> dict[str, ModelOfMotors]:
     """One PD for all motors, fitted to the log of the bench."""
-    from motorprior.identification.baselines import tuned_pds
+    from motorprior.identification.baselines import pd_fit
 
     log = read_bench(settings.out / family / "bench")[0]
-    with PROGRESS.start(f"{family}: tune the PD", tuned_pds.TUNING) as task:
-        tuned = tuned_pds.tuned_pd(log, task.advance)
-    return {"tuned_pd": lambda index: tuned_pds.repeated(tuned, len(index))}
+    with PROGRESS.start(f"{family}: tune the PD", pd_fit.TUNING) as task:
+        tuned = pd_fit.tuned_pd(log, task.advance)
+    return {"tuned_pd": lambda index: pd_fit.repeated(tuned, len(index))}
 
 
 def errors(

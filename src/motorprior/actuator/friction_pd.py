@@ -84,7 +84,6 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) torque for the engine [N·m] and ``arrays.damping``."""
     step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     for motor in range(torque.shape[0]):
         kd, coulomb = arrays.parameters[KD, motor], arrays.parameters[_COULOMB, motor]

@@ -112,14 +112,11 @@ def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, te
 
 
 def _row(builder: Any, column: Any, row: int) -> Any:
-    """Address of a column's element in that row."""
     first, stride = column
     return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
 
 
 def _stepper(width: int, terms: tuple[str, ...]) -> Any:
-    """An intrinsic that steps ``width`` motors with these terms."""
-
     def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
         """From motor number ``first`` on; the arrays are those of `step_geared_motor`."""
         arrays = (table, memory, joint_pos, joint_vel, torque, damping)

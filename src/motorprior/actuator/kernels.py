@@ -110,7 +110,6 @@ def _emit_call(context: Any, builder: Any, signature: Any, arguments: Any) -> An
 
 
 def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The same value with every array's owner forgotten."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value=value)
         array.meminfo = cgutils.get_null_value(array.meminfo.type)

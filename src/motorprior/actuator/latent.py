@@ -178,7 +178,6 @@ class LatentActuator:
             )  # fmt: skip
 
     def _scaled(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Decoded constants (n,) by name, with the gains and the factors."""
         if self.gains is not None:
             values = with_logged_gains(values, *self.gains)
         if self.factors is None:

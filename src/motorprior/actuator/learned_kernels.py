@@ -64,7 +64,6 @@ def _remember(
 def _evaluate(
     weights: np.ndarray, inputs: np.ndarray, biases: np.ndarray, history: np.ndarray, scratch: np.ndarray, slot: int
 ) -> None:
-    """Run the network of one block of lanes; its output is the last row of the scratch."""
     neurons = (biases.shape[0] - 1) // 2
     first, second, last = scratch[:neurons], scratch[neurons : 2 * neurons], scratch[2 * neurons :]
     first_layer(weights, history, slot, inputs, biases[:neurons], first)
@@ -101,7 +100,6 @@ def _step_network(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) torque [N·m], renewed every ``period`` and held in between."""
     arrays = without_refcounts(arrays)
     renew_torque(arrays, position_target, joint_pos, joint_vel)
     torque[:] = arrays.memory[0]
@@ -109,7 +107,6 @@ def _step_network(
 
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Rotor at rest, histories filled with the present."""
     if arrays.weights.shape[0] > 0:
         reset_network(arrays, position_target, joint_pos)
     reset_geared_motor(arrays.memory[1:], position_target, joint_pos)
@@ -163,7 +160,6 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
 
 @njit(cache=True, nogil=True)
 def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) encoder angle [rad], on the rotor: the backlash is invisible to it."""
     read_rotor_encoders(arrays.parameters[SCALES:], arrays.memory[1:], out)
 
 

@@ -234,7 +234,6 @@ def _share(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -
 
 
 def _differenced(angle: np.ndarray, period: float, share: np.ndarray) -> np.ndarray:
-    """(steps, n) low-passed differences [rad/s] of (steps, n) angles, from rest."""
     raw = np.diff(angle, axis=0, prepend=angle[:1]) / period
     filtered = np.zeros_like(raw)
     for step in range(1, len(raw)):
@@ -267,7 +266,6 @@ def _dead_zone(value: float, half: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _reading(p: np.ndarray, motor: int, position: float) -> float:
-    """What the encoder reads at this true angle [rad]."""
     quantum, angle = p[ENCODER_QUANTUM, motor], position + p[ENCODER_ZERO, motor]
     return quantum * math.floor(angle / quantum + 0.5) if quantum > 0.0 else angle
 
@@ -309,7 +307,6 @@ def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position
 
 @njit(cache=True, nogil=True)
 def _motor(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
-    """Torque on the rotor [N·m]: current loop, voltage, heat, ripple, cogging."""
     x, stall, command = memory[ROTOR_POS, motor], p[STALL_TORQUE, motor], memory[COMMAND, motor]
     if stall > 0.0:
         left = max(0.0, stall - p[SAG, motor] * abs(memory[TORQUE, motor]))
@@ -327,7 +324,6 @@ def _motor(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _gear(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
-    """Torque of the gear on the joint [N·m]: play, hardening spring, slider, damping."""
     s = _dead_zone(twist, 0.5 * p[BACKLASH, motor])
     if s == 0.0:
         memory[TWIST, motor], memory[SLIDER, motor] = 0.0, 0.0
@@ -342,7 +338,6 @@ def _gear(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel
 
 @njit(cache=True, nogil=True)
 def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: float) -> float:
-    """Torque of the bristles against the rotor [N·m]."""
     w, z, stiffness = memory[ROTOR_VEL, motor], memory[BRISTLE, motor], p[BRISTLE_STIFFNESS, motor]
     ratio = w / p[STRIBECK_VELOCITY, motor]
     slow = math.exp(-ratio * ratio)
@@ -371,7 +366,6 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) mean gear torque [N·m] over the coming step; the target holds between steps."""
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
     newest, h = write_line(memory, LINE, now, position_target), physics_dt / substeps
@@ -400,7 +394,6 @@ def _step(
 
 @njit(cache=True, nogil=True)
 def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) reading of the encoder [rad], wherever it is."""
     p = arrays.parameters
     for motor in range(out.shape[0]):
         on_output = p[OUTPUT_ENCODER, motor] > 0.5

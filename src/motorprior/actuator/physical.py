@@ -164,7 +164,6 @@ def _gear(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _rub(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
-    """Rotor velocity after dry friction."""
     ratio = rotor_vel / p[_STRIBECK_VELOCITY, motor]
     friction = p[_COULOMB, motor] + p[_LOAD_FRICTION, motor] * abs(gear)
     friction += p[_STRIBECK_TORQUE, motor] * math.exp(-ratio * ratio)
@@ -181,7 +180,6 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) mean gear torque [N·m] over the coming step; the target holds between steps."""
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
     newest, h = write_line(memory, _LINE, now, position_target), physics_dt / substeps
@@ -206,7 +204,6 @@ def _step(
 
 @njit(cache=True, nogil=True)
 def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) encoder angle [rad]: rotor position plus encoder zero."""
     for motor in range(out.shape[0]):
         out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]
 

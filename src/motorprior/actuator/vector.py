@@ -99,7 +99,6 @@ class Vector:
 
 
 def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
-    """Lane by lane, ``yes`` where the comparison holds and ``no`` elsewhere."""
     builder, width = condition.builder, condition.value.type.count
 
     def value(operand: Vector | float) -> Any:

@@ -72,7 +72,6 @@ class Distribution:
 
 
 def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
-    """Bounds of the numbers of parameter ``name`` for a distribution of this kind."""
     (least, most), unit, positive = bounds_of(name, family), family.units[name], name in family.positive
     unit = "" if unit == "1" else unit
     center = number(least, most, above=0.0 if positive else -inf, unit=unit)

@@ -45,11 +45,11 @@ class Fleet:
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
-            of_one_robot: what is not known of the fleet's center, and what a robot's motors have in common of a range,
-                is the same for all of them; otherwise it is drawn for every motor, and averages out over a robot.
+            of_one_robot: the uncertainty of the fleet's center, and the shared part of a uniform range, are the same
+                for all motors; otherwise they are drawn for every motor.
 
         Raises:
-            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or a motor cannot be simulated.
+            ConfigError: an argument out of range, or a motor that cannot be simulated.
         """
         require_count("count", count)
         rng, family = generator_of(seed), FAMILIES[self.family]
@@ -76,9 +76,6 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     Args:
         name_or_path: name of a shipped fleet, one of `Robot.fleets`, or the path of a .toml file.
 
-    Returns:
-        A distribution per constant of a motor, in SI units.
-
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
         ConfigError: its central motor cannot be simulated, see `Family.require_stable`.
@@ -90,12 +87,11 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     family = FAMILIES[name]
     tables = dict.fromkeys(family.units, TABLE)
     Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | tables, _COMPARE, family.optional).check(data, path)
-    stated = {name: {"unit": exactly(unit), "source": TEXT} for name, unit in family.units.items()}
-    parameters = {
-        name: distribution_of(data[name], "distribution", stated[name], name, family, f"{path}[{name}]", _COMPARE)
-        for name in family.units
-        if name in data
-    }
+    parameters = {}
+    for name, unit in family.units.items():
+        if name in data:
+            others, where = {"unit": exactly(unit), "source": TEXT}, f"{path}[{name}]"
+            parameters[name] = distribution_of(data[name], "distribution", others, name, family, where, _COMPARE)
     family.require_stable({name: np.array([d.center]) for name, d in parameters.items()}, f"{path}, its central motor")
     return Fleet(**{key: data[key] for key in _TEXT_KEYS}, parameters=parameters, family=family.name)
 
@@ -114,11 +110,7 @@ def fleet_path(name_or_path: str | Path) -> Path:
 def fleet_of(
     name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str, family: Family = GEARED
 ) -> Fleet:
-    """The fleet that `Fleet.summary` describes.
-
-    Raises:
-        ArtifactError: unknown or missing parameters or keys, or a value out of range.
-    """
+    """The fleet that `Fleet.summary` describes; raises `ArtifactError` for wrong keys or values out of range."""
     remedy = "record the bench again"
     Schema(dict.fromkeys(family.units, TABLE), remedy, family.optional, "parameters").check(parameters, where)
     made = {
@@ -132,14 +124,7 @@ def fleet_of(
 
 
 def write_fleet(path: Path, fleet: Fleet, sources: Mapping[str, str], heading: str) -> None:
-    """Write every parameter with its unit and source.
-
-    Args:
-        path: of the .toml file.
-        fleet: to write.
-        sources: where the numbers come from, per parameter.
-        heading: one line on top.
-    """
+    """Write every parameter with its unit and its source to a .toml file, below a line of ``heading``."""
     texts = {"name": fleet.name, "motor": fleet.motor, "robot": fleet.robot, "family": fleet.family}
     lines = [f"# {heading}", *(f"{key} = {_text(value)}" for key, value in texts.items())]
     for name, distribution in fleet.parameters.items():

@@ -140,7 +140,6 @@ def _with_limited_pushes(motors: TrueMotors, actuator: Actuator, part: Trial) ->
 
 
 def _bounded(motors: TrueMotors, part: Trial, response: Response) -> Response:
-    """The response; raises `ConfigError` if the simulation of a motor diverged."""
     broken = np.flatnonzero(~(np.abs(response.joint_vel) < FASTEST).all(axis=0))  # not a number is not below it
     if broken.size:
         motor = int(broken[0])

@@ -28,7 +28,7 @@ from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.weak_motors import advice_on_weak_motors
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.latents.grey_box_fit import Expected
+    from motorprior.identification.latents.grey_box_fit import LatentPrior
     from motorprior.identification.latents.latent_fit import Posterior
     from motorprior.identification.presets import Preset
     from motorprior.identification.training_data.windows import TrainingData
@@ -112,14 +112,14 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
     from motorprior.identification.latents.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
-    return fit_posterior(prior.network, data, preset, temperature, expected=_expected(prior, log))
+    return fit_posterior(prior.network, data, preset, temperature, prior=_prior_of(prior, log))
 
 
-def _expected(prior: MotorPrior, log: MotorLog) -> Expected:
-    from motorprior.identification.latents.grey_box_fit import OF_THE_SAME_NAME, Expected
+def _prior_of(prior: MotorPrior, log: MotorLog) -> LatentPrior:
+    from motorprior.identification.latents.grey_box_fit import SAME_JOINT_STD, LatentPrior
 
     known = prior.has_names(log.joint_names)
-    return Expected(prior.expected(log.joint_names), np.where(known, OF_THE_SAME_NAME, 1.0))
+    return LatentPrior(prior.expected(log.joint_names), np.where(known, SAME_JOINT_STD, 1.0))
 
 
 def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:
@@ -153,9 +153,9 @@ def _prepared(
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics of its outlier test."""
     from motorprior.identification.judging.reference import ending, has_reference_metrics
-    from motorprior.identification.training_data.windows import that_fits, training_data
+    from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
-    preset = that_fits(recipe_of(prior, path), log)
+    preset = with_window_that_fits(recipe_of(prior, path), log)
     if prior.network.num_latents == 0 or not has_reference_metrics(prior.metrics, preset.objective == "rollout"):
         raise ArtifactError(
             "it has no latents, or does not know its own errors", where=path, remedy="identify it with preset rollout"

@@ -198,9 +198,9 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """The prior, with the figures that it is judged by later."""
     from motorprior.identification.judging.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, widened
+    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, scaled
     from motorprior.identification.train import identify, work_of
-    from motorprior.identification.training_data.used_share import used_share
+    from motorprior.identification.training_data.windows import used_share
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
@@ -231,7 +231,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     if network.motor is not None:
         quality = told_quality(LatentActuator(network, mean), log, found.preset, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        network, mean, log_var = widened(network, mean, log_var, quality.widening)
+        network, mean, log_var = scaled(network, mean, log_var, quality.widening)
         if network.copula is not None and quality.misses_physics:
             progress.note(f"draws are spread {quality.widening:.2f} times as far from the central motor as otherwise")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names

@@ -10,9 +10,16 @@ from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.pd_fit import PdFit, beginnings, fit_to_the_end, pd_motors
+from motorprior.identification.baselines.pd_fit import (
+    GAINS,
+    WITH_FRICTION,
+    WITH_ROTOR,
+    PdFit,
+    fit_pd,
+    pd_motors,
+    starting_points,
+)
 from motorprior.identification.baselines.replay_error import trials
-from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS
 from motorprior.logs.motor_log import MotorLog
 
 TRUE = {"kp": 7.0, "kd": 0.7, "torque_limit": 1.2, "armature": 0.004, "delay": 0.004, "coulomb": 0.15}
@@ -31,11 +38,11 @@ def log() -> MotorLog:
 
 def fitted(log: MotorLog, free: tuple[str, ...]) -> tuple[PdFit, int]:
     counts = []
-    return fit_to_the_end(log, beginnings(START, free, LAGS), free, counts.append), sum(counts)
+    return fit_pd(log, starting_points(START, free, LAGS), free, counts.append), sum(counts)
 
 
 def test_the_pd_that_made_the_log_is_found(log: MotorLog):
-    fit, reported = fitted(log, FRICTION)
+    fit, reported = fitted(log, WITH_FRICTION)
     assert fit.converged and fit.error < 1e-3
     for name, value in TRUE.items():
         assert fit.constants[name] == pytest.approx(value, rel=0.05), name
@@ -43,5 +50,5 @@ def test_the_pd_that_made_the_log_is_found(log: MotorLog):
 
 
 def test_what_a_model_lacks_costs_error(log: MotorLog):
-    errors = [fitted(log, free)[0].error for free in (GAINS, EVERYTHING, FRICTION)]
+    errors = [fitted(log, free)[0].error for free in (GAINS, WITH_ROTOR, WITH_FRICTION)]
     assert errors[0] > 1.2 * errors[1] > 2.0 * errors[2]

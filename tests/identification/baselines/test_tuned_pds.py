@@ -10,8 +10,8 @@ from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.replay_error import closed_loop_error, following_gains, in_proportion, trials
-from motorprior.identification.baselines.tuned_pds import TUNING, best_gains, tuned_pd
+from motorprior.identification.baselines.pd_fit import TUNING, best_gains, tuned_pd
+from motorprior.identification.baselines.replay_error import closed_loop_error, scaled_gains, trials, with_scaled_gains
 from motorprior.identification.judging.log_fidelity import free_run_errors, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
@@ -53,12 +53,12 @@ def test_a_pd_has_the_gains_of_each_segment_in_proportion(bench: MotorLog):
     pd = IdealPd.uniform(MOTORS, 8.0, 0.5, 5.0)
     known = replace(bench, stated_kp=np.full_like(scale, 20.0), stated_kd=np.ones_like(scale))
     told = replace(bench, stated_kp=20.0 * scale, stated_kd=scale)
-    tell = in_proportion(known)
+    tell = scaled_gains(known)
     made = [
         run(tell(pd, part), trial).joint_pos for (trial, _), part in zip(trials(told), told.segments(), strict=True)
     ]
     told = replace(told, joint_pos=np.concatenate(made), joint_vel=None)
     preset = replace(PRESETS["rollout"], gain_unit=told.gain_unit, warm_up=10)
-    errors = free_run_errors(whole_runs(told, preset, ""), {"told": following_gains(pd, known), "blind": pd})
+    errors = free_run_errors(whole_runs(told, preset, ""), {"told": with_scaled_gains(pd, known), "blind": pd})
     assert np.all(errors["told"] < 0.2 * errors["blind"])
-    assert following_gains(pd, bench) is pd, "of a log that states no gains"
+    assert with_scaled_gains(pd, bench) is pd, "of a log that states no gains"

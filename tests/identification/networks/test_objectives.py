@@ -11,13 +11,13 @@ from series import complete
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.identification.loss import TORQUE_SCALE
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.networks.objectives import (
     kl_to_standard_normal,
     rollout_objective,
     torque_objective,
 )
+from motorprior.identification.physics.window_runs import TORQUE_SCALE
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import Measured
 

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.identification.physics.felt import felt_constants, limits_not_felt, sizes_not_felt
+from motorprior.identification.physics.identifiability import (
+    identifiable_constants,
+    unidentifiable_limits,
+    unknown_torque_scale,
+)
 from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, with_motor
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -27,14 +31,14 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     series = data.series.copy()
     noise = np.random.default_rng(0).standard_normal((*series.shape[:2], 2)) * [3e-4, 0.02]
     series[..., [POS, VEL]] += noise.astype(np.float32)
-    felt = felt_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
+    felt = identifiable_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
     assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= felt
     assert not {"torque_limit", "backlash"} & felt
     runs = WindowRuns(replace(data, series=series), PRESET)
-    (found,) = limits_not_felt(network, runs, z).items()
+    (found,) = unidentifiable_limits(network, runs, z).items()
     assert found[0] == "torque_limit" and found[1].motors.tolist() == [True] and found[1].most == pytest.approx(100.0)
     stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
-    assert limits_not_felt(network, stated, z) == {}
+    assert unidentifiable_limits(network, stated, z) == {}
 
 
 @pytest.mark.parametrize(("size", "noise", "hidden"), [(1.0, 0.02, False), (10.0, 3e-4, False), (10.0, 0.02, True)])
@@ -49,7 +53,7 @@ def test_what_a_load_does_to_a_strong_motor_drowns_in_noise_and_with_it_how_stro
     series = data.series.copy()
     series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
     data = replace(data, series=series)
-    assert sizes_not_felt(network, WindowRuns(data, PRESET), z).tolist() == [hidden]
+    assert unknown_torque_scale(network, WindowRuns(data, PRESET), z).tolist() == [hidden]
     stated = replace(network, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
-    told = sizes_not_felt(stated[0], WindowRuns(stated[1], PRESET), z)
+    told = unknown_torque_scale(stated[0], WindowRuns(stated[1], PRESET), z)
     assert not told.any(), "stated gains say how large a torque is"

@@ -13,11 +13,11 @@ from motorprior.identification.physics.fleet_fit import (
     _LEAST_SPREAD,
     FleetFit,
     fit_fleet,
-    fleet_belief,
-    left_open,
+    fleet_prior,
+    open_variance,
 )
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -94,14 +94,14 @@ def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: Wind
     at = Fit(found.offsets, found.loss, found.loss)
     one = found.loss.mean() / fit.windows  # precision of a belief with variance 1
     sure, unsure = (
-        left_open(fit, at, Belief(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
+        open_variance(fit, at, GaussianPrior(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
         for variance in (1e-13, 1.0)
     )
     np.testing.assert_allclose(sure, 1e-13, rtol=0.01)  # then the log adds nothing
     assert np.all((sure < unsure) & (unsure <= 1.0))
     shown, hidden = (unsure[PARAMETERS.index(name)] for name in ("kp", "stribeck_torque"))
     assert hidden > 100.0 * shown, (shown, hidden)
-    narrow, wide = (fleet_belief(at, fit.windows, left) for left in (0.0, unsure))
+    narrow, wide = (fleet_prior(at, fit.windows, left) for left in (0.0, unsure))
     assert np.all(wide.precision <= narrow.precision)
     np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
 
@@ -148,12 +148,12 @@ def test_alone_most_motors_are_found_as_well(runs: WindowRuns):
 def test_a_polish_never_ends_higher_than_it_began_and_follows_a_strong_belief(runs: WindowRuns):
     fit, rng = MotorFit(bare(), runs), np.random.default_rng(4)
     start = truth() + 0.2 * rng.standard_normal(truth().shape)
-    weak = Belief(np.zeros(14), np.full(14, 1e-4))
+    weak = GaussianPrior(np.zeros(14), np.full(14, 1e-4))
     before = fit.losses(start) + weak.energy(start)
     steps = [fit.polish(start, weak, count) for count in (1, 4)]
     assert np.all(steps[0].energy <= before) and np.all(steps[1].energy <= steps[0].energy)
     np.testing.assert_allclose(steps[1].energy, steps[1].loss + weak.energy(steps[1].z), rtol=1e-9)
-    sure = Belief(np.full(14, 0.1), np.full(14, 1e6))
+    sure = GaussianPrior(np.full(14, 0.1), np.full(14, 1e6))
     held = fit.polish(start, sure, 8)
     np.testing.assert_allclose(held.z, 0.1, atol=1e-3)
 
@@ -174,5 +174,5 @@ def test_motors_that_cannot_be_simulated_lose_and_break_nothing(runs: WindowRuns
     fit, wild = MotorFit(bare(), runs), np.tile(truth()[:, None], (1, 3, 1))
     wild[:, 1, PARAMETERS.index("gear_stiffness")] = 200.0
     wild[:, 2, PARAMETERS.index("armature")] = -200.0
-    best = fit.best_of(wild, Belief(np.zeros(14), np.zeros(14)))
+    best = fit.best_of(wild, GaussianPrior(np.zeros(14), np.zeros(14)))
     np.testing.assert_allclose(best, truth())

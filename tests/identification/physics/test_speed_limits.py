@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.identification.physics.speed_limits import held_speed
+from motorprior.identification.physics.window_runs import held_speed
 
 PERIOD, ROWS = 0.002, 500
 

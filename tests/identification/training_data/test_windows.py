@@ -15,7 +15,7 @@ from motorprior.identification.training_data.windows import (
     SECONDS,
     TARGET,
     draw,
-    some_stretches,
+    subsampled,
     training_data,
 )
 from motorprior.logs.motor_log import MotorLog
@@ -102,8 +102,8 @@ def test_segments_shorter_than_a_window_are_refused_with_its_length():
 @pytest.mark.parametrize("lengths", [[6000], [200] * 30, [5000, 300, 700]])
 def test_stretches_are_from_all_over_the_log_and_about_as_long_as_asked_for(lengths):
     data = training_data(a_log(lengths), PRESET, "x")
-    some = some_stretches(data, PRESET, 1000)
+    some = subsampled(data, PRESET, 1000)
     assert 900 <= sum(part.stop - part.start for part in some.parts) <= 1000
     assert some.parts[0].start == 0 and some.parts[-1].stop > 5900
     assert all(any(whole.start <= part.start < part.stop <= whole.stop for whole in data.parts) for part in some.parts)
-    assert some_stretches(data, PRESET, 6000) is data
+    assert subsampled(data, PRESET, 6000) is data

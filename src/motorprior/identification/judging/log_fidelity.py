@@ -23,8 +23,7 @@ from motorprior.identification.baselines.response_models import ResponseMotors
 from motorprior.identification.judging.coverage import DRAWS, LEVELS, band, latent_draws
 from motorprior.identification.judging.reference import draw_residuals
 from motorprior.identification.latents.latent_fit import Posterior
-from motorprior.identification.loss import POSITION_SCALE, VELOCITY_SCALE
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, VEL, training_data
 from motorprior.logs.motor_log import MotorLog

@@ -2,7 +2,7 @@
 
     minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·G(z)/T)⁻¹
 
-(of a joint whose name is that of a training motor of a robot ½|z - m|²/d², m that motor's mean, d OF_THE_SAME_NAME).
+(of a joint whose name is that of a training motor of a robot ½|z - m|²/d², m that motor's mean, d SAME_JOINT_STD).
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
 observation (a generalised posterior with a Laplace approximation). U of a grey box is minimised by `grey_box_fit`, that
@@ -18,7 +18,7 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents import grey_box_fit
-from motorprior.identification.latents.grey_box_fit import Expected, Posterior, inverse_precision
+from motorprior.identification.latents.grey_box_fit import LatentPrior, Posterior, inverse_precision
 from motorprior.identification.networks.motor_loss import MotorLoss, as_latents, motor_loss
 from motorprior.identification.networks.network import Parameters
 from motorprior.identification.physics.motor_fit import MotorFit
@@ -52,7 +52,7 @@ def adapt(
     temperature: float,
     steps: int = STEPS,
     start: np.ndarray | None = None,
-    expected: Expected | None = None,
+    prior: LatentPrior | None = None,
 ) -> Posterior:
     """Posterior of every motor in ``data``; its scales must be those of the network.
 
@@ -63,10 +63,10 @@ def adapt(
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         steps: number of Adam steps, for a network.
         start: (M, Z) initial latents; found by a random search if not given.
-        expected: of grey boxes, what is believed of each motor before; N(0, I) if not given.
+        prior: of grey boxes; N(0, I) if not given.
     """
     if network.motor is not None:
-        return grey_box_fit.adapt(network, data, preset, temperature, start, expected)
+        return grey_box_fit.adapt(network, data, preset, temperature, start, prior)
     windows = jnp.asarray(tiled_windows(data, preset))
     fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
     first = fit.best_starts(network.num_latents) if start is None else as_latents(start)

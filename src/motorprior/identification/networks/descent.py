@@ -52,9 +52,9 @@ def descend(
     report: Report = lambda steps, text: None,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Parameters, np.ndarray]:
-    """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``.
+    """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``; resumable to the byte.
 
-    The same arguments give the same bytes, also after an interruption. With physics first, constants and z stay.
+    With physics first, constants and z stay.
 
     Returns:
         The trained parameters, and the mean loss of every CHUNK steps.
@@ -112,12 +112,10 @@ def _attempt(
 
 
 def _flat(state: Any) -> dict[str, np.ndarray]:
-    """The arrays of a pytree, named by number."""
     return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
 
 
 def _resumed(state: Any, kept: dict[str, np.ndarray] | None) -> tuple[Any, list[float]]:
-    """The initial or the saved state, and the losses of the finished chunks."""
     if kept is None:
         return state, []
     leaves = [jnp.asarray(kept[name]) for name in _flat(state)]

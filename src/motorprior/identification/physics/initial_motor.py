@@ -1,8 +1,8 @@
-"""The initial motor of a fit: a small geared servo, made as large as the motors of the logs are.
+"""The initial motor of a fit: a small geared servo, scaled to the motors of the logs.
 
 A decoder reaches constants within a factor of 12 of its central motor, and motors differ by more: a hobby servo may
-hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are stated in N·m/rad the size is that of the gains.
-Elsewhere some sizes of all torques, and of the gain alone, are tried on the logs, and the fit begins at the best if its
+hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are logged in N·m/rad they set the scale. Elsewhere
+several scales of all torques, and of the gain alone, are tried on the logs, and the fit starts from the best if its
 loss is less than half the initial motor's.
 """
 
@@ -34,7 +34,6 @@ TORQUES = (
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
 _OVER_HELD = 1.1  # Initial limit of speed over the speed that motors held [-]
-_NOTHING = 1e-9  # A constant that motors of a recipe lack
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # Logarithms of the factors that are tried
 _MUCH_LESS = 0.5  # Largest loss, over that of the initial motor, with which another size is taken
 
@@ -46,7 +45,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     """
     motor = INITIAL_MOTOR
     if runs is not None:
-        motor = motor | dict.fromkeys(runs.preset.lacks, _NOTHING)
+        motor = motor | dict.fromkeys(runs.preset.lacks, 1e-9)
     if runs is not None and runs.fastest:
         motor = motor | {"profile_speed": _profile_speed(runs), "no_load_speed": 1.3 * runs.fastest}
     if runs is not None:

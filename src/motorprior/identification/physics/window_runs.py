@@ -13,8 +13,10 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
@@ -27,8 +29,6 @@ from motorprior.actuator.servo_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.identification.loss import SCALES
-from motorprior.identification.physics.speed_limits import SPEED_LIMITS, held_speed
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import (
     EXTERNAL,
@@ -46,12 +46,45 @@ from motorprior.identification.training_data.windows import (
     TrainingData,
 )
 
+# errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
+POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
+SPEED_LIMITS = ("profile_speed", "no_load_speed")
 LANES_PER_TASK = 256  # Motors that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # Constants that an encoder on the rotor does not show
 _ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # Rows of a grey box's memory
 # Rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
+
+
+def huber(x: Any) -> Any:
+    """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
+    return (1.0 + x * x) ** 0.5 - 1.0
+
+
+def huber_weight(x: Any) -> Any:
+    """Derivative of `huber` over x, (1 + x²)^(-1/2)."""
+    return (1.0 + x * x) ** -0.5
+
+
+def huber_curvature(x: Any) -> Any:
+    """Second derivative of `huber`, (1 + x²)^(-3/2)."""
+    return (1.0 + x * x) ** -1.5
+
+
+def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
+    """(M,) largest speed [rad/s] that each joint held for 0.1 s on its way to its target; 0 where none did.
+
+    Args:
+        vel: (M, R) joint velocities; segments count as one motion.
+        error: (M, R) position_target - joint_pos.
+        period: of the rows [s].
+    """
+    rows, lowest = max(1, round(0.1 / period)), []
+    for way in (1.0, -1.0):
+        towards = np.where(way * error > 0.0, np.maximum(way * vel, 0.0), 0.0)
+        lowest.append(minimum_filter1d(towards, rows, axis=1, mode="constant", cval=0.0))
+    return np.max(lowest, axis=(0, 2)).astype(np.float64)
 
 
 @njit(cache=True, nogil=True)
@@ -135,12 +168,12 @@ class Segment:
 
     @property
     def seconds(self) -> float:
-        """Its middle, since the log began."""
+        """Mean time since the log began [s]."""
         return float(self.rows[:, SECONDS, 0].mean())
 
     @property
     def gains(self) -> np.ndarray:
-        """(2, M) stated kp and kd."""
+        """(2, M) logged kp and kd."""
         return self.rows[0, [KP, KD]]
 
     @property
@@ -161,8 +194,8 @@ class WindowRuns:
     Attributes:
         beat: what was given.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speeds: of each of SPEED_LIMITS the speed (M,) [rad/s] that each motor held somewhere in the whole log
-            (`speed_limits`); that of the voltage's limit as the motor would have held it at the usual voltage.
+        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the whole log; for that of the voltage, at the
+            usual voltage.
     """
 
     def __init__(
@@ -201,12 +234,12 @@ class WindowRuns:
 
     @property
     def gains(self) -> np.ndarray:
-        """(2, M) stated kp and kd of every motor, medians over segments; 1 if none count."""
+        """(2, M) logged kp and kd of every motor, medians over segments; 1 if there are none."""
         return np.median([segment.gains for segment in self.segments], axis=0)
 
     @property
     def largest_request(self) -> np.ndarray:
-        """(M,) stated kp times position error [rad], which each motor exceeds in one sample of a thousand."""
+        """(M,) 99.9 % quantile of logged kp times position error [rad]."""
         asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
         return np.quantile(np.concatenate(asked), 0.999, axis=0)
 
@@ -266,8 +299,8 @@ class WindowRuns:
     def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
         if network.gain_unit and network.gain_unit != self.gain_unit:
             raise ConfigError(
-                f"these motors were learned with stated gains [{network.gain_unit}], the log is read without",
-                remedy="state kp and kd of its joints when it is imported",
+                f"these motors were learned with logged gains [{network.gain_unit}], this log has none",
+                remedy="give kp and kd of its joints when importing it",
             )
         gains = segment.gains[:, motor] if network.gain_unit else None
         under = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])

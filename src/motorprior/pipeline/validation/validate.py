@@ -97,7 +97,7 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
 
 
 def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict[str, ModelOfMotors]:
-    from motorprior.identification.baselines.tuned_pds import repeated
+    from motorprior.identification.baselines.pd_fit import repeated
 
     models: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(fleet, len(index)),
@@ -192,7 +192,7 @@ def _of_physics(priors: Mapping[str, MotorPrior], known: Collection[str]) -> str
 def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchSettings, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
-    from motorprior.identification.baselines.tuned_pds import GAINS_ALONE, TUNING, best_gains, tuned_pd
+    from motorprior.identification.baselines.pd_fit import GAINS_ALONE, TUNING, best_gains, tuned_pd
 
     nominal = nominal_pd(facts.fleet, 1)
     with progress.start("tune the PD baselines on the bench log", GAINS_ALONE + TUNING) as task:
