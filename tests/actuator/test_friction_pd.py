@@ -54,7 +54,7 @@ def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float
 
 
 @pytest.mark.parametrize("kd", [0.0, 0.73])
-@pytest.mark.parametrize("armature", [0.0, 1e-4, 0.0015])
+@pytest.mark.parametrize("armature", [0.0, 0.0015])
 @pytest.mark.parametrize("load", [3.4e-4, 0.01])
 def test_a_joint_that_coasts_is_stopped_and_not_turned_round(kd: float, armature: float, load: float):
     limp = IdealPd.uniform(1, kp=0.0, kd=kd, torque_limit=10.0, armature=armature)
@@ -69,8 +69,8 @@ def taken(load: float, start: float, target: float, h: float, seconds: float) ->
     return free - held
 
 
-@pytest.mark.parametrize("load", [3.4e-4, 1e-3, 5e-3, 0.02])
-@pytest.mark.parametrize("target", [0.1, 0.2])
-def test_from_a_start_at_rest_it_takes_what_it_takes_in_a_hundred_times_finer_steps(load: float, target: float):
+@pytest.mark.parametrize("load", [3.4e-4, 0.02])
+def test_from_a_start_at_rest_it_takes_what_it_takes_in_a_hundred_times_finer_steps(load: float):
+    target = 0.1
     fine = taken(load, 0.0, target, DT / 100, 0.02)
     assert fine > 0.1 and taken(load, 0.0, target, DT, 0.02) == pytest.approx(fine, rel=0.1)

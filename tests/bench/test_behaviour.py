@@ -24,8 +24,7 @@ def central(**changes):
     return replace(motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()})
 
 
-@pytest.mark.parametrize("frequency", behaviour.FREQUENCIES)
-@pytest.mark.parametrize("delay", [0.0, 0.012])
+@pytest.mark.parametrize(("frequency", "delay"), [(1, 0.0), (8, 0.012)])
 def test_gain_and_lag_are_those_of_the_second_order_system(frequency, delay):
     s = 2j * np.pi * frequency
     inertia = behaviour.LOAD_INERTIA + ARMATURE
@@ -70,14 +69,6 @@ def test_breakaway_is_friction_plus_the_spring_of_the_controller():
     motors = replace(motors, gear_stiffness=np.full(2, 600.0))
     expected = (motors.coulomb + motors.stribeck_torque + motors.kp * behaviour.GIVE) / (1 - motors.load_friction)
     np.testing.assert_allclose(behaviour.breakaway(PhysicalActuator(motors)), expected, rtol=0.05)
-
-
-def test_play_is_in_the_dead_band_and_not_in_the_breakaway():
-    motors = PhysicalActuator(central(backlash=[0.0, 0.03]))
-    band = behaviour.dead_band(motors)
-    assert band[1] - band[0] == pytest.approx(0.015, abs=0.002)
-    torque = behaviour.breakaway(motors)
-    assert torque[1] == pytest.approx(torque[0], rel=0.1)
 
 
 def test_dead_band_is_friction_and_brake_over_kp():

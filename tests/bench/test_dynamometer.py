@@ -17,7 +17,7 @@ def limp(kd=0.0, armature=0.0):
     return IdealPd.uniform(2, kp=0.0, kd=kd, torque_limit=1e9, armature=armature)
 
 
-@pytest.mark.parametrize("dt", [0.0005, 0.002, 0.01])
+@pytest.mark.parametrize("dt", [0.002, 0.01])
 def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
     steps, torque = 50, np.array([0.3, -0.2])
     trial = Trial(np.zeros((steps, 2)), np.tile(torque, (steps, 1)), LOAD, dt)
@@ -48,17 +48,6 @@ def test_damping_decays_as_implicit_euler_does_whatever_its_size():
     speed = run(limp(kd=kd), Trial(np.zeros((60, 2)), external, LOAD, 0.002)).joint_vel
     expected = 5.0 / (1 + 0.002 * kd / LOAD) ** np.arange(1, 60)[:, None]
     np.testing.assert_allclose(speed[1:], expected, rtol=1e-12)
-
-
-def test_joints_do_not_feel_each_other():
-    rng = np.random.default_rng(1)
-    targets, external = rng.normal(0.0, 0.3, (2, 80, 2))
-    pd = IdealPd.uniform(2, 8.0, 0.3, 1.0, armature=0.001)
-    both = run(pd, Trial(targets, external, LOAD, 0.002))
-    alone = run(
-        IdealPd.uniform(1, 8.0, 0.3, 1.0, armature=0.001), Trial(targets[:, 1:], external[:, 1:], LOAD[1:], 0.002)
-    )
-    np.testing.assert_array_equal(both.joint_pos[:, 1], alone.joint_pos[:, 0])
 
 
 @pytest.mark.parametrize("preset", ["paper", "rollout"])

@@ -138,20 +138,6 @@ def test_motors_are_fitted_first_and_a_network_that_brings_nothing_is_left_out(t
     assert found.losses[-1] < 0.05
 
 
-def test_chosen_terms_that_save_next_to_nothing_of_all_motors_loss_are_left_out_again(
-    two_motors, monkeypatch: pytest.MonkeyPatch
-):
-    """These motors have none of them; the choice was chance."""
-    plain, kept = identify(two_motors, PHYSICS, 0), Kept()
-    chance = term_selection.Selection(("current", "output_damping"), {"current": 0.04, "output_damping": 0.05})
-    monkeypatch.setattr(physics_fit, "_terms", lambda *_: chance)
-    found = identify(two_motors, PHYSICS, 0, checkpoints=kept)
-    assert found.preset.terms == () and found.network.motor is not None and found.network.motor.terms == ()
-    np.testing.assert_array_equal(found.mean, plain.mean)
-    told = [note for note in found.notes if "left out again: current, output_damping" in note]
-    assert told and told[0] in identify(two_motors, PHYSICS, 0, checkpoints=kept).notes
-
-
 @pytest.mark.parametrize("within", ["the residual", "the fit"])
 def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_not_fitted_again(
     two_motors, monkeypatch: pytest.MonkeyPatch, within: str

@@ -26,12 +26,10 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-STEPS = 300  # Number of Adam steps
-BATCH = 16  # Windows per Adam step
-POLISHES = 6  # Number of Gauss-Newton steps after Adam
-STARTS = 48  # Draws per round of the random search before Adam, needed because U has many local minima
-SCREENED_WINDOWS = 24  # Number of windows on which the random search evaluates a draw
-SEARCH_RADII = (1.0, 1.0, 0.5, 0.25, 0.12)  # Standard deviation of the draws in each round of the random search
+STEPS, BATCH = 300, 16  # Adam steps, and windows per step
+POLISHES = 6  # Gauss-Newton steps after Adam
+# random search before Adam, since U has many local minima: samples per round, windows, standard deviation per round
+STARTS, SCREENED_WINDOWS, SEARCH_RADII = 48, 24, (1.0, 1.0, 0.5, 0.25, 0.12)
 
 
 def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:

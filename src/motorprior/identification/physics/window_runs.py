@@ -1,10 +1,10 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
-What `closed_loop` is for JAX this is for searches: thousands of motors at once, no compilation per recipe, derivatives
-by differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
-every window of a free run begins with its hidden state (rotor, backlash, delayed commands) and the recorded joint. If
-the encoders are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; such
-a log shows neither backlash nor encoder zero (`closed_loop`), which are then those of the central motor and 0.
+The counterpart of `closed_loop` for searches: thousands of motors at once, no compilation per recipe, derivatives by
+differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
+every free run starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders
+are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; then backlash and
+encoder zero, which such a log does not identify, are those of the central motor and 0.
 """
 
 from __future__ import annotations
@@ -102,17 +102,8 @@ def _free_runs(
 ) -> None:
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
-    Args:
-        observer: motors that follow the log.
-        free: the same motors, for the free runs.
-        motor: (lanes,) index of the motor in ``rows`` that each lane simulates.
-        rows: (steps, channels of `windows`, motors) of one segment.
-        dt: sample period [s].
-        first: row at which the first window begins.
-        window: steps of a window.
-        scales: of position, velocity and torque errors.
-        at_rotor: whether positions and velocities are the rotors'.
-        out: overwritten.
+    ``observer`` and ``free`` are the same motors; lane i simulates motor[i] of ``rows`` (steps, channels of `windows`,
+    motors) of one segment, whose first window begins at row ``first``.
     """
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
@@ -189,10 +180,9 @@ class WindowRuns:
         data: the logs.
         preset: window, warm-up and period.
         motors: of the log that are used; all if not given.
-        beat: called several times a second during `residuals`; what it raises ends them.
+        beat: called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
-        beat: what was given.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
         held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the whole log; for that of the voltage, at the
             usual voltage.

@@ -1,4 +1,4 @@
-"""Borrowed arrays are the same arrays; nobody's reference count changes."""
+"""Arrays without reference counts are the same arrays, and nothing leaks."""
 
 import sys
 from typing import NamedTuple
