@@ -61,16 +61,3 @@ def test_a_joint_that_coasts_is_stopped_and_not_turned_round(kd: float, armature
     for start in (0.11, 0.15, 0.19, 0.25, 0.3, 0.4, 1.0):
         speeds = motion(limp, COULOMB, load, start, 0.0, DT, 0.3)
         assert np.all(speeds >= 0.0) and np.all(np.diff(speeds) <= 1e-15) and speeds[-1] < 1e-3
-
-
-def taken(load: float, start: float, target: float, h: float, seconds: float) -> float:
-    """Velocity that friction takes from a joint [rad/s]."""
-    free, held = (motion(PD, coulomb, load, start, target, h, seconds)[-1] for coulomb in (0.0, COULOMB))
-    return free - held
-
-
-@pytest.mark.parametrize("load", [3.4e-4, 0.02])
-def test_from_a_start_at_rest_it_takes_what_it_takes_in_a_hundred_times_finer_steps(load: float):
-    target = 0.1
-    fine = taken(load, 0.0, target, DT / 100, 0.02)
-    assert fine > 0.1 and taken(load, 0.0, target, DT, 0.02) == pytest.approx(fine, rel=0.1)

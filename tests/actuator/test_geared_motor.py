@@ -10,9 +10,8 @@ from hypothesis.extra.numpy import arrays as drawn
 
 from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import LONGEST_DELAY
-from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.bench import behaviour
 
 MOTORS = 8
 FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
@@ -151,19 +150,6 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
 
 
-def test_the_stall_torque_is_the_limit_less_friction(grey_network):
-    network: LatentNetwork = grey_network()
-    motors = LatentActuator(network, np.random.default_rng(6).uniform(-2, 2, (16, 3)))
-    assert network.motor is not None
-    values = network.motor.decode(motors.z)
-    friction = values["coulomb"] + values["stribeck_torque"]
-    expected = (values["torque_limit"] - friction) / (1.0 + values["load_friction"])
-    # the rotor arrives with some momentum, and stiction keeps it: up to 3 % more
-    ratio = behaviour.stall_torque(motors) / expected
-    assert np.all(ratio > 0.999) and np.all(ratio < 1.04)
-    assert np.ptp(expected) > 0.3
-
-
 def blocked(network: LatentNetwork, target: np.ndarray, dt: float) -> np.ndarray:
     """(steps,) torque of one motor on a locked joint."""
     motors = LatentActuator(network, np.zeros((1, network.num_latents)))
@@ -195,19 +181,3 @@ def test_a_command_arrives_after_its_delay(grey_network, dt):
     between = answer(2 * dt)  # half a step is the hold's own
     np.testing.assert_allclose(between, 0.5 * (answer(1.5 * dt) + answer(2.5 * dt)), atol=0.04 * np.max(prompt))
     np.testing.assert_array_equal(answer(10.0), answer(LONGEST_DELAY))
-
-
-def test_the_encoder_sits_on_the_rotor_and_has_a_zero_of_its_own(grey_network):
-    network: LatentNetwork = grey_network(
-        spread=0.0, encoder_zero=-0.03, backlash=0.1, coulomb=0.0, stribeck_torque=0.0
-    )
-    motors = LatentActuator(network, np.zeros((2, 3)))
-    arrays, measured, zero = motors.arrays(0.002), np.zeros(2), np.zeros(2)
-    reset_actuator(arrays, zero, zero)
-    measure_joint_pos(arrays, zero, measured)
-    np.testing.assert_allclose(measured, -0.03)
-    for _ in range(800):  # the law leads the encoder to 0; the joint stays, there is play
-        step_actuator(arrays, 0.002, zero, zero, zero, np.zeros(2))
-    measure_joint_pos(arrays, zero, measured)
-    np.testing.assert_allclose(measured, 0.0, atol=1e-4)
-    np.testing.assert_allclose(arrays.memory[1 + ROTOR_POS], 0.03, atol=1e-4)

@@ -85,11 +85,3 @@ def test_each_input_row_is_its_own_tap(row):
     once = seen / (1 + np.abs(seen))
     torque = torques(LatentActuator(net, np.zeros((5, 3))), inputs)[TAPS[age] :]
     np.testing.assert_allclose(torque, 0.7 * once / (1 + np.abs(once)), atol=1e-6)
-
-
-def test_armature_is_log_linear_in_z():
-    net, z = network(), np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]])
-    expected = [0.002, 0.002 * np.exp(net.armature_slope @ [1.0, -2.0, 0.5])]
-    np.testing.assert_allclose(LatentActuator(net, z).armature, expected)
-    np.testing.assert_array_equal(LatentActuator(replace(net, has_armature=False), z).armature, 0.0)
-    np.testing.assert_array_equal(LatentActuator(net, z).damping, 0.0)

@@ -97,28 +97,3 @@ def test_a_file_that_is_no_prior_is_rejected_by_name(
     rewrite(saved, tensors, header, without)
     with pytest.raises(ArtifactError, match=saved.name):
         MotorPrior.load(saved)
-
-
-TERMS_OF_ONE = ("profile", "output_encoder", "asymmetry", "heat")
-
-
-@pytest.fixture
-def servo(grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
-    """Motors with terms and without a network."""
-    network = grey_network(terms=TERMS_OF_ONE, asymmetry=-0.1)
-    weights = {"w1": np.zeros((6, 0)), "v1": np.zeros((3, 0)), "w2": np.zeros((0, 0))}
-    weights |= {name: np.zeros(0) for name in ("b1", "b2", "w3")}
-    z = np.random.default_rng(0).standard_normal((5, 3))
-    return MotorPrior(replace(network, **weights), z, 0.0 * z, "rollout", "pupper_v2", "m", {}, {})
-
-
-def test_motors_with_terms_and_without_a_network_are_loaded_as_they_were(servo: MotorPrior, tmp_path: Path):
-    path = tmp_path / "prior.safetensors"
-    servo.save(path)
-    loaded = MotorPrior.load(path)
-    assert loaded.network.motor is not None and loaded.network.motor.terms == TERMS_OF_ONE
-    assert loaded.network.num_neurons == 0 and loaded.sha256() == servo.sha256()
-    before, after = (one.network.constants(one.mean) for one in (servo, loaded))
-    assert before.keys() == after.keys() and np.all(after["profile_speed"] > 0.0)
-    for name, values in before.items():
-        np.testing.assert_array_equal(after[name], values)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator import out_of_family as rows
-from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
@@ -65,14 +65,6 @@ def test_before_it_slides_friction_is_lu_gres_spring():
     external = torque * np.clip(np.linspace(0.0, 1.5, 20_000), 0.0, 1.0)
     moved = respond(motors, np.zeros(20_000), external, load=0.001).joint_pos[-1, 0]
     assert moved == pytest.approx(-g / sigma * np.log(1 - torque / g) + torque / stiffness, rel=0.01)
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_sliding_friction_is_that_of_the_direction(direction):
-    motors = motor(coulomb=0.05, bristle_stiffness=200.0, asymmetry=0.2)
-    speed = respond(motors, np.zeros(3000), 0.2 * direction, load=0.01).joint_vel[:, 0]
-    friction = 0.2 - abs(speed[2999] - speed[1999]) * 0.014 / 0.1
-    assert friction == pytest.approx(0.05 * (1 + 0.2 * direction), rel=0.01)
 
 
 def friction_at(motors: OutOfFamilyMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
@@ -154,15 +146,6 @@ def test_a_warm_motor_is_weaker_by_its_loss_and_warms_exponentially():
     np.testing.assert_array_equal(cold.after(100.0).warmth, cold.warmth)
 
 
-def test_dead_zone_integral_and_limit_shape_the_torque_at_rest():
-    damped = {"kp": 5.0, "viscous_damping": 0.3, "gear_stiffness": 1e5}
-    assert held_torque(motor(**damped, dead_zone=0.03), 0.1)[-1] == pytest.approx(5.0 * 0.07, rel=1e-3)
-    assert held_torque(motor(**damped, dead_zone=0.03), 0.02)[-1] == 0.0
-    assert held_torque(motor(**damped, ki=4.0, integral_limit=1.0), 0.1, 0.5)[-1] == pytest.approx(0.7, rel=2e-3)
-    assert held_torque(motor(**damped, ki=4.0, integral_limit=0.05), 0.1, 0.5)[-1] == pytest.approx(0.55, rel=2e-3)
-    assert held_torque(motor(**damped | {"torque_limit": 0.3}), 0.1)[-1] == pytest.approx(0.3)
-
-
 def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:
     """(steps,) torque of the gear [N·m] behind a rotor that does not move."""
     arrays, torque, still = motors.actuator().arrays(DT), np.zeros((len(twist), 1)), np.zeros(1)
@@ -196,15 +179,6 @@ def test_ripple_and_cogging_go_by_the_rotors_position():
         step_actuator(arrays, DT, at + 0.1, at, np.zeros(1), np.zeros(1))
         known = 0.5 * (1 + 0.03 * np.sin(36 * position)) - 0.02 * np.sin(72 * position)
         assert arrays.memory[rows.ROTOR_VEL, 0] * 1e9 / DT == pytest.approx(known)
-
-
-@pytest.mark.parametrize("output", [0.0, 1.0])
-def test_the_encoder_reads_its_own_shaft_in_steps(output):
-    motors = motor(output_encoder=output, encoder_quantum=0.01, encoder_zero=0.004, armature=1e9)
-    arrays, out = motors.actuator().arrays(DT), np.zeros(1)
-    reset_actuator(arrays, np.zeros(1), np.zeros(1))  # the rotor stays at 0
-    measure_joint_pos(arrays, np.array([0.0433]), out)
-    assert out[0] == pytest.approx(0.05 if output else 0.0)
 
 
 def test_a_log_has_the_noise_and_the_steps_of_its_instruments():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.physical import ROTOR_POS, SUBSTEP, MotorParameters, PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 
@@ -143,13 +143,3 @@ def test_speed_runs_up_the_torque_speed_line(side):
     expected = side * 40.0 * (1 - np.exp(-time * 2.0 / (0.008 * 40.0)))
     # late by a substep: 2/0.008·0.25 ms = 0.06 rad/s; the gear winds up by 2·(5/8)/3000 rad within a few ms
     np.testing.assert_allclose(response.joint_vel[1:, 0], expected, atol=0.3)
-
-
-def test_the_encoder_reads_the_rotor_and_its_zero_and_no_backlash():
-    actuator, seen = motor(kp=0.0, kd=0.0, coulomb=1e6, backlash=0.02, encoder_zero=0.3), np.zeros(1)
-    arrays = actuator.arrays(DT)
-    reset_actuator(arrays, np.array([1.0]), np.array([1.0]))
-    for wiggle in (0.0, 0.009, -0.009):  # inside the play
-        step_actuator(arrays, DT, np.array([1.0]), np.array([1.0 + wiggle]), np.zeros(1), np.zeros(1))
-        measure_joint_pos(arrays, np.array([1.0 + wiggle]), seen)
-        assert seen[0] == 1.3

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 
@@ -65,17 +63,3 @@ def test_a_recorded_log_obeys_newton(preset):
         # the mean speed of a sample lies near its two ends': within the acceleration's share
         slack = np.abs(np.diff(part.joint_vel, axis=0)).max()
         np.testing.assert_allclose(moved, part.joint_vel[1:], atol=2 * slack)
-
-
-def test_an_encoder_on_the_rotor_sees_neither_play_nor_wind_up():
-    """encoder_pos differs from joint_pos by the zero and up to half the play and the gear's twist under its torque."""
-    motors = geared(load_fleet("mixed").sample(4, np.random.default_rng(0)))
-    rng, steps = np.random.default_rng(1), 400
-    case = Trial(np.cumsum(rng.normal(0.0, 0.02, (steps, 4)), axis=0), np.zeros((steps, 4)), np.full(4, 0.002), 0.002)
-    answer = run(PhysicalActuator(motors), case)
-    hidden = np.abs(answer.encoder_pos - motors.encoder_zero - answer.joint_pos)
-    twist = np.abs(answer.joint_torque).max(axis=0) / motors.gear_stiffness
-    assert np.all(hidden.max(axis=0) <= 0.5 * motors.backlash + 2.0 * twist)
-    assert np.all(hidden.max(axis=0) > 0.4 * motors.backlash), "the play is used"
-    plain = run(IdealPd.uniform(4, kp=9.0, kd=0.9, torque_limit=1.26), case)
-    np.testing.assert_array_equal(plain.encoder_pos, plain.joint_pos)

@@ -14,7 +14,6 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.pipeline.bench import Bench, run_bench
 
-NAMES = ["foreign_direct", "foreign_servo"]
 LEAST = """
 name = "mine"
 family = "foreign"
@@ -49,17 +48,6 @@ def test_what_a_file_leaves_out_is_off(tmp_path):
     assert isinstance(motors, OutOfFamilyMotors)
     np.testing.assert_allclose(motors.kd, 0.45)
     assert not any(getattr(motors, name).any() for name in OUT_OF_FAMILY.optional)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_sampled_motor_can_exist(name):
-    motors = sampled(name, 1000)
-    assert np.isfinite(motors.table()).all() and len(motors) == 1000
-    for field in OUT_OF_FAMILY.units.keys() - OUT_OF_FAMILY.signed - {"kd_over_kp"}:
-        assert np.min(getattr(motors, field)) >= 0.0, field
-    for field in OUT_OF_FAMILY.positive:
-        assert np.min(getattr(motors, field)) > 0.0, field
-    assert np.all(motors.load_friction < 1.0)  # or the gear locks itself for good
 
 
 @pytest.mark.parametrize("name", ["foreign_direct", "mixed"])

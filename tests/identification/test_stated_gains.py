@@ -42,7 +42,7 @@ def test_motors_that_are_told_gains_move_like_motors_that_have_them(grey_network
     own = replace(own, motor=replace(told.motor, center=center))
     given = LatentActuator(told, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
     np.testing.assert_allclose(given.parameters, LatentActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
-    with pytest.raises(ConfigError, match="stated gains"):
+    with pytest.raises(ConfigError, match="logged gains"):
         LatentActuator(told, Z).arrays(0.002)
 
 

@@ -101,6 +101,8 @@ def distribution_of(
     if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
         problem = "a normal distribution can draw values that are not above 0"
         raise ArtifactError(problem, where=where, remedy="give a minimum above 0, or use lognormal")
+    if kind == "uniform" and values["low"] > values["high"]:
+        raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
     return Distribution(str(kind), values)
 
 

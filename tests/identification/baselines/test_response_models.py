@@ -59,17 +59,6 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     return [runs_of(target, pos, external)]
 
 
-def test_a_pure_delay_only_shifts():
-    target = command(3)
-    late = np.concatenate([np.full(5, target[0]), target[:-5]])
-    runs = runs_of(target, late, np.zeros(ROWS))
-    shifted = ResponseMotors("pure_delay", constants(delay=5 * DT))
-    assert free_run_errors([runs], {"delay": shifted})["delay"][0] < 1e-6
-    early = ResponseMotors("pure_delay", constants(delay=2 * DT))
-    first = PRESET.history + 1
-    np.testing.assert_allclose(early.errors(runs)[0, 0], target[first - 2 : -2] - late[first:], atol=1e-6)
-
-
 def test_a_step_is_answered_as_a_second_order_system_does():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 0.5)
     runs = runs_of(target, np.zeros(ROWS), np.zeros(ROWS))

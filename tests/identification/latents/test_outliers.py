@@ -61,23 +61,6 @@ def test_a_held_constant_is_never_what_deviates_most(monkeypatch: pytest.MonkeyP
     assert np.all(np.delete(found.p_value, 2) > 0.01)
 
 
-@pytest.mark.parametrize("motors", [4, 7])
-def test_a_constant_that_no_log_shows_calls_no_motor_odd(
-    monkeypatch: pytest.MonkeyPatch, grey_network: Any, motors: int
-):
-    """Few training motors agree in it, and new ones are believed to differ: what is found of it is far from theirs."""
-    hidden, rng, assumed = 3, np.random.default_rng(motors), np.full(SIZE, 0.3)
-    mean, truth = 0.3 * rng.standard_normal((motors, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
-    mean[:, :hidden] = 1e-7 * rng.standard_normal((motors, hidden))
-    network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
-    network, z = standardised(network, mean, assumed)
-    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth, hidden))
-    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
-    found[:, :hidden] += 0.3 * rng.standard_normal((NEW, hidden))  # as the flat valley of a real loss leaves it
-    judged = outliers(network, z, found, NOTHING, NOTHING, 0.05)
-    assert judged.p_value.min() > 0.01, (judged.p_value, judged.latent, judged.deviation)
-
-
 # Each training motor against the others.
 
 

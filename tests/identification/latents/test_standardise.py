@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import ks_2samp
 
 from motorprior.identification.latents.standardise import (
     MOTORS_AT_LEAST,
@@ -17,15 +16,6 @@ def boxed(motors: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     parts = rng.uniform(-1, 3, motors), np.exp(rng.standard_normal(motors)), 5 + 0.1 * rng.standard_normal(motors)
     return np.stack(parts, axis=1)
-
-
-def test_draws_are_like_the_motors(grey_network):
-    network, _ = standardised(grey_network(), boxed(200))
-    drawn = network.decoder_latents(np.random.default_rng(1).standard_normal((4000, 3)))
-    for found, wanted in zip(drawn.T, boxed(4000, seed=2).T, strict=True):
-        assert ks_2samp(found, wanted).statistic < 0.12  # pyright: ignore
-    moments = np.random.default_rng(1).standard_normal((4000, 3)) * boxed(200).std(axis=0) + boxed(200).mean(axis=0)
-    assert ks_2samp(moments[:, 1], boxed(4000, seed=2)[:, 1]).statistic > 0.12  # pyright: ignore
 
 
 def test_every_motor_stays_what_it_is(grey_network):
@@ -69,11 +59,3 @@ def test_with_many_motors_the_assumption_has_no_weight():
     true = 0.02
     z = true * np.random.default_rng(0).standard_normal((4000, 1))
     np.testing.assert_allclose(std_of_few(z, np.array([0.1])), true, rtol=0.05)
-
-
-def test_draws_after_one_motor_differ_from_it_and_it_stays_what_it_is(grey_network):
-    mean, assumed = np.array([[0.1, -0.2, 0.3]]), np.array([0.1, 0.2, 0.0])
-    network, new_mean = standardised(grey_network(), mean, assumed)
-    np.testing.assert_allclose(network.decoder_latents(new_mean), mean, atol=1e-9)
-    drawn = network.decoder_latents(np.random.default_rng(2).standard_normal((20_000, 3)))
-    np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(2.0) * assumed, rtol=0.05, atol=1e-4)

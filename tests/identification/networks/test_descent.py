@@ -9,7 +9,7 @@ from series import complete
 
 from motorprior.identification.networks import descent
 from motorprior.identification.networks.descent import CHUNK, SLOWER, descend
-from motorprior.identification.networks.network import Parameters, initial_parameters
+from motorprior.identification.networks.network import Parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import _initial
 from motorprior.identification.training_data.windows import Measured, TrainingData
@@ -100,22 +100,3 @@ def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
     again, same = descend(start(), data(), PRESET, 3, checkpoints=kept)
     assert as_bytes(again) == as_bytes(whole)
     np.testing.assert_array_equal(same, losses)
-
-
-def test_physics_that_come_first_stay_as_they_are():
-    preset = replace(
-        PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=5, window=8, batch=8, steps=20, physics_first="alone"
-    )  # fmt: skip
-    rng = np.random.default_rng(0)
-    log = data()
-    series = np.abs(log.series) + np.float32(0.01)
-    trainable = {
-        "network": initial_parameters(rng, preset),
-        "mean": np.zeros((2, 14), np.float32) + np.float32(0.1),
-        "log_var": np.full((2, 14), -2.0, np.float32),
-    }
-    trained, _ = descend(trainable, replace(log, series=series, starts=np.arange(200)), preset, 0)
-    for name in ("motor_center", "motor_slope"):
-        np.testing.assert_array_equal(trained["network"][name], trainable["network"][name])
-    np.testing.assert_array_equal(trained["mean"], trainable["mean"])
-    assert np.any(np.asarray(trained["network"]["w3"]) != np.asarray(trainable["network"]["w3"]))

@@ -13,7 +13,6 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.networks.objectives import (
-    kl_to_standard_normal,
     rollout_objective,
     torque_objective,
 )
@@ -114,11 +113,3 @@ def test_torque_regression_is_the_mean_square_of_the_newest_row():
     assert loss(torque_objective, given, rows, TORQUE) == pytest.approx(14 / 3, rel=1e-5)
     rows[:, :-1, 3] = 99.0  # older torques do not count
     assert loss(torque_objective, given, rows, TORQUE) == pytest.approx(14 / 3, rel=1e-5)
-
-
-def test_divergence_from_the_standard_normal():
-    # N(0, I): 0. mean 2 in one of two dimensions: ½·4 = 2. variance e: ½·(e - 1 - 1)
-    mean = jnp.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.0]])
-    log_var = jnp.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
-    expected = [0.0, 2.0, 0.5 * (np.e - 2.0)]
-    np.testing.assert_allclose(kl_to_standard_normal(mean, log_var), expected, rtol=1e-6, atol=1e-7)

@@ -14,7 +14,7 @@ from motorprior.identification.physics.fleet_fit import (
     fit_fleet,
 )
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, GaussianPrior, MotorFit
+from motorprior.identification.physics.motor_fit import NARROW, WIDE
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -112,23 +112,3 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: Windo
 
 
 # Steps of a fit.
-
-
-def test_curvatures_are_those_of_the_loss_at_the_truth(runs: WindowRuns):
-    """Where residuals are 0 the Gauss-Newton matrix is the Hessian; kp is well seen, the zero of an encoder not."""
-    fit, row = MotorFit(bare(), runs), PARAMETERS.index("kp")
-    found, reach = fit.curvatures(truth(), NARROW), NARROW
-    ahead, behind = truth(), truth()
-    ahead[:, row] += reach
-    behind[:, row] -= reach
-    second = (fit.losses(ahead) + fit.losses(behind) - 2 * fit.losses(truth())) / reach**2
-    assert np.median(found[:, row, row] / second) == pytest.approx(1.0, rel=0.5)
-    assert np.all(np.linalg.eigvalsh(found)[:, 0] > -1e-5 * np.abs(found).max())
-
-
-def test_motors_that_cannot_be_simulated_lose_and_break_nothing(runs: WindowRuns):
-    fit, wild = MotorFit(bare(), runs), np.tile(truth()[:, None], (1, 3, 1))
-    wild[:, 1, PARAMETERS.index("gear_stiffness")] = 200.0
-    wild[:, 2, PARAMETERS.index("armature")] = -200.0
-    best = fit.best_of(wild, GaussianPrior(np.zeros(14), np.zeros(14)))
-    np.testing.assert_allclose(best, truth())

@@ -19,11 +19,11 @@ from motorprior.identification.training_data.windows import POS, TORQUE, VEL, Tr
 Data = Callable[..., TrainingData]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
-MOTORS = 6
+MOTORS = 5
 
 
 def logs(
-    decoder_data: Data, terms: tuple[str, ...], segments: int = 10, rows: int = 300, motors: int = MOTORS
+    decoder_data: Data, terms: tuple[str, ...], segments: int = 6, rows: int = 300, motors: int = MOTORS
 ) -> WindowRuns:
     """Of motors that have these terms, felt well."""
     felt = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0, "output_damping": 0.03}

@@ -19,7 +19,6 @@ from motorprior.identification.training_data.windows import (
     POS,
     SECONDS,
     STIFFNESS,
-    TARGET,
     TrainingData,
 )
 
@@ -93,19 +92,6 @@ def test_lanes_are_each_others_neighbours_and_nothing_else(grey_network: Network
     for threads in (1, 3):
         runs._threads = ThreadPoolExecutor(threads)
         np.testing.assert_array_equal(runs.residuals(network, z, motor), many)
-
-
-def test_the_target_of_a_window_is_heard_with_the_motors_delay(grey_network: Networks, decoder_data: Data):
-    """The delayed commands that a free run begins with are the observer's: a later change is not seen before."""
-    network = grey_network(spread=0.0, delay=0.02)
-    data = decoder_data(network, Z, segments=1, rows=200)
-    later = replace(data, series=data.series.copy())
-    first = PRESET.history + 2 * PRESET.window
-    later.series[:, first:, TARGET] += 0.3
-    before, after = (WindowRuns(one, PRESET).residuals(network, Z, MOTORS) for one in (data, later))
-    np.testing.assert_array_equal(before[:, :2], after[:, :2])
-    np.testing.assert_array_equal(before[:, 2, :, :9], after[:, 2, :, :9])  # 0.02 s are ten steps
-    assert np.all(np.abs(before - after)[:, 2, 1, 12] > 0.01)
 
 
 def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_network: Networks, decoder_data: Data):

@@ -65,12 +65,6 @@ def test_a_rollout_gets_velocities_and_torques_of_the_middle_of_its_steps():
     np.testing.assert_allclose(data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize(("warm_up", "rows"), [(0, 11), (3, 11), (4, 11), (5, 12), (18, 25)])
-def test_a_window_begins_with_the_history_or_the_warm_up_whichever_is_longer(warm_up, rows):
-    data = training_data(a_log(), replace(PRESET, warm_up=warm_up), "log")
-    assert len(data.starts) == sum(max(0, length - rows + 1) for length in LENGTHS)
-
-
 @pytest.mark.parametrize(
     ("objective", "missing"),
     [
