@@ -20,13 +20,7 @@ _STEPS = np.diff(SCORES)[:, None]
 
 
 def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
-    """(n, Z) latents of the decoder for z (n, Z): arrays of numpy or of JAX.
-
-    Args:
-        mixing: (Z, Z).
-        quantiles: (9, Z), ascending.
-        z: standard normal.
-    """
+    """(n, Z) latents of the decoder for z (n, Z), by numpy or JAX; mixing (Z, Z), quantiles (9, Z) ascending."""
     x = (z[:, :, None] * mixing).sum(axis=1)  # not @, whose rounding depends on the number of motors
     slopes = (quantiles[1:] - quantiles[:-1]) / _STEPS
     beyond = x[:, None, :] - SCORES[1:-1, None]

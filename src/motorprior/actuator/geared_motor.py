@@ -85,13 +85,8 @@ def _listen(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.nda
 def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:
     """One physics step for ``width`` neighbouring motors.
 
-    Args:
-        builder: of the code (llvmlite).
-        width: number of motors.
-        columns: of table, memory, joint_pos, joint_vel, torque and damping: (address of the first motor's element in
-            the first row, bytes from row to row).
-        physics_dt: [s].
-        terms: that are computed.
+    ``columns`` of table, memory, joint_pos, joint_vel, torque and damping are (address of the first motor's element in
+    the first row, bytes from row to row).
     """
     table, memory, *vectors = columns
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
@@ -164,17 +159,8 @@ def step_geared_motor(
 ) -> None:
     """Write (n,) torque [N·m] and damping [N·m·s/rad] for the physics step that begins now.
 
-    Args:
-        p: (rows, n) of `motor_table` for this step; more than BASE_CONSTANTS for motors with terms. All arrays are
-            contiguous.
-        memory: (rows, n) state.
-        now: steps since the reset.
-        physics_dt: [s].
-        position_target: (n,) [rad].
-        joint_pos: (n,) [rad].
-        joint_vel: (n,) [rad/s].
-        torque: (n,) overwritten.
-        damping: (n,) overwritten.
+    All arrays are contiguous: ``p`` (rows, n) of `motor_table` for this step, with more than BASE_CONSTANTS rows for
+    motors with optional terms, ``memory`` (rows, n) state, the others (n,); ``now`` counts steps since the reset.
     """
     _listen(p, memory, now, position_target)
     n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS

@@ -91,7 +91,7 @@ def step(
     arithmetic: Arithmetic,
     terms: tuple[str, ...] = (),
 ) -> tuple[MotorState, Values, Values]:
-    """Advance motors by one step.
+    """Advance motors by one step of ``h`` [s].
 
     Args:
         p: constants for steps of this length.
@@ -101,7 +101,7 @@ def step(
         dq: joint velocity [rad/s].
         h: length of the step [s].
         arithmetic: of the values.
-        terms: of `servo_terms` that are computed.
+        terms: optional terms (`servo_terms`) that are computed.
 
     Returns:
         The state after the step, and for the engine torque [N·m] and damping [N·m·s/rad] of the joint.

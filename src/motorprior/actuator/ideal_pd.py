@@ -78,15 +78,10 @@ class IdealPd:
 
 @dataclass(frozen=True)
 class GainScaledPd:
-    """A PD that was fitted to a log which states gains; it follows the gains that another log states.
+    """A PD that was fitted to a log which states gains; it follows the gains that another log states."""
 
-    Attributes:
-        pd: the motors at the median gains.
-        logged: (2,) medians of the logged kp and kd, in the log's unit.
-    """
-
-    pd: IdealPd
-    logged: np.ndarray
+    pd: IdealPd  # the motors at the median gains
+    logged: np.ndarray  # (2,) medians of the logged kp and kd, in the log's unit
 
     def at(self, gains: np.ndarray) -> IdealPd:
         """The motors (M,) at logged gains (2, M).

@@ -45,30 +45,22 @@ class ActuatorKind:
     """An actuator model's description of itself.
 
     The functions are compiled (``njit``), write into their last argument and raise nothing. Vectors are (n,) float64.
-
-    Attributes:
-        name: in files and figures.
-        title: in reports.
-        reset: (arrays, position_target [rad], joint_pos [rad]) puts the memory at rest.
-        step: (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes
-            the torque of the coming step, and ``arrays.damping`` where the model renews it.
-        measure: (arrays, joint_pos [rad], out [rad]) reads the motors' own encoders.
-        make_explicit: (arrays, joint_vel [rad/s], torque [N·m]) moves a damping that is renewed every step from
-            ``arrays`` into the torque, for an engine that cannot renew it.
-        limit_stiffness: (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled.
-        longest_step: longest physics step [s], infinite if any will do; see `Robot.physics_step`.
-        bench_step: longest step on the dynamometer [s].
     """
 
-    name: str
-    title: str
-    reset: Any
+    name: str  # in files and figures
+    title: str  # in reports
+    reset: Any  # (arrays, position_target [rad], joint_pos [rad]) puts the memory at rest
+    # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes the
+    # torque of the coming step, and ``arrays.damping`` where the model renews it
     step: Any
-    measure: Any = read_joint
+    measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the motors' own encoders
+    # (arrays, joint_vel [rad/s], torque [N·m]) moves a damping that is renewed every step from ``arrays`` into
+    # the torque, for an engine that cannot renew it
     make_explicit: Any = keep_implicit
+    # (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
-    longest_step: float = np.inf
-    bench_step: float = BENCH_STEP
+    longest_step: float = np.inf  # longest physics step [s], infinite if any will do; see `Robot.physics_step`
+    bench_step: float = BENCH_STEP  # longest step on the dynamometer [s]
 
     @cached_property
     def kernels(self) -> KernelTable:

@@ -36,12 +36,9 @@ def _softsign(x: Any) -> Any:
 
 
 def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
-    """(n,) torque / torque_scale of the network, before the clip: arrays of numpy or of JAX.
+    """(n,) torque / torque_scale before the clip, by numpy or JAX, for scaled inputs (n, 2T) and bias (n, H).
 
-    Args:
-        weights: ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
-        inputs: (n, 2T), scaled.
-        bias: (n, H) of the first layer.
+    ``weights`` are ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
     """
     first = _softsign(inputs @ weights["w1"] + bias)
     second = _softsign(first @ weights["w2"] + weights["b2"])
@@ -126,21 +123,14 @@ class LatentNetwork:
 
 @dataclass(frozen=True)
 class LatentActuator:
-    """n learned motors of one network.
+    """n learned motors of one network."""
 
-    Attributes:
-        network: shared by all motors.
-        z: (n, Z).
-        conditions: supply, temperature and warmth.
-        gains: (2, n) kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own gains.
-        factors: on the constants of a grey box.
-    """
-
-    network: LatentNetwork
-    z: np.ndarray
-    conditions: Conditions = HALF_WARM
+    network: LatentNetwork  # shared by all motors
+    z: np.ndarray  # (n, Z)
+    conditions: Conditions = HALF_WARM  # supply, temperature and warmth
+    # (2, n) kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own gains
     gains: np.ndarray | None = None
-    factors: Factors | None = None
+    factors: Factors | None = None  # on the constants of a grey box
 
     @property
     def kind(self) -> ActuatorKind:

@@ -52,13 +52,7 @@ class Motors:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torque [N·m] and damping [N·m·s/rad], each (n,), for the physics step that begins now; see the class.
 
-        Args:
-            position_target: (n,) [rad]; error = position_target - joint_pos.
-            joint_pos: (n,) [rad].
-            joint_vel: (n,) [rad/s].
-
-        Raises:
-            ConfigError: an array of another shape, or a number that is not finite.
+        All arguments are (n,), [rad] and [rad/s]; raises `ConfigError` for another shape or what is not finite.
         """
         target = require_finite("position_target", position_target, self._shape)
         pos = require_finite("joint_pos", joint_pos, self._shape)

@@ -40,10 +40,8 @@ in proportion to its speed; the order of the firmware's steps, a reading that is
 whose final temperature does not depend on the load; a resistance of the winding and a no-load speed that do not depend
 on the temperature.
 
-Of these a learned servo may have profile, encoder on the output, dead zone, clamped integral, voltage limit without
-sag, current lag, asymmetry, bristles without damping, damping of the shaft, and heat (`servo_terms`). None has friction
-over the position, sag, ripple, cogging, a gear that hardens or has hysteresis, ticks of the firmware, or steps of the
-encoder.
+No learned servo (`servo_terms`) has friction over the position, sag, ripple, cogging, a gear that hardens or has
+hysteresis, ticks of the firmware, or steps of the encoder.
 """
 
 from __future__ import annotations
@@ -161,14 +159,9 @@ class OutOfFamilyMotors:
     def logged(
         self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What instruments record: noise, quantised angles, velocities from differences of these.
+        """What instruments record of (steps, n) angles [rad], velocities [rad/s] and torques [N·m].
 
-        Args:
-            rng: of the instruments' noise.
-            period: sample period [s].
-            joint_pos: (steps, n) [rad].
-            joint_vel: (steps, n) [rad/s].
-            torque: (steps, n) on the joint [N·m].
+        Noise, quantised angles, and velocities from differences of these.
         """
         position, velocity, effort = rng.standard_normal((3, *joint_pos.shape))
         angle = joint_pos + self.log_position_noise * position

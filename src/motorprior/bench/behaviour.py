@@ -65,17 +65,11 @@ RESOLUTION = {
 
 @dataclass(frozen=True)
 class Behaviours:
-    """F features of n motors.
+    """F features of n motors."""
 
-    Attributes:
-        names: F names.
-        units: F units.
-        values: (n, F), finite, multiples of RESOLUTION.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: np.ndarray
+    names: tuple[str, ...]  # F names
+    units: tuple[str, ...]  # F units
+    values: np.ndarray  # (n, F), finite, multiples of RESOLUTION
 
 
 def behaviours(actuator: Actuator) -> Behaviours:

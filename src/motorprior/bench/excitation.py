@@ -18,17 +18,11 @@ Signal = Callable[[np.random.Generator, int, float], np.ndarray]
 
 @dataclass(frozen=True)
 class Excitation:
-    """Excitation of a motor on the bench.
+    """Excitation of a motor on the bench."""
 
-    Attributes:
-        name: name in presets.
-        target: position targets [rad].
-        external_torque: external torque on the joint [N·m]; 0 if None.
-    """
-
-    name: str
-    target: Signal
-    external_torque: Signal | None = None
+    name: str  # name in presets
+    target: Signal  # position targets [rad]
+    external_torque: Signal | None = None  # external torque on the joint [N·m]; 0 if None
 
 
 def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:

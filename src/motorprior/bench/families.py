@@ -19,35 +19,21 @@ TrueMotors = MotorParameters | OutOfFamilyMotors
 
 @dataclass(frozen=True)
 class Family:
-    """Motors of the same equations.
+    """Motors of the same equations."""
 
-    Attributes:
-        name: in a fleet's file and in bench.json.
-        motor: what such a motor has, for readers.
-        kind: of the actuator.
-        make: the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd.
-        units: of the parameters, in the order in which a sample draws them.
-        positive: parameters above 0.
-        largest: upper bounds, of parameters that have one of their own.
-        signed: parameters that may be negative.
-        substep: longest substep of the rotor [s].
-        stiffness: parameters [N·m/rad] of springs between the rotor and what holds it.
-        damping: parameters [N·m·s/rad] that damp the rotor by its velocity before the substep.
-        optional: parameters that may be left out, which then are 0: their term is off.
-    """
-
-    name: str
-    motor: str
-    kind: ActuatorKind
+    name: str  # in a fleet's file and in bench.json
+    motor: str  # what such a motor has, for readers
+    kind: ActuatorKind  # of the actuator
+    # the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd
     make: Callable[..., TrueMotors]
-    units: Mapping[str, str]
-    positive: frozenset[str]
-    largest: Mapping[str, float]
-    signed: frozenset[str]
-    substep: float
-    stiffness: tuple[str, ...]
-    damping: tuple[str, ...]
-    optional: frozenset[str] = frozenset()
+    units: Mapping[str, str]  # of the parameters, in the order in which a sample draws them
+    positive: frozenset[str]  # parameters above 0
+    largest: Mapping[str, float]  # upper bounds, of parameters that have one of their own
+    signed: frozenset[str]  # parameters that may be negative
+    substep: float  # longest substep of the rotor [s]
+    stiffness: tuple[str, ...]  # parameters [N·m/rad] of springs between the rotor and what holds it
+    damping: tuple[str, ...]  # parameters [N·m·s/rad] that damp the rotor by its velocity before the substep
+    optional: frozenset[str] = frozenset()  # parameters that may be left out, which then are 0: their term is off
 
     def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
         """The motors of these parameters, (n,) each."""
@@ -56,19 +42,13 @@ class Family:
         return self.make(**{name: known.get(name, missing) for name in (*self.units, "kd") if name != "kd_over_kp"})
 
     def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
-        """Raise unless the rotor of every motor can be simulated on its gear.
+        """Raise `ConfigError` unless the rotor of every motor can be simulated on its gear.
 
         In substeps of h the speed of a rotor of armature J, on springs of stiffness k in all and with damping d, is
         renewed by the torques before the substep, its angle by the speed after it. In contact that is stable if and
         only if 2·d·h + k·h² < 4·J: Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J. Where a gear hardens,
-        c·s³ at twist s, k is that at the torque limit: k·s + c·s³ = torque_limit, and 3·c·s² is added to it.
-
-        Args:
-            values: (n,) of every parameter.
-            where: named in the message.
-
-        Raises:
-            ConfigError: states the least armature.
+        c·s³ at twist s, k is that at the torque limit: k·s + c·s³ = torque_limit, and 3·c·s² is added to it. ``values``
+        are (n,) each.
         """
         h, armature = self.substep, values["armature"]
         stiffness = self._sum(self.stiffness, values) + _hardened(values)

@@ -28,23 +28,14 @@ BENCH = "bench"  # What a bench's log calls the robot of its motors
 
 @dataclass(frozen=True)
 class BenchPreset:
-    """How a bench excites its motors.
+    """How a bench excites its motors."""
 
-    Attributes:
-        period: sample period of the log [s].
-        segment_steps: samples per contiguous recording.
-        load_inertia: (low, high) of the log-uniform load inertia [kg·m²].
-        kinds: names in `excitation.EXCITATIONS`, one per segment in turn.
-        hold_steps: number of samples for which every second excitation holds a target.
-        torque: factor on the external torques [-].
-    """
-
-    period: float
-    segment_steps: int
-    load_inertia: tuple[float, float]
-    kinds: tuple[str, ...]
-    hold_steps: int
-    torque: float = 1.0
+    period: float  # sample period of the log [s]
+    segment_steps: int  # samples per contiguous recording
+    load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
+    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS`, one per segment in turn
+    hold_steps: int  # number of samples for which every second excitation holds a target
+    torque: float = 1.0  # factor on the external torques [-]
 
     def for_robot(self, robot: Robot) -> BenchPreset:
         """The same preset, scaled to the loads and torques of ``robot``.

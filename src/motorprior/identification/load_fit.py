@@ -66,23 +66,14 @@ _STREAM = 61
 
 @dataclass(frozen=True)
 class FittedLoad:
-    """Load of a joint.
+    """Load of a joint."""
 
-    Attributes:
-        inertia: J [kg·m²].
-        inertia_deviation: standard deviation of ln J [-].
-        armature_deviation: that of the logarithm of the motor's armature [-].
-        gravity: (2,) s and c [N·m].
-        gravity_covariance: (2, 2) theirs [N²·m²].
-        error: root mean square of the residual position error [rad].
-    """
-
-    inertia: float
-    inertia_deviation: float
-    armature_deviation: float
-    gravity: np.ndarray
-    gravity_covariance: np.ndarray
-    error: float
+    inertia: float  # J [kg·m²]
+    inertia_deviation: float  # standard deviation of ln J [-]
+    armature_deviation: float  # that of the logarithm of the motor's armature [-]
+    gravity: np.ndarray  # (2,) s and c [N·m]
+    gravity_covariance: np.ndarray  # (2, 2) theirs [N²·m²]
+    error: float  # root mean square of the residual position error [rad]
 
 
 class _LoadedRuns(WindowRuns):

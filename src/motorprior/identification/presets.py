@@ -13,64 +13,45 @@ from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_me
 
 @dataclass(frozen=True)
 class Preset:
-    """Recipe of an identification.
+    """Recipe of an identification."""
 
-    Attributes:
-        objective: ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop).
-        period: sample period of the network [s].
-        taps: ages of the history inputs [periods].
-        has_armature: decode an armature from z for the engine.
-        grey_box: decode the constants of a geared motor from z; the network adds a residual torque.
-        num_latents: size of z; 0 gives one network for all motors.
-        num_neurons: neurons per hidden layer.
-        kl_weight: weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of
-            order 1; without noise only its term ½|μ|² matters.
-        warm_up: steps before a window in which the motor follows the recorded joint, so that its hidden state
-            converges; a short warm-up biases friction low.
-        window: steps of a rollout (1 for torque regression).
-        noisy: draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise
-            masks weakly identified differences, such as that between dry and viscous friction.
-        batch: windows per Adam step.
-        steps: Adam steps.
-        learning_rate: peak of a cosine schedule with warm-up.
-        own_latents: each latent scales one of the constants; otherwise every latent acts on every constant.
-        physics_first: fit the constants by compiled free runs first: ``together``, with a Gaussian over the motors, or
-            ``alone``; the network then learns the residual, and constants are refined on longer windows
-            (`refinement`). "" if everything is trained at once.
-        terms: optional terms (`servo_terms`) of the motors; with physics first they are selected.
-        tries_terms: whether they are.
-        lacks: constants that the motors do not have, with physics first: frictions, for instance.
-        gain_unit: of the logged gains that kp and kd are multiples of; "" if there are none.
-        firmware: names and values, in SI units, of the logged registers (`MotorLog.firmware`), 0 if off; they are not
-            fitted. With physics first.
-        conditions: logged channels of `motor_log.CONDITIONS`, each with its least mean over a segment, its median and
-            its largest mean [V], [°C]. Constants are those at the medians. With physics first.
-        standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
-            posteriors by a Laplace approximation (`standard_posterior`).
-    """
-
-    objective: str
-    period: float
-    taps: tuple[int, ...]
-    has_armature: bool
-    grey_box: bool = False
-    num_latents: int = 4
-    num_neurons: int = 24
+    objective: str  # ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop)
+    period: float  # sample period of the network [s]
+    taps: tuple[int, ...]  # ages of the history inputs [periods]
+    has_armature: bool  # decode an armature from z for the engine
+    grey_box: bool = False  # decode the constants of a geared motor from z; the network adds a residual torque
+    num_latents: int = 4  # size of z; 0 gives one network for all motors
+    num_neurons: int = 24  # neurons per hidden layer
+    # weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of order 1;
+    # without noise only its term ½|μ|² matters
     kl_weight: float = 1e-3
+    # steps before a window in which the motor follows the recorded joint, so that its hidden state converges; a
+    # short warm-up biases friction low
     warm_up: int = 0
-    window: int = 64
+    window: int = 64  # steps of a rollout (1 for torque regression)
+    # draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise masks
+    # weakly identified differences, such as that between dry and viscous friction
     noisy: bool = True
-    batch: int = 256
-    steps: int = 3000
-    learning_rate: float = 3e-3
-    own_latents: bool = False
+    batch: int = 256  # windows per Adam step
+    steps: int = 3000  # Adam steps
+    learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
+    own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
+    # fit the constants by compiled free runs first: ``together``, with a Gaussian over the motors, or ``alone``;
+    # the network then learns the residual, and constants are refined on longer windows (`refinement`). "" if
+    # everything is trained at once
     physics_first: str = ""
-    terms: tuple[str, ...] = ()
-    tries_terms: bool = True
-    lacks: tuple[str, ...] = ()
-    gain_unit: str = ""
+    terms: tuple[str, ...] = ()  # optional terms (`servo_terms`) of the motors; with physics first they are selected
+    tries_terms: bool = True  # whether they are
+    lacks: tuple[str, ...] = ()  # constants that the motors do not have, with physics first: frictions, for instance
+    gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
+    # names and values, in SI units, of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted.
+    # With physics first
     firmware: tuple[tuple[str, float], ...] = ()
+    # logged channels of `motor_log.CONDITIONS`, each with its least mean over a segment, its median and its
+    # largest mean [V], [°C]. Constants are those at the medians. With physics first
     conditions: tuple[tuple[str, float, float, float], ...] = ()
+    # after the training transform each latent to N(0, 1) over the training motors, and replace their posteriors
+    # by a Laplace approximation (`standard_posterior`)
     standardise: bool = False
 
     @property

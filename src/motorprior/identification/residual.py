@@ -104,14 +104,7 @@ def train_starts(data: TrainingData, preset: Preset, longer: Preset, test: np.nd
 def saved_by_residual(
     without: FittedMotors, with_residual: FittedMotors, runs: WindowRuns, test: np.ndarray
 ) -> tuple[float, float]:
-    """Shares of the loss and of the root mean square position error that a residual saves on the ``test`` windows.
-
-    Args:
-        without: motors without a residual.
-        with_residual: motors with it.
-        runs: logs of M motors.
-        test: (N,) mask of windows.
-    """
+    """Shares of the loss and of the RMS position error that a residual saves on the ``test`` windows (N,)."""
     before, after = (_errors(motors.network, runs, motors.z, test) for motors in (without, with_residual))
     loss, position = 1.0 - np.exp(np.mean(np.log(after / before), axis=1))
     return float(loss), float(position)
@@ -139,10 +132,8 @@ class ResidualTraining:
     ) -> tuple[FittedMotors, str]:
         """``without``, or refined motors with a residual where it passes the test; and a note.
 
-        Args:
-            fitted: physics alone, from short runs.
-            without: the same, refined.
-            metrics: receives the share of the loss that the residual saves.
+        ``fitted`` is physics alone, from short runs, ``without`` the same, refined. The share of the loss that the
+        residual saves goes to ``metrics``.
         """
         test = held_out_windows(self.runs)
         if test.all() or not test.any():

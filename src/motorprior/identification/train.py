@@ -35,28 +35,19 @@ from motorprior.identification.training_data.windows import TrainingData
 
 @dataclass(frozen=True)
 class Identified:
-    """A trained network with the posteriors of the training motors.
+    """A trained network with the posteriors of the training motors."""
 
-    Attributes:
-        network: of the prior.
-        mean: (M, Z).
-        log_var: (M, Z).
-        preset: the recipe, with the terms that were selected and without a network that was rejected.
-        losses: mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows.
-        aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
-        metrics: ``saved_TERM`` and ``saved_residual``, shares of the held-out loss that a term or the residual network
-            saves; ``not_shown_LIMIT`` and ``unknown_torque_size``, see `identifiability`.
-        notes: for the user, line by line.
-    """
-
-    network: LatentNetwork
-    mean: np.ndarray
-    log_var: np.ndarray
-    preset: Preset
+    network: LatentNetwork  # of the prior
+    mean: np.ndarray  # (M, Z)
+    log_var: np.ndarray  # (M, Z)
+    preset: Preset  # the recipe, with the terms that were selected and without a network that was rejected
+    # mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
-    aggregate_kl: float
+    aggregate_kl: float  # KL divergence of the mixture of all posteriors from N(0, I) [nat]
+    # ``saved_TERM`` and ``saved_residual``, shares of the held-out loss that a term or the residual network
+    # saves; ``not_shown_LIMIT`` and ``unknown_torque_size``, see `identifiability`
     metrics: dict[str, float]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # for the user, line by line
 
 
 def work_of(preset: Preset) -> int:

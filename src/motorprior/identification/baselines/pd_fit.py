@@ -139,12 +139,9 @@ def starting_points(
 
 
 def tuned_pd(log: MotorLog, progress: Progress | None = None, at_gains: AtGains = unchanged) -> IdealPd:
-    """One PD with armature and delay for all M motors of the log, with the least closed-loop error; M copies of it.
+    """One PD with armature and delay for all M motors of a log with known loads; M copies of it.
 
-    Args:
-        log: with known loads; nothing needs to be known of the motors.
-        progress: called after every evaluation.
-        at_gains: gives the PD the gains of each segment.
+    ``progress`` is called after every evaluation; ``at_gains`` gives the PD the gains of each segment.
     """
     part = _part(log)
     error = closed_loop_error(part, progress, at_gains)

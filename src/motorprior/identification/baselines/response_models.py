@@ -79,15 +79,10 @@ def _respond(
 
 @dataclass(frozen=True)
 class ResponseMotors:
-    """One response model per joint.
+    """One response model per joint."""
 
-    Attributes:
-        name: of MODELS.
-        constants: (M, constants) in the order of CONSTANTS.
-    """
-
-    name: str
-    constants: np.ndarray
+    name: str  # of MODELS
+    constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
         """(M, N, W) simulated minus recorded angles [rad] of the free runs that other models have in the same log."""

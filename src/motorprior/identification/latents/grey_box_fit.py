@@ -41,19 +41,12 @@ class LatentPrior:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Posterior of M motors with Z latents each.
+    """Posterior of M motors with Z latents each."""
 
-    Attributes:
-        mean: (M, Z).
-        covariance: (M, Z, Z).
-        loss: (M,) mean loss per window at the mean.
-        windows: N, windows per motor.
-    """
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    loss: np.ndarray
-    windows: int
+    mean: np.ndarray  # (M, Z)
+    covariance: np.ndarray  # (M, Z, Z)
+    loss: np.ndarray  # (M,) mean loss per window at the mean
+    windows: int  # N, windows per motor
 
 
 def adapt(

@@ -37,17 +37,11 @@ _SAME = 1e-9  # Standard deviation of a latent up to which the training motors d
 
 @dataclass(frozen=True)
 class Outliers:
-    """Result of the test for M motors.
+    """Result of the test for M motors."""
 
-    Attributes:
-        p_value: (M,) p, the probability that one more motor of the fleet lies as far out.
-        latent: M names, of the latent with the smallest p-value of each motor.
-        deviation: (M,) t of that latent.
-    """
-
-    p_value: np.ndarray
-    latent: tuple[str, ...]
-    deviation: np.ndarray
+    p_value: np.ndarray  # (M,) p, the probability that one more motor of the fleet lies as far out
+    latent: tuple[str, ...]  # M names, of the latent with the smallest p-value of each motor
+    deviation: np.ndarray  # (M,) t of that latent
 
 
 def outliers(
@@ -58,11 +52,11 @@ def outliers(
     preset: Preset,
     temperature: float,
 ) -> Outliers:
-    """Test each motor of ``data`` against the training motors.
+    """Test each of N motors against the M >= 2 training motors.
 
     Args:
         network: network of the prior.
-        trained: (M, Z) posterior means of the training motors, M >= 2.
+        trained: (M, Z) posterior means of the training motors.
         found: (N, Z) posterior means of the new motors, from `adapt`.
         data: logs of the new motors.
         preset: the prior's recipe.

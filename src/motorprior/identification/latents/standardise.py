@@ -72,9 +72,6 @@ def standardised(
         network: trained network without a copula.
         mean: (M, Z) latents of the training motors.
         assumed: (Z,) assumed standard deviations, used for few motors; 0 if not given.
-
-    Returns:
-        The network and the new latents; both unchanged if Z = 0.
     """
     motors, latents = mean.shape
     if latents == 0:
@@ -100,13 +97,7 @@ def standard_posterior(
     """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
 
     The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
-
-    Args:
-        network: trained network.
-        data: the motors' logs.
-        preset: recipe of the training.
-        mean: (M, Z) latents of the motors after training.
-        assumed: see `standardised`.
+    ``mean`` (M, Z) are the latents after training; ``assumed`` as in `standardised`.
     """
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:
@@ -119,16 +110,9 @@ def standard_posterior(
 def scaled(
     network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Scale the distribution of samples around the central motor; the decoded motors of ``mean`` stay the same.
+    """Scale the distribution of samples around the central motor by ``factor`` >= 1; the decoded motors stay the same.
 
-    Args:
-        network: with a copula, or it is returned as it is.
-        mean: (M, Z) latents of motors.
-        log_var: (M, Z) their log-variances.
-        factor: on the standard deviation, at least 1.
-
-    Returns:
-        The network, the new latents and their log-variances.
+    Returns network, latents and log-variances; unchanged without a copula.
     """
     copula = network.copula
     if copula is None or factor == 1.0:

@@ -25,13 +25,9 @@ THRESHOLD = 1.02  # loss with half or double of an identifiable constant, over t
 def identifiable_constants(
     network: LatentNetwork, runs: WindowRuns, z: np.ndarray, names: Iterable[str]
 ) -> frozenset[str]:
-    """Those of the constants ``names``, which are positive, that half of the motors or more identify.
+    """Those of the constants ``names``, which are positive, that half of M motors or more identify.
 
-    Args:
-        network: with a geared motor.
-        runs: the logs of M motors.
-        z: (M, Z) their latents.
-        names: of constants.
+    ``network`` has a geared motor; ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
     ratio = {name: np.median(_loss_ratio(network, runs, z, name), axis=1).min() for name in names}
     return frozenset(name for name in ratio if ratio[name] > THRESHOLD)

@@ -75,14 +75,7 @@ def _profile_speed(runs: WindowRuns) -> float:
 def sized_center(
     network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
 ) -> np.ndarray:
-    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better.
-
-    Args:
-        network: with a residual that stays as it is.
-        runs: the logs.
-        terms: of the motors.
-        chosen: (N,) mask of the windows that count; all if not given.
-    """
+    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
     if runs.gain_unit == PHYSICAL_GAINS:
         return center

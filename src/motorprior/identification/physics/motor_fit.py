@@ -165,11 +165,7 @@ class MotorFit:
     def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, reach: float = NARROW) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _LEAST_GAIN.
 
-        Args:
-            start: initial latents.
-            prior: part of the energy.
-            steps: at most.
-            reach: of the differences, WIDE or NARROW.
+        At most ``steps``, with derivatives over ``reach``, WIDE or NARROW.
         """
         z, damping = start, np.full(len(start), 1e-2)
         loss = self.losses(z)

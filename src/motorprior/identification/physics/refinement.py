@@ -45,16 +45,10 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
 def refined(
     network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
 ) -> np.ndarray:
-    """(M, Z) latents after steps that lower loss and prior on these runs (`motor_fit`).
+    """(M, Z) latents after steps that lower loss and prior on ``runs``, longer than those of the fit (`motor_fit`).
 
-    The prior is the fleet's of `fleet_fit`, estimated once at z; of a motor alone it is weak, around z.
-
-    Args:
-        network: with a motor, and a residual or none; both stay as they are.
-        z: (M, Z) fitted latents.
-        runs: longer than those of the fit.
-        together: use the prior of the fleet.
-        chosen: (N,) mask of the windows that count; all if not given.
+    ``z`` (M, Z) are the fitted latents, ``chosen`` (N,) masks windows. The prior is the fleet's of `fleet_fit` if
+    ``together``, estimated once at z; of a motor alone it is weak, around z.
     """
     motor = network.motor
     assert motor is not None

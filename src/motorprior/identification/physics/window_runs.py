@@ -75,10 +75,8 @@ def huber_curvature(x: Any) -> Any:
 def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
     """(M,) largest speed [rad/s] that each joint held for 0.1 s on its way to its target; 0 where none did.
 
-    Args:
-        vel: (M, R) joint velocities; segments count as one motion.
-        error: (M, R) position_target - joint_pos.
-        period: of the rows [s].
+    ``vel`` (M, R) are joint velocities, ``error`` position_target - joint_pos, ``period`` [s]; segments count as one
+    motion.
     """
     rows, lowest = max(1, round(0.1 / period)), []
     for way in (1.0, -1.0):

@@ -85,13 +85,7 @@ def _likelihoods(readings, dt, noises, densities, out):
 
 
 def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
-    """Deviation r [rad] of one motor's (R,) readings, and density d of its motion, of which the former is most likely.
-
-    Args:
-        readings: angles [rad].
-        parts: rows of each segment.
-        dt: sample period [s].
-    """
+    """Most likely deviation r [rad] of one motor's (R,) readings, and density d of its motion; see `smoothed`."""
     likelihood = np.zeros((len(NOISES), len(DENSITIES)))
     for block in _blocks(readings, parts):
         _likelihoods(np.ascontiguousarray(readings[block], np.float64), dt, NOISES, DENSITIES, likelihood)
@@ -125,14 +119,9 @@ def quantum(readings: np.ndarray) -> float:
 
 
 def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings; None where these are free of noise.
+    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad]; None if free of noise.
 
-    Noise and density are the medians over some motors that move.
-
-    Args:
-        readings: angles [rad].
-        parts: rows of each segment.
-        dt: sample period [s].
+    Noise and density are the medians over some motors that move. ``parts`` are the rows of each segment, ``dt`` [s].
     """
     moving = np.flatnonzero(np.ptp(readings, axis=0))  # one that stands says nothing of the noise
     if moving.size == 0:

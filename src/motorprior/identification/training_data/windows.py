@@ -15,15 +15,11 @@ from motorprior.logs.motor_log import MotorLog, other_firmware, stated_gain_rows
 
 @dataclass(frozen=True)
 class Measured:
-    """Which channels of a log were measured, and where.
+    """Which channels of a log were measured, and where."""
 
-    Attributes:
-        torque: whether the log has joint_torque.
-        at_rotor: whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
-            backlash, instead of one on the joint.
-    """
-
-    torque: bool
+    torque: bool  # whether the log has joint_torque
+    # whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
+    # backlash, instead of one on the joint
     at_rotor: bool = False
 
     @property
@@ -34,31 +30,20 @@ class Measured:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Logs of M motors with R rows each.
+    """Logs of M motors with R rows each."""
 
-    Attributes:
-        series: (M, R, 12) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque
-        -
-            load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
-            supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] and
-            load_stiffness (0 if missing). For a rollout noisy positions are smoothed (`smoothing`), velocities are
-            those of half a period earlier and torques are averages centred on the sample, as a semi-implicit step needs
-            them.
-        starts: (S,) first rows of the windows that lie inside one segment.
-        parts: rows of each segment.
-        measured: measured channels.
-        scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
-        gain_unit: of the logged gains, "" if there are none.
-        joint_names: M names, or none.
-    """
-
+    # (M, R, 12) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
+    # load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
+    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] and load_stiffness
+    # (0 if missing). For a rollout noisy positions are smoothed (`smoothing`), velocities are those of half a
+    # period earlier and torques are averages centred on the sample, as a semi-implicit step needs them
     series: np.ndarray
-    starts: np.ndarray
-    parts: tuple[slice, ...]
-    scales: dict[str, float]
-    measured: Measured
-    gain_unit: str = ""
-    joint_names: tuple[str, ...] = ()
+    starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
+    parts: tuple[slice, ...]  # rows of each segment
+    scales: dict[str, float]  # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
+    measured: Measured  # measured channels
+    gain_unit: str = ""  # of the logged gains, "" if there are none
+    joint_names: tuple[str, ...] = ()  # M names, or none
 
 
 _REMEDIES = {
