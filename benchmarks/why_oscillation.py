@@ -23,11 +23,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
 from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
@@ -93,6 +95,11 @@ class Helped:
     learned: LatentActuator
     armature: np.ndarray  # (n,) [kg·m²]
     damping: np.ndarray  # (n,) [N·m·s/rad]
+
+    @property
+    def kind(self) -> ActuatorKind:
+        """The learned motors'."""
+        return self.learned.kind
 
     @property
     def num_motors(self) -> int:
@@ -217,7 +224,8 @@ def chatter(actuator, load: float, seed: int) -> float:
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Loops, chatter against load, and torque above 20 Hz in the robot."""
-    motors, every = training_motors(load_fleet(settings.fleet), MOTORS, settings.seed), np.arange(MOTORS)
+    motors = geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
+    every = np.arange(MOTORS)
     found: dict[str, Learned] = {}
     variants: dict[str, dict[str, Any]] = {}
     for name, variant in VARIANTS.items():

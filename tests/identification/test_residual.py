@@ -37,7 +37,9 @@ def test_the_network_that_made_the_log_saves_nearly_everything(machines):
     assert loss > 0.9 and position > 0.8
     back = saved_by_residual(FittedMotors(whole, Z), FittedMotors(bare, Z), runs, every)
     np.testing.assert_allclose([1 - back[0], 1 - back[1]], [1 / (1 - loss), 1 / (1 - position)], rtol=1e-3)
-    np.testing.assert_allclose(saved_by_residual(*[FittedMotors(bare, Z)] * 2, runs, every), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        saved_by_residual(FittedMotors(bare, Z), FittedMotors(bare, Z), runs, every), 0.0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("lengths", "window"), [([700], 32), ([400] * 10, 32), ([300, 900, 50, 600], 100)])

@@ -1,7 +1,7 @@
 """The geared motor of a grey box, compiled: constants decoded from a latent z, state as rows of a memory.
 
     log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the motor's terms, kept within e^±LOG_REACH
-                                         of the centre; linear for those that may be negative (`servo_terms.SIGNED`)
+                                         of the centre; linear for those that may be negative (`optional_terms.SIGNED`)
 
 The formula of a step is that of `geared_motor_step`, traced into compiled code with one lane per motor.
 """
@@ -28,7 +28,7 @@ from motorprior.actuator.geared_motor_constants import (
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
-from motorprior.actuator.servo_terms import COLD, TERMS, Conditions
+from motorprior.actuator.optional_terms import COLD, TERMS, Conditions
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -47,7 +47,7 @@ class GearedMotor:
 
     center: np.ndarray  # (P,)
     slope: np.ndarray  # (Z, P)
-    terms: tuple[str, ...] = ()  # of `servo_terms`, in their order there
+    terms: tuple[str, ...] = ()  # of `optional_terms`, in their order there
 
     def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z), under these conditions."""

@@ -7,7 +7,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from motorprior.actuator.servo_terms import ABSENT, COLD, LARGEST_SHARE, SIGNED, Conditions, constants_of, under
+from motorprior.actuator.optional_terms import (
+    ABSENT,
+    COLD,
+    LARGEST_SHARE,
+    SIGNED,
+    Conditions,
+    at_conditions,
+    constants_of,
+)
 
 # Units as in `physical.MotorParameters`; kd_over_kp [s]
 PARAMETERS = (
@@ -70,8 +78,8 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
 def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, Values]:
     """Constants by name, each (…), from the decoder's outputs (…, P); the array module ``xp`` is numpy or jax.numpy.
 
-    exp(raw) for every one but those of `servo_terms.SIGNED`; no delay is above LONGEST_DELAY. They are those ``under``
-    these conditions, each a number or (…).
+    exp(raw) for every one but those of `optional_terms.SIGNED`; no delay is above LONGEST_DELAY. They are those at
+    these ``conditions``, each a number or (…).
     """
     values = {
         name: SIGNED[name] * raw[..., row] if name in SIGNED else xp.exp(raw[..., row])
@@ -81,7 +89,7 @@ def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Condit
     for share in ("asymmetry", "heat_loss"):
         if share in values:
             values[share] = xp.clip(values[share], -LARGEST_SHARE, LARGEST_SHARE)
-    return under(conditions, values, xp)
+    return at_conditions(conditions, values, xp)
 
 
 def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:

@@ -20,7 +20,7 @@ The joint gets torque = τ_gear + d·dq and damping d = (gear_damping + h·gear_
 the engine to integrate implicitly: a stiff gear on a light shank then stays stable. What that takes from the joint is
 given back to the rotor one step later, so that momentum is kept.
 
-A motor may have further terms: a firmware's profile, an integral, a voltage limit and others (`servo_terms`).
+A motor may have further terms: a firmware's profile, an integral, a voltage limit and others (`optional_terms`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motorprior.actuator.geared_motor_constants import StepConstants, Values
-from motorprior.actuator.servo_terms import profiled, within_voltage
+from motorprior.actuator.optional_terms import profiled, within_voltage
 
 EXTRA_DAMPING = 0.1  # Of the gear, so that a bare shank does not chatter [steps of its stiffness]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
@@ -101,7 +101,7 @@ def step(
         dq: joint velocity [rad/s].
         h: length of the step [s].
         arithmetic: of the values.
-        terms: optional terms (`servo_terms`) that are computed.
+        terms: optional terms (`optional_terms`) that are computed.
 
     Returns:
         The state after the step, and for the engine torque [N·m] and damping [N·m·s/rad] of the joint.

@@ -27,7 +27,7 @@ from motorprior.actuator.geared_motor_constants import with_logged_gains
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.lanes import LANES
 from motorprior.actuator.learned_kernels import GREY_BOX, LATENT
-from motorprior.actuator.servo_terms import HALF_WARM, Conditions
+from motorprior.actuator.optional_terms import HALF_WARM, Conditions
 from motorprior.exceptions import ConfigError
 
 

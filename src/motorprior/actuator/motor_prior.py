@@ -14,7 +14,7 @@ from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import generator_of, require_count, require_number
 from motorprior.exceptions import ArtifactError, ConfigError, LogError

@@ -24,7 +24,7 @@ class Motors:
     Args:
         actuator: n motors, for example of `MotorPrior.sample`.
         dt: physics step [s].
-        joint_pos: (n,) where they stand at rest in the beginning [rad].
+        joint_pos: (n,) initial angles, at rest [rad].
         position_target: (n,) targets before the first step [rad]; ``joint_pos`` if not given.
 
     Raises:

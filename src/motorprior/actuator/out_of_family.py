@@ -40,7 +40,7 @@ in proportion to its speed; the order of the firmware's steps, a reading that is
 whose final temperature does not depend on the load; a resistance of the winding and a no-load speed that do not depend
 on the temperature.
 
-No learned servo (`servo_terms`) has friction over the position, sag, ripple, cogging, a gear that hardens or has
+No learned servo (`optional_terms`) has friction over the position, sag, ripple, cogging, a gear that hardens or has
 hysteresis, ticks of the firmware, or steps of the encoder.
 """
 
@@ -394,6 +394,6 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 OUT_OF_FAMILY = ActuatorKind(
-    "foreign", "foreign", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
+    "foreign", "out of family", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
     bench_step=SUBSTEP,
 )  # fmt: skip

@@ -20,9 +20,8 @@ Signal = Callable[[np.random.Generator, int, float], np.ndarray]
 class Excitation:
     """Excitation of a motor on the bench."""
 
-    name: str  # name in presets
     target: Signal  # position targets [rad]
-    external_torque: Signal | None = None  # external torque on the joint [N·m]; 0 if None
+    external_torque: Signal | None = None  # on the joint [N·m]; 0 if None
 
 
 def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:
@@ -126,19 +125,18 @@ def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return torque
 
 
-EXCITATIONS = (
-    Excitation("sine", sine),
-    Excitation("held_steps", held_steps),
-    Excitation("gait", gait),
-    Excitation("impacts", gait, external_torque=impacts),
-    Excitation("creep", creep, external_torque=pushes),
-    Excitation("chirp", chirp),
-)
+EXCITATIONS = {
+    "sine": Excitation(sine),
+    "held_steps": Excitation(held_steps),
+    "gait": Excitation(gait),
+    "impacts": Excitation(gait, impacts),
+    "creep": Excitation(creep, pushes),
+    "chirp": Excitation(chirp),
+}
 
 
 def excitation_named(name: str) -> Excitation:
     """The excitation of that name; raises `ConfigError` if there is none."""
-    for each in EXCITATIONS:
-        if each.name == name:
-            return each
-    raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {', '.join(e.name for e in EXCITATIONS)}")
+    if name not in EXCITATIONS:
+        raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {', '.join(EXCITATIONS)}")
+    return EXCITATIONS[name]

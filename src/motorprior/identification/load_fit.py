@@ -22,7 +22,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import in_order
+from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.grey_box_fit import inverse_precision
 from motorprior.identification.physics.fleet_fit import fixed_constants
@@ -189,8 +189,8 @@ def _load_prior(runs: _LoadedRuns) -> GaussianPrior:
 
 def _search(fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
     tried = [_Search(fit, prior, fixed, start, report) for start in range(STARTS)]
-    begun = [(search, search.rounds(search.begin(), FIRST_ROUNDS)) for search in tried]
-    search, best = min(begun, key=lambda one: float(one[1].loss[0]))
+    started = [(search, search.rounds(search.begin(), FIRST_ROUNDS)) for search in tried]
+    search, best = min(started, key=lambda one: float(one[1].loss[0]))
     return search.rounds(best, ROUNDS)
 
 

@@ -13,7 +13,7 @@ from itertools import chain, repeat
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report
 from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
+from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_means
 
@@ -40,7 +40,7 @@ class Preset:
     # the network then learns the residual, and constants are refined on longer windows (`refinement`). "" if
     # everything is trained at once
     physics_first: str = ""
-    terms: tuple[str, ...] = ()  # optional terms (`servo_terms`) of the motors; with physics first they are selected
+    terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors; with physics first they are selected
     tries_terms: bool = True  # whether they are
     lacks: tuple[str, ...] = ()  # constants that the motors do not have, with physics first: frictions, for instance
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
@@ -89,16 +89,18 @@ class Preset:
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
 #     joint is hardly visible in an eighth of a second. Without the residual network. The warm-up is a tenth of a
-# second,     since often only a segment's first step identifies a limit of torque; later windows start from an
-# observer. first_look: long_runs without trying the terms of a servo's firmware, which takes minutes. Baselines.
-# one_motor: rollout without latents, the best single set of constants. per_motor: every motor's constants by a global
-# search and a polish on its own log, no network (in the manner of PACE,     Bjelonic et al., 2025, whose motors have no
-# backlash). latent_network: rollout without the physics; the network gives the whole torque, z also the armature. pace:
-# per_motor without any term of a servo's firmware but what a log states, the baseline on real logs;     pace_long_runs
-# beside long_runs. coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
-# one_network: latent_network without latents. actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019:
-# three taps, softsign, torque regression. paper_wide: the paper's loss on the data, sample period and taps of rollout,
-# a control between paper and rollout.
+#     second, since often only a segment's first step identifies a limit of torque.
+# first_look: long_runs without selecting optional terms, which takes minutes.
+# Baselines.
+# one_motor: rollout without latents, the best single set of constants.
+# per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
+#     Bjelonic et al., 2025, whose motors have no backlash).
+# latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
+# pace, pace_long_runs: per_motor and its long runs without optional terms but those that a log states.
+# coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
+# one_network: latent_network without latents.
+# actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
+# paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
 _ROLLOUT = Preset(
     "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=0.0,
     warm_up=120, noisy=False, steps=600, learning_rate=3e-3, own_latents=True, physics_first="together",

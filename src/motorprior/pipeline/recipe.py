@@ -7,7 +7,7 @@ from typing import Any
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, Preset

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import Conditions
+from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record

@@ -24,7 +24,7 @@ from motorprior.actuator.geared_motor_step import (
 )
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import TERMS, Conditions
+from motorprior.actuator.optional_terms import TERMS, Conditions
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.networks import closed_loop
 from motorprior.identification.networks.network import import_parameters

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, in_order
+from motorprior.actuator.optional_terms import INITIAL, in_order
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
 from motorprior.identification.physics.term_selection import ORDER, PRICE, select_terms

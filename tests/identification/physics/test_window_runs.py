@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.networks.network import import_parameters
 from motorprior.identification.networks.objectives import rollout_objective
 from motorprior.identification.physics.window_runs import WindowRuns, held_speed

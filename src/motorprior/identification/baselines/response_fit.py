@@ -86,7 +86,8 @@ def _without(
     fewer = tuple(name for name in free if name not in optional)
     if fewer == free:
         return cost, full, free
-    less, constants = _JointFit(runs, joint, fewer, base).polished(full)
+    fit = _JointFit(runs, joint, fewer, base)
+    less, constants = fit.polished(fit.encoded(full))
     return (less, constants, fewer) if less * (1.0 - PRICE) < cost else (cost, full, free)
 
 
@@ -103,22 +104,16 @@ class _JointFit:
 
     def best(self, simpler: np.ndarray, rng: np.random.Generator) -> tuple[float, np.ndarray]:
         """Cost and constants of a search that also starts at those of a ``simpler`` model."""
-        known = self._encoded(simpler)
+        known = self.encoded(simpler)
         found = differential_evolution(
             lambda x: float(np.mean(self._residuals(x) ** 2)), list(zip(self.low, self.high, strict=True)),
             x0=np.clip(known, self.low, self.high), maxiter=GENERATIONS, popsize=POPULATION, init="sobol", polish=False,
             tol=1e-3, rng=rng,
         )  # fmt: skip
-        polished = [self._polished(start) for start in (found.x, known)]
-        cost, x = min(polished, key=lambda found: found[0])
-        return cost, self._decoded(x)
+        return min((self.polished(start) for start in (found.x, known)), key=lambda fit: fit[0])
 
     def polished(self, start: np.ndarray) -> tuple[float, np.ndarray]:
-        """Cost and constants of a fit from these constants."""
-        cost, x = self._polished(self._encoded(start))
-        return cost, self._decoded(x)
-
-    def _polished(self, start: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and constants of a fit from these `encoded` constants."""
         x, cost = start, np.inf
         for reach in REACHES:
             inside = np.clip(x, self.low + 1e-6, self.high - 1e-6)
@@ -128,7 +123,7 @@ class _JointFit:
                 ftol=1e-6, xtol=1e-7,
             )  # fmt: skip
             x, cost = found.x, float(found.cost)
-        return cost, x
+        return cost, self._decoded(x)
 
     def _residuals(self, x: np.ndarray) -> np.ndarray:
         constants = self._decoded(x)
@@ -139,7 +134,8 @@ class _JointFit:
         shifts = reach * np.eye(len(x))
         return np.stack([(self._residuals(x + s) - self._residuals(x - s)) / (2 * reach) for s in shifts], axis=1)
 
-    def _encoded(self, constants: np.ndarray) -> np.ndarray:
+    def encoded(self, constants: np.ndarray) -> np.ndarray:
+        """Search variables of these constants."""
         x = [
             np.log(np.clip(constants[column], *BOUNDS[name])) if name in BOUNDS
             else (constants[column] - CONSTANTS[name]) / UNITS[name]

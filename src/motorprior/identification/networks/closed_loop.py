@@ -30,7 +30,7 @@ from motorprior.actuator.geared_motor_constants import (
 )
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.actuator.latent import scaled_torque
-from motorprior.actuator.servo_terms import Conditions
+from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.networks.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset

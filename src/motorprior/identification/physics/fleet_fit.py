@@ -74,7 +74,7 @@ def fit_fleet(
     Args:
         network: with a residual that stays as it is.
         runs: the logs.
-        terms: optional terms of the motors (`servo_terms`).
+        terms: optional terms of the motors (`optional_terms`).
         together: estimate a Gaussian over the motors.
         seed: of the searches.
         start: (M, P) decoder outputs at which the fit begins; found by a random search if not given.
@@ -84,7 +84,7 @@ def fit_fleet(
     """
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
-    fit, fixed = _bounded_fit(network, center, terms, runs, chosen), fixed_constants(terms, runs)
+    fit, fixed = _bounded_fit(with_motor(network, center, terms), center, runs, chosen), fixed_constants(terms, runs)
     prior, began = weak_prior(len(center)).fixing(fixed), center
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
@@ -125,23 +125,18 @@ def _center(fit: MotorFit) -> np.ndarray:
 
 def _recentred(fit: MotorFit, found: Fit, fixed: np.ndarray) -> tuple[MotorFit, Fit]:
     """The same motors around their median, from which a decoder reaches what it did not from the initial motor."""
-    assert fit.network.motor is not None
     z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
     middle = np.where(fixed, 0.0, np.median(z, axis=0))
     center, left = _center(fit) + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
-    moved = _bounded_fit(fit.network, center, fit.network.motor.terms, fit.runs, fit.mask)
+    moved = _bounded_fit(fit.network, center, fit.runs, fit.mask)
     loss = moved.losses(left)
     return moved, Fit(left, loss, loss)
 
 
-def _bounded_fit(
-    network: LatentNetwork,
-    center: np.ndarray,
-    terms: tuple[str, ...],
-    runs: WindowRuns,
-    chosen: np.ndarray | None = None,
-) -> MotorFit:
-    """A fit around this central motor whose searches keep `lower_bounds`."""
+def _bounded_fit(network: LatentNetwork, center: np.ndarray, runs: WindowRuns, chosen: np.ndarray | None) -> MotorFit:
+    """A fit of a network with a motor, moved to this center, whose searches keep `lower_bounds`."""
+    assert network.motor is not None
+    terms = network.motor.terms
     return MotorFit(with_motor(network, center, terms), runs, chosen, lower_bounds(center, terms, runs))
 
 
@@ -217,7 +212,7 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> Gauss
 def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: GaussianPrior, together: bool) -> np.ndarray:
     """(M, Z) of each motor the best of RESTART_DRAWS other starts.
 
-    In half of them a random half of the constants is drawn anew: together, around the median of the better motors;
+    In half of them a random half of the constants is redrawn: together, around the median of the better motors;
     alone, around the motor's own. Together, other motors' fits are starts, too.
     """
     motors, size = found.z.shape

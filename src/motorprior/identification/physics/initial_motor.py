@@ -17,7 +17,7 @@ import numpy as np
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, SIGNED
+from motorprior.actuator.optional_terms import INITIAL, SIGNED
 from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -47,7 +47,9 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     if runs is not None:
         motor = motor | dict.fromkeys(runs.preset.lacks, 1e-9)
     if runs is not None and runs.fastest:
-        motor = motor | {"profile_speed": _profile_speed(runs), "no_load_speed": 1.3 * runs.fastest}
+        # a little above what motors held: a limit that is too low rises in the fit, one that is too high has no effect
+        profile = _OVER_HELD * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
+        motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.fastest}
     if runs is not None:
         motor = motor | runs.preset.stated_constants
     if runs is None or not runs.gain_unit:
@@ -62,14 +64,6 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     else:
         motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
     return encoded(motor, terms)
-
-
-def _profile_speed(runs: WindowRuns) -> float:
-    """Where the search for a firmware's limit of speed begins [rad/s]: a little above what motors held.
-
-    A limit that is too low shows in every fast motion and rises; one that is too high shows nowhere and stays.
-    """
-    return _OVER_HELD * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
 
 
 def sized_center(

@@ -1,10 +1,10 @@
-"""Selection of optional dynamics terms (`servo_terms`) by backward elimination on held-out free runs.
+"""Selection of optional dynamics terms (`optional_terms`) by backward elimination on held-out free runs.
 
 Some motors are fitted on every second segment of their logs and tested on the others. All terms are fitted at once
 first, since some are useless without another: an encoder on the output needs the joint's own damping, or the joint
 rattles in its play. With so many constants one random search can end in a poor optimum, so there are several, and one
 that starts from a fit with the terms of SERVO alone; the best of each motor counts. Then each term is left out in turn,
-the rarest first. The fit is polished without it and, if it then seems to be missed, made anew, as a term changes where
+the rarest first. The fit is polished without it and, if it then seems to be missed, repeated, as a term changes where
 the other constants belong. It stays if
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
@@ -28,7 +28,7 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import FAINT, in_order
+from motorprior.actuator.optional_terms import FAINT, in_order
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, fixed_constants, weak_prior
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either

@@ -25,7 +25,7 @@ from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
-from motorprior.actuator.servo_terms import Conditions
+from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
@@ -181,6 +181,8 @@ class WindowRuns:
         beat: called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
+        at_rotor: whether the log's encoders are on the rotors.
+        channels: errors per sample.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
         held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the whole log; for that of the voltage, at the
             usual voltage.
@@ -194,7 +196,8 @@ class WindowRuns:
         beat: Callable[[], None] = lambda: None,
     ):
         series = data.series if motors is None else data.series[motors]
-        self.preset, self._measured, self.segments, self.gain_unit = preset, data.measured, [], data.gain_unit
+        self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
+        self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
@@ -216,11 +219,6 @@ class WindowRuns:
         return sum(segment.windows for segment in self.segments)
 
     @property
-    def at_rotor(self) -> bool:
-        """Whether the log's encoders are on the rotors."""
-        return self._measured.at_rotor
-
-    @property
     def gains(self) -> np.ndarray:
         """(2, M) logged kp and kd of every motor, medians over segments; 1 if there are none."""
         return np.median([segment.gains for segment in self.segments], axis=0)
@@ -230,11 +228,6 @@ class WindowRuns:
         """(M,) 99.9 % quantile of logged kp times position error [rad]."""
         asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
         return np.quantile(np.concatenate(asked), 0.999, axis=0)
-
-    @property
-    def channels(self) -> int:
-        """Errors per sample."""
-        return self._measured.channels
 
     def groups(self) -> np.ndarray:
         """(N,) number of the segment that each window is in."""
@@ -294,7 +287,7 @@ class WindowRuns:
         under = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
         motors, dt = LatentActuator(network, z, under, gains), self.preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)
-        at_rotor = self._measured.at_rotor and network.motor is not None
+        at_rotor = self.at_rotor and network.motor is not None
         if at_rotor:
             central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1]).arrays(dt)
             for arrays in (observer, free):

@@ -123,7 +123,7 @@ def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
 
     Noise and density are the medians over some motors that move. ``parts`` are the rows of each segment, ``dt`` [s].
     """
-    moving = np.flatnonzero(np.ptp(readings, axis=0))  # one that stands says nothing of the noise
+    moving = np.flatnonzero(np.ptp(readings, axis=0))  # a static one does not identify the noise
     if moving.size == 0:
         return None
     some = moving[np.unique(np.linspace(0, len(moving) - 1, min(_MAX_MOTORS, len(moving))).astype(int))]

@@ -80,7 +80,7 @@ _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
 # Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
-LARGEST_SHARE = 0.9  # Of asymmetry, and of what heat, supply or temperature take from a torque, whatever a latent says
+LARGEST_SHARE = 0.9  # of asymmetry, and of what heat, supply or temperature take from a torque
 WARMER = 50.0  # Rise of the temperature [K] of which temperature_loss is the loss
 
 
@@ -92,12 +92,12 @@ class Conditions(NamedTuple):
     warmer: Any = 0.0  # temperature above the usual one [K]
 
 
-# Under the usual voltage and temperature: before any work, and where nobody knows how long a motor worked
+# at the usual voltage and temperature: before any work, and where the time of work is unknown
 COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
 
 
-def under(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
-    """Constants by name as motors have them under these conditions; the array module ``xp`` is numpy or jax.numpy."""
+def at_conditions(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
+    """Constants by name at these conditions; the array module ``xp`` is numpy or jax.numpy."""
     if "heat_loss" in values:
         values = _times(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
     if "supply_share" in values:

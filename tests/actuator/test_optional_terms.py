@@ -13,7 +13,7 @@ from motorprior.actuator.geared_motor_constants import (
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import TERMS, Conditions, under
+from motorprior.actuator.optional_terms import TERMS, Conditions, at_conditions
 
 Networks = Callable[..., LatentNetwork]
 H = 0.002
@@ -206,6 +206,6 @@ def test_heat_takes_its_share_of_the_laws_torque(grey_network: Networks):
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (20.0, 0.1)])
 def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(share: float, law: float):
     values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0)
-    found = under(Conditions(supply=0.8), values | {"supply_share": share}, np)
+    found = at_conditions(Conditions(supply=0.8), values | {"supply_share": share}, np)
     assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
     assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
