@@ -33,7 +33,7 @@ from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.motor_choice import MotorChoice, drawn_from, load_robot_fleet
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, motor_sampler
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.results import Result, Results
@@ -117,7 +117,7 @@ class Stage:
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
         """Of one of the three places."""
         if place == "sampled":
-            draw, physics_dt = drawn_from(MotorPrior.load(self.prior), self.robot)
+            draw, physics_dt = motor_sampler(MotorPrior.load(self.prior), self.robot)
             return WalkSimulator(draw, WorldConfig.of(self.robot, physics_dt=physics_dt), walk)
         return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
 
@@ -194,7 +194,7 @@ def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
 
     The second number counts until it walks straight besides: at most 3 °/m and 5 % of the way aside, in the mean.
     """
-    draw, physics_dt = drawn_from(MotorPrior.load(stage.prior), stage.robot)
+    draw, physics_dt = motor_sampler(MotorPrior.load(stage.prior), stage.robot)
     shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
     scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
     search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)

@@ -1,4 +1,4 @@
-"""`motorprior walk` on either engine and any executor, with randomisation; `motorprior speed` measures them all."""
+"""`motorprior walk` on either engine and any executor, with randomization."""
 
 import sys
 from collections.abc import Callable

@@ -122,8 +122,10 @@ def _step(
     torque: np.ndarray,
 ) -> None:
     """Write (n,) torque [N·m] and ``arrays.damping``: the gear's, plus that of a network, renewed every period."""
-    arrays, torque, position_target = without_refcounts((arrays, torque, position_target))
-    joint_pos, joint_vel = without_refcounts((joint_pos, joint_vel))
+    # one by one: a tuple would count each array once more
+    arrays, torque = without_refcounts(arrays), without_refcounts(torque)
+    position_target = without_refcounts(position_target)
+    joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
     has_network = arrays.weights.shape[0] > 0
     if has_network:
         renew_torque(arrays, position_target, joint_pos, joint_vel)

@@ -1,4 +1,4 @@
-"""``motorprior calibrate``: logs of a real robot in, a fleet of physical motors out."""
+"""``motorprior calibrate``: a fleet of physical motors from logs of a real robot."""
 
 from __future__ import annotations
 

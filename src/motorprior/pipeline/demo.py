@@ -22,7 +22,7 @@ from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.replay.replay import Replay, run_replay
 from motorprior.pipeline.report import PAGE, REPLAYED, SETTINGS, STAGES, WALKER, build_report
-from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, begin, digest, in_parallel, locked, write_results
+from motorprior.pipeline.stage import FIGURES, MARKER, RESULTS, digest, in_parallel, locked, write_results
 from motorprior.pipeline.transfer_study.robustness import Robustness, run_robustness
 from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.pipeline.validation.validate import GAINS_FILE, TUNED, Validate, run_validate
@@ -79,7 +79,6 @@ def run_demo(
     settings = asdict(given) | {"out": str(given.out), "logs": None if given.logs is None else str(given.logs)}
     settings |= {WALKER: config.robot, REPLAYED: replayed}
     with locked(config.out):
-        begin(config.out)
         _write_if_changed(config.out / SETTINGS, {"settings": settings, "command": command or repr(config)})
         results = _all_stages(config, comparison, replayed, progress, show)
         page = build_report(config.out)

@@ -11,7 +11,6 @@ from motorprior.exceptions import ConfigError
 from motorprior.pipeline.first_look.real_motors import RealMotors
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.replay.replay import read_logs
-from motorprior.pipeline.walking.walk import MOST_WORKERS
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -78,7 +77,7 @@ def require_settings(config: Demo, replayed: bool) -> None:
     require_bench_size(config.motors, config.bench_steps, "bench_steps")
     for name in ("iterations", "seeds"):
         require_count(name, getattr(config, name))
-    require_count("workers", config.workers, 1, MOST_WORKERS)
+    require_count("workers", config.workers)
     if config.adam_steps is not None:
         require_count("adam_steps", config.adam_steps)
     require_seed(config.seed)

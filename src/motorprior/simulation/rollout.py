@@ -173,8 +173,9 @@ def _episode(
     trace: np.ndarray,
 ) -> tuple[float, int, int]:
     """Return total reward, steps and fault."""
-    world, motors, sensors, s = without_refcounts(world), without_refcounts(motors), without_refcounts(sensors), without_refcounts(s)
-    policy, task, mean, m2, body = without_refcounts(policy), without_refcounts(task), without_refcounts(mean), without_refcounts(m2), without_refcounts(body)
+    world, motors, sensors = without_refcounts(world), without_refcounts(motors), without_refcounts(sensors)
+    s, policy, task = without_refcounts(s), without_refcounts(policy), without_refcounts(task)
+    mean, m2, body = without_refcounts(mean), without_refcounts(m2), without_refcounts(body)
     total, steps, fault, nq, nv = 0.0, 0, 0, world.qpos.shape[0], world.qvel.shape[0]
     begin_walk(body, world, motors, sensors, s, control_dt)
     for step in range(max_steps):

@@ -29,10 +29,8 @@ _MOST = 2**31
 @njit(cache=True, nogil=True)
 def _begin(body, worlds, motors, sensors, walkers, index, control_dt, observations):
     """First observation of one robot."""
-    begin_walk(
-        body, without_refcounts(worlds[index]), without_refcounts(motors[index]), without_refcounts(sensors[index]), without_refcounts(walkers[index]),
-        control_dt,
-    )  # fmt: skip
+    world, sensor = without_refcounts(worlds[index]), without_refcounts(sensors[index])
+    begin_walk(body, world, without_refcounts(motors[index]), sensor, without_refcounts(walkers[index]), control_dt)
     observations[index] = walkers[index].observation
 
 

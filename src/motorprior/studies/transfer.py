@@ -19,7 +19,7 @@ import numpy as np
 from motorprior.artifacts import write_json, write_text
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.report import PAGE
-from motorprior.pipeline.stage import locked, threads_here, write_results
+from motorprior.pipeline.stage import locked, usable_threads, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, learn, randomised_pd
@@ -82,7 +82,7 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
     config = config.sized()
     robot = load_robot(config.robot)
     with locked(config.out):
-        threads = threads_here(config.workers, progress)
+        threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)
         learn(config, threads, progress)
         config = with_width(config, progress)

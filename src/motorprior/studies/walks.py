@@ -12,7 +12,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, threads_here, working
+from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, usable_threads, working
 from motorprior.pipeline.transfer_study.transfer import own_scene
 from motorprior.pipeline.walking.trained_policy import policy_of
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
@@ -39,8 +39,8 @@ _EPISODE_STEPS = 500  # of training
 def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: Progress = SILENT) -> WalkTable:
     """Train the policies of conditions and seeds and evaluate them; finished ones in ``config.out`` are read."""
     robot, environments = load_robot(config.robot), _installed_environments(progress)
-    at_a_time = threads_here(config.workers, SILENT) if config.executor == "threads" else 1
-    processes = config.workers if config.ray_address is not None else threads_here(config.workers, SILENT)
+    at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
+    processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
     name = f"study: {len(cells)} policies, {config.draws} walks per environment"
     with progress.start(name, len(cells)) as task, many_executors(config.executor, processes, config.ray_address):
         works = [partial(_cell, config, robot, environments, *cell, task) for cell in cells]

@@ -10,7 +10,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands, Range
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
-from motorprior.pipeline.motor_choice import MotorSource, drawn_from
+from motorprior.pipeline.motor_choice import MotorSource, motor_sampler
 from motorprior.pipeline.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
@@ -79,6 +79,6 @@ def compare(
 def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Commands) -> WalkSimulator:
     if isinstance(motors, Fleet):
         return twin_simulator(robot, motors, gait, commands)
-    draw, physics_dt = drawn_from(motors, robot)
+    draw, physics_dt = motor_sampler(motors, robot)
     walk = WalkConfig(DURATION_STEPS, commands=commands, gait=gait)
     return WalkSimulator(draw, WorldConfig.of(robot, physics_dt=physics_dt), walk)

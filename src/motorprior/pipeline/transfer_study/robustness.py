@@ -12,9 +12,9 @@ import numpy as np
 from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.stage import description, in_parallel, is_finished, threads_here, working
+from motorprior.pipeline.stage import description, in_parallel, is_finished, usable_threads, working
 from motorprior.pipeline.transfer_study.transfer import walker_of
-from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY
+from motorprior.pipeline.walking.walk import POLICY
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -51,7 +51,7 @@ def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
     Raises:
         ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
     """
-    require_count("workers", config.workers, 1, MOST_WORKERS)
+    require_count("workers", config.workers)
     robot, path = load_robot(config.robot), config.walk / POLICY
     robot.require_legs()
     settings = asdict(config)
@@ -81,7 +81,7 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
     cells = sum(len(grid.rows.values) * len(grid.columns.values) for grid in found)
     with progress.start(f"robustness of {name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:
         works = [partial(_row, path, robot, grid, value, task) for grid in found for value in grid.rows.values]
-        rows = in_parallel(works, threads_here(workers, progress), progress)
+        rows = in_parallel(works, usable_threads(workers, progress), progress)
     maps = []
     for grid in found:
         share, rows = np.array(rows[: len(grid.rows.values)]), rows[len(grid.rows.values) :]

@@ -26,12 +26,12 @@ from motorprior.pipeline.stage import (
     in_parallel,
     is_finished,
     read_results,
-    threads_here,
+    usable_threads,
     working,
     write_results,
 )
 from motorprior.pipeline.walking.motor_provenance import choice_from_json
-from motorprior.pipeline.walking.walk import MOST_WORKERS, POLICY
+from motorprior.pipeline.walking.walk import POLICY
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -80,7 +80,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     files = [path if path.is_file() else path / POLICY for path in config.walks]
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    require_count("workers", config.workers, 1, MOST_WORKERS)
+    require_count("workers", config.workers)
     policies = [Policy.load(path) for path in files]  # says whether it is one, before all of it is read for its digest
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
@@ -164,7 +164,7 @@ def own_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine
     """
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
-        draw = choice.drawer(robot)
+        draw = choice.sampler(robot)
     except (ArtifactError, ConfigError) as error:
         problem = f"the motors it was trained on: {error.problem}"
         where = path if error.where is None else f"{path}: {error.where}"
@@ -203,7 +203,7 @@ def _evaluate_all(config: Transfer, walkers: list[Walker], fleet: Fleet, told: C
     results, seeds = Results(), Counter[str]()
     traces: dict[str, np.ndarray] = {}
     works = [partial(_own_and_twin, walker, fleet, told) for walker in walkers]
-    found = in_parallel(works, threads_here(config.workers, progress), progress)
+    found = in_parallel(works, usable_threads(config.workers, progress), progress)
     for walker, places in zip(walkers, found, strict=True):
         for place, (walking, trace) in places.items():
             results += _results(walking, walker.condition, place, seeds[walker.condition])
