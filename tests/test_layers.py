@@ -179,7 +179,7 @@ def test_what_is_in_a_room_imports_one_way(name: str, least: int):
 
 
 def test_the_host_never_imports_the_virtual_robot():
-    """The host cannot tell a virtual robot from a real one, and so cannot treat it better."""
+    """The host cannot distinguish a virtual robot from a real one."""
     files = list((SOURCE / "hardware").glob("*.py"))
     assert (SOURCE / "hardware" / "virtual" / "virtual_robot.py").is_file() and len(files) > 20
     for file in files:

@@ -36,7 +36,6 @@ COMMANDS = (
         "doctor",
         "deploy",
         "record",
-        "virtual-robot",
         "report",
         "speed",
     ),
