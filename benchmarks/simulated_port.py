@@ -78,7 +78,7 @@ class SimulatedPort(SerialLink):
         number: of the virtual robot, that is, of its motors.
         life: seed of the noise of its sensors and of the line.
         hung: it hangs in the air.
-        rate: telemetry frames per second.
+        period: of the telemetry [ms].
         drop: share of frames that are lost, both ways.
         corrupt: share of frames that are damaged, both ways.
         wear: of its motors, from those of the fleet; none if not given.
@@ -92,7 +92,7 @@ class SimulatedPort(SerialLink):
         life: int = 0,
         *,
         hung: bool = False,
-        rate: int = 100,
+        period: int = 10,
         drop: float = 0.0,
         corrupt: float = 0.0,
         wear: Callable[[MotorParameters, int], MotorParameters] | None = None,
@@ -102,7 +102,7 @@ class SimulatedPort(SerialLink):
         self._joints = robot.num_joints
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
         self.body = TwinBody(robot, motors if wear is None else wear(motors, number), hung, life)
-        self._period = 1000 // rate
+        self._period = period
         config = FirmwareConfig(self._period, with_currents=currents, homes=False)
         self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
         self._to_host, self._to_robot = (
