@@ -5,7 +5,7 @@
         --robots 2 --wear none weak worn damaged --max-speed 0.75 --current --iterations 150 --further 50 --walks 2
 
 Virtual Puppers in simulated time (`simulated_port.py`), otherwise the host's own code and the commands of
-docs/hardware.md. For each robot 60 s of recording in the air, `logs import --hung`, `adapt`; for each seed of the
+docs/hardware.md. For each robot 60 s of recording in the air, `logs import --suspended`, `adapt`; for each seed of the
 training, policies:
     before    trained on samples of the prior (`walk`), the same for all robots
     longer    that one, trained on (`walk --start`) on the prior for as long as `adapted`: the control
@@ -78,16 +78,16 @@ class VirtualRobot:
 
 
 def record(robot: VirtualRobot, folder: Path, seconds: float, excitation: Excitation) -> Path:
-    """The robot's recording, hung, as a motor log."""
+    """The robot's recording, suspended, as a motor log."""
     log = folder / f"log_{excitation}_{seconds:g}" / "run.parquet"
     if not log.is_file():
-        port = SimulatedPort(ROBOT, robot.number, hung=True, period=5, wear=WEAR[robot.wear])
+        port = SimulatedPort(ROBOT, robot.number, suspended=True, period=5, wear=WEAR[robot.wear])
         with on_its_clock(port):
             settings = RecordSettings(
                 folder / f"recorded_{excitation}_{seconds:g}", excitation, seconds=seconds, yes=True
             )
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
-        import_logs(LogsImport((recorded,), log.parent, hung=True))
+        import_logs(LogsImport((recorded,), log.parent, suspended=True))
     return log
 
 

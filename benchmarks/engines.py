@@ -2,8 +2,8 @@
 
 python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
 
-Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, hung in the
-air and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS, and where PyBullet's goes.
+Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, suspended and
+on the ground, 12 random trots of 2 s; then the time of an iteration of ARS, and where PyBullet's goes.
 """
 
 import argparse
@@ -84,8 +84,8 @@ def main() -> None:
     shown: dict[str, tuple[Motion, Motion]] = {}
     print("motors, place: joint RMSE [mrad], base apart after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
-        for hung in (True, False):
-            config = WorldConfig.of(PUPPER_V2, physics_dt=0.001, hung=hung)
+        for suspended in (True, False):
+            config = WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=suspended)
             here, there = World(config), BulletWorld(config)
             rows, seconds = [], np.zeros(2)
             for draw in range(DRAWS):
@@ -96,11 +96,11 @@ def main() -> None:
                 marks.append(time.perf_counter())
                 other = in_bullet(there, motors, targets)
                 seconds += np.diff([*marks, time.perf_counter()])
-                apart = 0.0 if hung else float(np.hypot(*(one[1][-1] - other[1][-1])[:2]))
+                apart = 0.0 if suspended else float(np.hypot(*(one[1][-1] - other[1][-1])[:2]))
                 rows.append((1e3 * float(rmse(one[0], other[0])), apart))
-                shown.setdefault(f"{kind} {'hung' if hung else 'ground'}", (one, other))
+                shown.setdefault(f"{kind} {'suspended' if suspended else 'ground'}", (one, other))
             there.close()
-            place = "hung" if hung else "ground"
+            place = "suspended" if suspended else "ground"
             medians = np.median(rows, axis=0)
             figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
             print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")

@@ -35,8 +35,8 @@ PRESETS = (
 PROGRESS = Lines(sys.stderr)
 MEMBERS = 3
 """Networks of the ensemble, of different seeds; it predicts the mean of their trajectories."""
-RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "hung_rmse")
-TORQUE = ("standing_torque_hf", "hung_torque_hf")
+RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "suspended_rmse")
+TORQUE = ("standing_torque_hf", "suspended_torque_hf")
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def ensemble(settings: Settings) -> Results:
         "ensemble": lambda index: Ensemble(tuple(member.training_motors(index) for member in members))
     }
     results = Results((Result("identify_seconds", "s", sum(seconds_of(path.parent) for path in paths), "ensemble"),))
-    with PROGRESS.start("the ensemble: bench, standing robot, hung robot, twice", 6) as task:
+    with PROGRESS.start("the ensemble: bench, standing robot, suspended robot, twice", 6) as task:
         for which, motors in (("train", facts.physical_motors()), ("held_out", held_out_motors(facts))):
             found = fidelity(robot, motors, model, which, settings.seed, task)
             results += found.where(model="ensemble", quantity=COLUMNS)
@@ -106,8 +106,8 @@ def table(results: Results, motors: str) -> str:
     here = results.where(motors=motors)
     errors = here.where(quantity="bench_impact_rmse", statistic="median")
     lines = [
-        "| model | gait + impacts [mrad] | chirp [mrad] | standing [mrad] | hung [mrad] | torque > 20 Hz over the "
-        "physical motors': standing | hung | s |",
+        "| model | gait + impacts [mrad] | chirp [mrad] | standing [mrad] | suspended [mrad] | torque > 20 Hz over the "
+        "physical motors': standing | suspended | s |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for model in sorted(errors.distinct("model"), key=lambda model: -errors.value(model=model)):

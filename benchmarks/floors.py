@@ -9,7 +9,7 @@ What a step of 2 ms costs, what is known of a fleet from 32 of its motors, and w
                                            SETS sets of N motors
     displacement_m/DAMPING_RATIO           of the trotting robot after 2 s, from that of the physical motors at 1 ms
     rmse_rad/…, torque_hf_ratio/…          of the joints, and torque above 20 Hz over the physical motors' own
-    …/hung                                 the same without contact
+    …/suspended                                 the same without contact
 for feet whose contacts have that damping ratio in the model of 2 ms; in the model of 1 ms it is 1. Medians of 12 trots.
 """
 
@@ -88,10 +88,10 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
     return figures
 
 
-def robot_floor(fleet_name: str, hung: bool, damping_ratio: float) -> tuple[float, float, float]:
+def robot_floor(fleet_name: str, suspended: bool, damping_ratio: float) -> tuple[float, float, float]:
     """Joint error [rad], ratio of chatter, and distance of the bases [m]: medians over TROTS."""
-    fine = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT, hung=hung))
-    coarse, rows = World(WorldConfig.of(PUPPER_V2, hung=hung)), []
+    fine = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT, suspended=suspended))
+    coarse, rows = World(WorldConfig.of(PUPPER_V2, suspended=suspended)), []
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])
@@ -112,9 +112,9 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     figures = bench_aucs(arguments.fleet)
-    cases = [(False, ratio, f"{ratio:g}") for ratio in DAMPING_RATIOS] + [(True, 1.0, "hung")]
-    for hung, ratio, name in cases:
-        error, hf, apart = robot_floor(arguments.fleet, hung, ratio)
+    cases = [(False, ratio, f"{ratio:g}") for ratio in DAMPING_RATIOS] + [(True, 1.0, "suspended")]
+    for suspended, ratio, name in cases:
+        error, hf, apart = robot_floor(arguments.fleet, suspended, ratio)
         figures |= {f"rmse_rad/{name}": error, f"torque_hf_ratio/{name}": hf, f"displacement_m/{name}": apart}
     for name, value in figures.items():
         print(f"{name:28s} {value:.4f}")

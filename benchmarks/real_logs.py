@@ -13,7 +13,7 @@ every model does on the rest alone. Stages that are finished are kept.
 unseen_gains: motor logs (.parquet of ``logs import``, with their own stated gains and loads) beside the raw logs of the
 Go2, of another robot or at other gains, are judged by models of all raw logs.
 
-leave_one_motor_out: the prior was fitted to the motors of the other legs (recipe first_look) and is judged, as are
+leave_one_motor_out: the prior was fitted to the motors of the other legs (recipe quick_report) and is judged, as are
 ``adapted`` and ``per_motor``, which know the motor's own first 10 s, on the rest of a log; ``same_place`` is the mean
 of the other legs' motors at the same place.
 """
@@ -75,7 +75,7 @@ TOLD = 10.0
 RECIPE = PRESETS["rollout"]
 UNSEEN = "unseen_gains"
 """A test: motor logs that nothing was fitted to, each with its own gains."""
-MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "first_look"
+MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "quick"
 """A test, and its recipe: one that takes seconds, since it is fitted once per leg."""
 IDENTIFIED = "long_runs"
 """Recipe of the prior: what a model lacks shows less in windows of an eighth of a second, as rollout has, and comes out
@@ -192,7 +192,7 @@ def named(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
 
 
 def go2(settings: Settings) -> Iterator[Test]:
-    """Twelve motors of a hung quadruped, six logs of the same chirp: each is left out in turn.
+    """Twelve motors of a suspended quadruped, six logs of the same chirp: each is left out in turn.
 
     Raw logs have the gains of their map; motor logs (.parquet) are taken as they are, and only judged, by all raw ones.
     """
@@ -244,7 +244,7 @@ def xl330(settings: Settings) -> Iterator[Test]:
 
 
 def pupper(settings: Settings) -> Iterator[Test]:
-    """Motors of a quadruped that stood or hung: responses, and physical motors fitted by replay (`calibrate`).
+    """Motors of a quadruped that stood or suspended: responses, and physical motors fitted by replay (`calibrate`).
 
     Its loads are not in the logs, so there is no prior; each log was known, then each is left out in turn.
     """
@@ -298,7 +298,7 @@ def imported(settings: Settings, name: str, columns: str | None, robot: Path | N
     raw = tuple(sorted((settings.data / name).glob(pattern))[: settings.logs])
     folder = settings.out / name / "logs"
     described = None if robot is None else str(robot)
-    config = LogsImport(raw, folder, columns, RECIPE.period, hung=robot is not None, robot=described)
+    config = LogsImport(raw, folder, columns, RECIPE.period, suspended=robot is not None, robot=described)
     inputs = [*raw, *(load_robot(described).files if described else [])]
     wanted = description("import", asdict(config), inputs)
     if not is_finished(folder, wanted):

@@ -77,7 +77,7 @@ class SimulatedPort(SerialLink):
         robot: that it is one of; its motors are of the first of its fleets.
         number: of the virtual robot, that is, of its motors.
         life: seed of the noise of its sensors and of the line.
-        hung: it hangs in the air.
+        suspended: it hangs in the air.
         period: of the telemetry [ms].
         drop: share of frames that are lost, both ways.
         corrupt: share of frames that are damaged, both ways.
@@ -91,7 +91,7 @@ class SimulatedPort(SerialLink):
         number: int,
         life: int = 0,
         *,
-        hung: bool = False,
+        suspended: bool = False,
         period: int = 10,
         drop: float = 0.0,
         corrupt: float = 0.0,
@@ -101,7 +101,7 @@ class SimulatedPort(SerialLink):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
-        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), hung, life)
+        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), suspended, life)
         self._period = period
         config = FirmwareConfig(self._period, with_currents=currents, homes=False)
         self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)

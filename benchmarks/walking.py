@@ -23,7 +23,6 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from turning import TURNS, followed, rows_of, told
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
@@ -50,6 +49,7 @@ from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.gait_quality import gait_quality, quality_results
 from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of
+from turning import TURNS, followed, rows_of, told
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)

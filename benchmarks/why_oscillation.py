@@ -245,8 +245,8 @@ def measure(settings: Settings) -> dict[str, Any]:
         print(f"trained: {name}", flush=True)
     physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
     models = {name: learned.motors for name, learned in found.items()}
-    for place, hung in (("standing", False), ("hung", True)):
-        fidelity = robot_fidelity(PUPPER_V2, motors, models, hung, settings.seed)
+    for place, suspended in (("standing", False), ("suspended", True)):
+        fidelity = robot_fidelity(PUPPER_V2, motors, models, suspended, settings.seed)
         for name in models:
             variants[name][f"{place}_rmse"] = float(np.median(fidelity.rmse[name]))
             variants[name][f"{place}_torque_hf"] = float(min(np.median(fidelity.torque_hf[name]), 1e9))
@@ -283,7 +283,7 @@ def _against_load(axes: Axes, results: dict[str, Any], key: str) -> None:
 def _bars(axes: Axes, results: dict[str, Any]) -> None:
     """Ratios of all variants, first on top."""
     place, variants = np.arange(len(VARIANTS)), results["variants"]
-    for offset, where, alpha in ((-0.2, "standing", 1.0), (0.2, "hung", 0.5)):
+    for offset, where, alpha in ((-0.2, "standing", 1.0), (0.2, "suspended", 0.5)):
         own = results["physical"][f"{where}_torque_hf"]
         values = [variants[name][f"{where}_torque_hf"] / own for name in VARIANTS]
         colors = [variant.color for variant in VARIANTS.values()]
@@ -301,17 +301,17 @@ def _bars(axes: Axes, results: dict[str, Any]) -> None:
 
 def table(results: dict[str, Any]) -> str:
     """Markdown: one row per variant."""
-    own = [results["physical"][f"{where}_torque_hf"] for where in ("standing", "hung")]
+    own = [results["physical"][f"{where}_torque_hf"] for where in ("standing", "suspended")]
     lines = [
         f"| variant | growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m² | standing: RMSE [mrad] | torque > 20 Hz "
-        "| hung: RMSE [mrad] | torque > 20 Hz |",
+        "| suspended: RMSE [mrad] | torque > 20 Hz |",
         "|---|---|---|---|---|---|",
     ]
     for name, found in results["variants"].items():
         loop = f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz" if "growth" in found else ""
         cells = [
             f"{1e3 * found[f'{where}_rmse']:.1f} | {found[f'{where}_torque_hf'] / high:.2f} ×"
-            for where, high in zip(("standing", "hung"), own, strict=True)
+            for where, high in zip(("standing", "suspended"), own, strict=True)
         ]
         lines.append(f"| {name} | {loop} | {' | '.join(cells)} |")
     return "\n".join(lines)

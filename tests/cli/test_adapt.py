@@ -102,7 +102,7 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
     line = ("validate", folder / "prior" / "prior.safetensors", "--adapt-seconds", 1, "--out", tmp_path / "v")
     assert motorprior(*line).code == 0
     figures = read_json(tmp_path / "v" / "figures.json")
-    for metric in ("bench_impact_rmse", "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf"):
+    for metric in ("bench_impact_rmse", "standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf"):
         for model in ("ideal_pd", "tuned_pd", "pace", "physical"):
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])

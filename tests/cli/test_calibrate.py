@@ -29,15 +29,15 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     targets = np.tile(ROBOT.nominal_pose, (len(time), 1))
     for joint in ROBOT.legs[0].joints[1:]:
         targets[:, joint] += 0.2 * np.sin(2.0 * np.pi * 2.0 * time)
-    for name, hung in (("in_the_air", True), ("on_the_floor", False)):
-        world = World(WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=0.002, hung=hung))
+    for name, suspended in (("in_the_air", True), ("on_the_floor", False)):
+        world = World(WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=0.002, suspended=suspended))
         lead_in = np.tile(ROBOT.nominal_pose, (300, 1))
         measured = replay(world, motors, targets, ROBOT.nominal_pose, lead_in).measured_joint_pos
         log = MotorLog(
             time=time, position_target=targets, joint_pos=measured, joint_names=ROBOT.joint_names, robot=ROBOT.name,
             motor=ROBOT.motor, source=name, encoder=ROBOT.encoder,
         )  # fmt: skip
-        write_log(folder / f"{name}.parquet", with_posture(log, "hung") if hung else log)
+        write_log(folder / f"{name}.parquet", with_posture(log, "suspended") if suspended else log)
     return folder
 
 
@@ -45,7 +45,7 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
     out = tmp_path / "fitted"
     outcome = motorprior("calibrate", logs, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
-    assert "log in_the_air: hung" in outcome.err and "log on_the_floor: standing" in outcome.err
+    assert "log in_the_air: suspended" in outcome.err and "log on_the_floor: standing" in outcome.err
     figures = json.loads((out / "figures.json").read_text("utf-8"))
     for model in ("start", "center", "left_out", "per_motor", "per_motor_left_out"):
         mean = np.mean([figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")])

@@ -40,9 +40,9 @@ def test_the_start_does_not_wait_for_heavy_libraries():
 
 
 def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
-    line: str = "demo --fleet mixed --logs somewhere --columns any --hung --motors 16 --workers 1 --out elsewhere"
+    line: str = "demo --fleet mixed --logs somewhere --columns any --suspended --motors 16 --workers 1 --out elsewhere"
     config = parse([*line.split()])
     assert isinstance(config, Demo)
-    words = "motorprior demo --fleet mixed --logs FOLDER --columns any --hung --seed 0 --motors 16"
+    words = "motorprior demo --fleet mixed --logs FOLDER --columns any --suspended --seed 0 --motors 16"
     assert demo_command(config) == words
     assert demo_command(Demo()) == "motorprior demo --seed 0"

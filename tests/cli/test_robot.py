@@ -62,7 +62,7 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
     done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
     assert done.code == 0, done.err
     assert motorprior("logs", "check", out / "run.csv").code == 0
-    done = motorprior("logs", "import", out / "run.csv", "--hung", "--out", tmp_path / "log")
+    done = motorprior("logs", "import", out / "run.csv", "--suspended", "--out", tmp_path / "log")
     assert done.code == 0, done.err
     log = read_parquet(tmp_path / "log" / "run.parquet")
     assert log.joint_torque is None and 1.8 < log.duration < 2.1, "a current is not the joint's torque"

@@ -126,7 +126,10 @@ def test_every_command_of_the_page_runs(folder: Path, page: str):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("--logs go2 --columns go2_identification --robot go2.toml --hung", ("the prior", "FL_calf_joint", "traj_3")),
+        (
+            "--logs go2 --columns go2_identification --robot go2.toml --suspended",
+            ("the prior", "FL_calf_joint", "traj_3"),
+        ),
         ("--logs go2 --columns go2_identification", ("responses that need no load", "dead band")),
         ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid body of so101", "gripper")),
         ("--logs xl330", ("the logs state them", "pendulum")),

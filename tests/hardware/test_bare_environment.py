@@ -66,7 +66,7 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
 
 @pytest.mark.real_time
 def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
-    pupper, out = virtual(hung=True, currents=True), tmp_path / "run"
+    pupper, out = virtual(suspended=True, currents=True), tmp_path / "run"
     settings = ("--excitation", "chirp", "--joint", "FR_knee", "--seconds", 1, "--yes", "--out", out)
     done = in_bare_environment("motorprior.hardware", "record", "--port", pupper.port, *settings)
     assert done.returncode == 0 and f"recorded {out / 'run.csv'}" in done.stderr, done.stderr

@@ -186,8 +186,8 @@ def test_a_fault_while_the_robot_sits_down_does_not_start_the_walk_again(
     assert modes == sorted(modes) and modes[-1] == Mode.CROUCH
 
 
-def test_a_hung_robot_does_not_crouch(tmp_path: Path):
-    port = FaultyPort(PUPPER_V2, hung=True)
+def test_a_suspended_robot_does_not_crouch(tmp_path: Path):
+    port = FaultyPort(PUPPER_V2, suspended=True)
     with on_its_clock(port):
         run_record(PUPPER_V2, "a port", RecordSettings(tmp_path / "run", "sine", seconds=1.0, yes=True), print)
     assert port.events[-1][1] == IDLE and np.abs(port.pose_at_idle - spec.CROUCH_POSE).max() > 0.35

@@ -18,7 +18,7 @@ class _Witness(SimulatedPort):
 
     def __init__(self) -> None:
         self.targets: list[np.ndarray] = []
-        super().__init__(PUPPER_V2, 0, hung=True, period=5)
+        super().__init__(PUPPER_V2, 0, suspended=True, period=5)
         advance = self.body.advance
 
         def remembered(milliseconds: int, drive) -> None:
@@ -51,7 +51,7 @@ def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     ],
 )
 def test_steps_are_fast_in_the_air_only(tmp_path: Path, excitation, standing, speed, fastest):
-    port = SimulatedPort(PUPPER_V2, 0, hung=not standing)
+    port = SimulatedPort(PUPPER_V2, 0, suspended=not standing)
     settings = RecordSettings(tmp_path, excitation, seconds=1.0, speed=speed, standing=standing, yes=True)
     with on_its_clock(port):
         run_record(PUPPER_V2, port.port, settings, lambda _: None)

@@ -30,7 +30,7 @@ def targets(phase, forward=0.3, yaw_rate=0.0, height=0.0, ratio=1.0, lift=LIFT, 
 @pytest.fixture(scope="module")
 def feet():
     """From (steps, joints) angles to (steps, legs, 3) centres of the feet in the body's frame [m], by MuJoCo."""
-    model = build_model(PUPPER_V2, hung=True)
+    model = build_model(PUPPER_V2, suspended=True)
     data, geoms = mujoco.MjData(model), [model.geom(leg.foot).id for leg in PUPPER_V2.legs]
 
     def places(angles: np.ndarray) -> np.ndarray:

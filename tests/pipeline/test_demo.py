@@ -18,8 +18,8 @@ LOG = "env_real_1_joint_log.csv.gz"
 MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
 CONDITIONS = ("ideal_pd", "paper", "rollout", "oracle")
 WITHOUT_LOGS = (
-    *(f"{figure}/{model}" for figure in ("bench_impact_rmse", "standing_rmse", "hung_rmse") for model in MODELS),
-    *(f"{figure}/{model}" for figure in ("standing_torque_hf", "hung_torque_hf") for model in MODELS),
+    *(f"{figure}/{model}" for figure in ("bench_impact_rmse", "standing_rmse", "suspended_rmse") for model in MODELS),
+    *(f"{figure}/{model}" for figure in ("standing_torque_hf", "suspended_torque_hf") for model in MODELS),
     *(f"{figure}/{name}" for figure in ("own_speed", "own_upright") for name in CONDITIONS),
     *(f"{figure}/{name}" for figure in ("twin_speed", "twin_upright", "twin_drift") for name in CONDITIONS),
 )

@@ -20,7 +20,7 @@ ROWS = 600
 
 @pytest.fixture
 def data(shared_data: Path, tmp_path: Path) -> Path:
-    """Two logs of the hung quadruped, cut, and its model; no other robot's."""
+    """Two logs of the suspended quadruped, cut, and its model; no other robot's."""
     logs, model = sorted((shared_data / "go2").glob("*.csv.gz"))[:2], shared_data / "robots" / "go2.xml"
     if len(logs) < 2 or not model.is_file():
         pytest.skip("MOTORPRIOR_SHARED names a folder without go2/*.csv.gz and robots/go2.xml")

@@ -19,8 +19,8 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def hung():
-    return build_model(PUPPER_V2, hung=True)
+def suspended():
+    return build_model(PUPPER_V2, suspended=True)
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +56,13 @@ def feet(model, joint_pos):
     return (world - data.body("chassis").xpos) @ rotation
 
 
-def mass_matrix(hung, joint_pos):
+def mass_matrix(suspended, joint_pos):
     """(12, 12) joint-space inertia [kg·m²], column by column."""
-    data, columns = mujoco.MjData(hung), np.zeros((12, 12))
+    data, columns = mujoco.MjData(suspended), np.zeros((12, 12))
     data.qpos[:] = joint_pos
-    mujoco.mj_forward(hung, data)
+    mujoco.mj_forward(suspended, data)
     for column, unit in zip(columns, np.eye(12), strict=True):
-        mujoco.mj_mulM(hung, data, column, unit)
+        mujoco.mj_mulM(suspended, data, column, unit)
     return columns
 
 
@@ -143,9 +143,9 @@ def test_both_formats_put_the_feet_at_the_same_place(model, bullet):
             np.testing.assert_allclose(where, expected, atol=1e-6)
 
 
-def test_both_formats_have_the_same_mass_matrix(hung, bullet):
+def test_both_formats_have_the_same_mass_matrix(suspended, bullet):
     pybullet, body, client = bullet
     for pose in poses():
         matrix = np.array(pybullet.calculateMassMatrix(body, pose.tolist(), physicsClientId=client))
         # after the base's six rows; the smallest diagonal element is 3e-4 kg·m²
-        np.testing.assert_allclose(matrix[6:, 6:], mass_matrix(hung, pose), atol=1e-8)
+        np.testing.assert_allclose(matrix[6:, 6:], mass_matrix(suspended, pose), atol=1e-8)

@@ -20,13 +20,13 @@ class FaultyPort(SimulatedPort):
     """
 
     def __init__(
-        self, robot: Robot, currents: bool = False, hung: bool = False, period: int = 10, corrupt: float = 0.0
+        self, robot: Robot, currents: bool = False, suspended: bool = False, period: int = 10, corrupt: float = 0.0
     ):
         self.events: list[tuple[float, str]] = []
         self.pose_at_idle = np.full(robot.num_joints, np.nan)
         self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
         self.faults: dict[str, tuple[float, int]] = {}
-        super().__init__(robot, 0, currents=currents, hung=hung, period=period, corrupt=corrupt)
+        super().__init__(robot, 0, currents=currents, suspended=suspended, period=period, corrupt=corrupt)
 
     def inject(self, kind: str, joint: int = 0) -> None:
         """Break from now on. Kinds: see `FaultyBody`; mute and lagging (telemetry), restart (its clock)."""

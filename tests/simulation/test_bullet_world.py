@@ -22,7 +22,7 @@ from motorprior.simulation.world_step import physics_step
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 
-HUNG = WorldConfig.of(PUPPER_V2, hung=True, physics_dt=0.001)
+SUSPENDED = WorldConfig.of(PUPPER_V2, suspended=True, physics_dt=0.001)
 STANDING = WorldConfig.of(PUPPER_V2, physics_dt=0.001)
 LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
@@ -95,7 +95,7 @@ def place(world, joint_pos, joint_vel):
 
 
 def moved(world, motors, pose, steps):
-    """(steps, 12) joint angles of a hung robot let go in ``pose``, in either engine."""
+    """(steps, 12) joint angles of a suspended robot let go in ``pose``, in either engine."""
     arrays, angles = world.reset(motors, pose), np.zeros((steps, 12))
     for row in angles:
         if isinstance(world, BulletWorld):
@@ -114,7 +114,7 @@ def test_a_limp_shank_is_a_pendulum(make, engine, armature):
     mass, (x, _, z), amplitude = spec.SHANK.mass, spec.SHANK.com, 0.1
     rest = -np.arctan2(-x, -z)
     held = IdealPd(np.zeros(12), np.zeros(12), np.ones(12), np.array([1e3, 1e3, armature] * 4), np.zeros(12))
-    world = make(HUNG) if engine == "pybullet" else World(HUNG)
+    world = make(SUSPENDED) if engine == "pybullet" else World(SUSPENDED)
     angles = moved(world, held, np.tile([0.0, 0.0, rest + amplitude], 4), 1000)
     wave = np.sqrt(mass * GRAVITY * np.hypot(x, z) / (KNEE_INERTIA + armature))
     t = 0.001 * np.arange(1, 1001)
@@ -141,7 +141,7 @@ def test_free_fall(make):
 @pytest.mark.parametrize(("armature", "damping"), [(0.003, 0.0), (0.003, 0.02), (0.0008, 0.05)])
 def test_a_knee_with_reflected_inertia_is_a_damped_oscillator(make, armature, damping):
     # all but the knees held by rotors of 1e3 kg·m²; gravity off; (KNEE_INERTIA + armature)·ddq = -kp·q - damping·dq
-    world, kp = make(HUNG), 2.0
+    world, kp = make(SUSPENDED), 2.0
     rotors = np.array([1e3, 1e3, armature] * 4)
     motors = IdealPd(np.tile([0, 0, kp], 4), np.tile([0, 0, damping], 4), np.full(12, 1e9), rotors, np.zeros(12))
     arrays = world.reset(motors)
@@ -162,10 +162,10 @@ def test_a_knee_with_reflected_inertia_is_a_damped_oscillator(make, armature, da
 
 def test_a_strongly_damped_light_knee_does_not_chatter(make):
     # explicit damping of 0.84 N·m·s/rad on 3.45e-4 kg·m² at 1 ms would grow by |1 - 2.4| per step
-    world = make(HUNG)
+    world = make(SUSPENDED)
     arrays = world.reset(IdealPd.uniform(12, kp=0.0, kd=0.84, torque_limit=1e9))
     world.call("setGravity", 0, 0, 0)
-    there = World(HUNG)
+    there = World(SUSPENDED)
     same = there.reset(IdealPd.uniform(12, kp=0.0, kd=0.84, torque_limit=1e9))
     there.model.opt.gravity[:] = 0.0
     there.data.qvel[2::3] = 5.0
@@ -180,7 +180,7 @@ def test_a_strongly_damped_light_knee_does_not_chatter(make):
 
 def test_the_same_history_gives_the_same_torque_in_both_engines(make, motors):
     # joints and targets are prescribed; what a gear renews is damped at the speed after the step there, before it here
-    (name, actuator), there, here = motors, World(HUNG), make(HUNG)
+    (name, actuator), there, here = motors, World(SUSPENDED), make(SUSPENDED)
     drawn, drawn_too, alike = there.reset(actuator), here.reset(actuator), np.ones(12, bool)
     leg, largest = np.arange(12), np.zeros(12)
     for step in range(60):
@@ -207,17 +207,17 @@ TOLERANCE = {
     "ideal_pd": (1e-5, 1e-3),
     "grey_box": (0.004, 0.25),
 }
-"""Of hung joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping, its own
+"""Of suspended joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping, its own
 and that of its stiffness, which is explicit here: a blow through the play is another, and falls in another
 millisecond, so that torques differ by a fifth of their limit for as long."""
 
 
-def test_a_hung_robot_trots_as_in_mujoco(make, motors):
+def test_a_suspended_robot_trots_as_in_mujoco(make, motors):
     # without contacts both integrate the same equations
     name, actuator = motors
     targets = trot(100)
-    there = replay(World(HUNG), actuator, targets)
-    joint_pos, joint_torque, _ = played(make(HUNG), actuator, targets)
+    there = replay(World(SUSPENDED), actuator, targets)
+    joint_pos, joint_torque, _ = played(make(SUSPENDED), actuator, targets)
     angle, torque = TOLERANCE[name]
     np.testing.assert_allclose(joint_pos, there.joint_pos, atol=angle)
     assert np.abs(joint_torque - there.joint_torque).max() < torque

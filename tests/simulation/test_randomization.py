@@ -114,7 +114,7 @@ def test_mass_friction_and_gravity_reach_mujoco():
 
 def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     offset = np.linspace(-0.05, 0.05, 12)
-    world = World(WorldConfig.of(PUPPER_V2, hung=True))
+    world = World(WorldConfig.of(PUPPER_V2, suspended=True))
     world.model.opt.gravity[:] = 0.0
     motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset))
     measured, target = np.zeros(12), spec.NOMINAL_POSE + 0.1
@@ -129,7 +129,7 @@ def test_a_late_target_is_the_one_before_until_it_comes():
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
     late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_late
     assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
-    ours, theirs = (World(WorldConfig.of(PUPPER_V2, physics_dt=0.001, hung=True)) for _ in range(2))
+    ours, theirs = (World(WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=True)) for _ in range(2))
     one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_late=late))
     other, before = theirs.reset(PD), spec.NOMINAL_POSE
     for target, age in zip(targets, late, strict=True):

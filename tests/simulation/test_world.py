@@ -26,7 +26,7 @@ from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import FAULTS, hold_target, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-HUNG = WorldConfig.of(PUPPER_V2, hung=True)
+SUSPENDED = WorldConfig.of(PUPPER_V2, suspended=True)
 
 
 @pytest.mark.parametrize("physics_dt", [0.001, 0.002])
@@ -61,9 +61,9 @@ def test_internal_torques_leave_the_momentum_of_a_falling_robot_alone():
     np.testing.assert_allclose(world.data.subtree_linvel[1], 0.0, atol=2e-3)
 
 
-def test_a_hung_knee_is_a_second_order_system():
+def test_a_suspended_knee_is_a_second_order_system():
     # shank about the knee 3.450e-4 kg·m² (see the robot's tests) plus armature; gravity off, other joints held
-    world = World(WorldConfig.of(PUPPER_V2, hung=True, physics_dt=0.0005))
+    world = World(WorldConfig.of(PUPPER_V2, suspended=True, physics_dt=0.0005))
     world.model.opt.gravity[:] = 0.0
     kp, kd, armature = 2.0, 0.02, 0.003
     stiff = np.array([1e4, 1e4, kp] * 4)
@@ -96,7 +96,7 @@ def test_the_standing_robot_carries_its_weight_on_four_feet():
 
 
 def test_the_reported_torque_is_the_motors_with_the_engines_share():
-    world = World(HUNG)
+    world = World(SUSPENDED)
     motors = world.reset(PD)
     world.data.qvel[:] = np.linspace(-3, 3, 12)
     error, speed = np.linspace(0.1, -0.1, 12), world.data.qvel.copy()
@@ -110,7 +110,7 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
 
 
 def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
-    world, target = World(HUNG), spec.NOMINAL_POSE + 0.2
+    world, target = World(SUSPENDED), spec.NOMINAL_POSE + 0.2
     motors = world.reset(LatentActuator(grey_network(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""Logs of simulated robots: short recordings of known motors, hung in the air or standing."""
+"""Logs of simulated robots: short recordings of known motors, suspended in the air or standing."""
 
 from collections.abc import Callable
 
@@ -27,10 +27,10 @@ def fleet() -> Fleet:
 
 @pytest.fixture(scope="session")
 def record_log() -> RecordLog:
-    """`record_log(actuator, hung, seed, speed)`: sines of hips and knees, what the encoders of these motors read."""
+    """`record_log(actuator, suspended, seed, speed)`: sines of hips and knees, what the encoders of these motors read."""
 
-    def record(actuator: Actuator, hung: bool = True, seed: int = 0, speed: float = 1.0) -> MotorLog:
-        config = WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=COMMAND_PERIOD, hung=hung)
+    def record(actuator: Actuator, suspended: bool = True, seed: int = 0, speed: float = 1.0) -> MotorLog:
+        config = WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=COMMAND_PERIOD, suspended=suspended)
         rng, time = np.random.default_rng(seed), COMMAND_PERIOD * np.arange(STEPS)
         targets = np.tile(ROBOT.nominal_pose, (STEPS, 1))
         for leg in ROBOT.legs:

@@ -25,7 +25,7 @@ def actuator_of(fleet: Fleet, **values: np.ndarray):
 def problem_of(fleet: Fleet, record_log, actuator, logs: int) -> FleetProblem:
     found = {}
     for seed in range(logs):
-        log = with_posture(record_log(actuator, hung=True, seed=seed), "hung")
+        log = with_posture(record_log(actuator, suspended=True, seed=seed), "suspended")
         found[f"log_{seed}"] = Replayer(log, ROBOT, log)
     return FleetProblem(fleet, ROBOT, found)
 
@@ -56,7 +56,7 @@ def test_the_centre_of_two_logs_is_recovered(record_log, fleet):
 
 def test_a_constant_that_is_not_identifiable_keeps_its_prior(record_log, fleet):
     """Armature, in a slow motion with noise."""
-    log = with_posture(record_log(actuator_of(fleet), speed=0.1), "hung")
+    log = with_posture(record_log(actuator_of(fleet), speed=0.1), "suspended")
     noise = 0.005 * np.random.default_rng(0).standard_normal(log.joint_pos.shape)
     log = replace(log, joint_pos=log.joint_pos + noise)
     problem = FleetProblem(with_uncertain(fleet, "kd_over_kp", "armature"), ROBOT, {"log": Replayer(log, ROBOT, log)})

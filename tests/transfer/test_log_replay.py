@@ -41,7 +41,7 @@ def with_gains(log: MotorLog, kp: np.ndarray, kd: np.ndarray | None = None, unit
 def log(record_log, fleet) -> MotorLog:
     """A log of motors at other gains than the fleet's, which it does not state."""
     motors = replace(fleet.center(ROBOT.num_joints), kp=KP, kd=KD)
-    return with_posture(record_log(motors.actuator()), "hung")
+    return with_posture(record_log(motors.actuator()), "suspended")
 
 
 def test_physical_gains_are_used_and_firmware_gains_are_not(log: MotorLog, fleet):
@@ -88,7 +88,7 @@ def test_an_ideal_pd_at_logged_gains_follows_a_real_go2(shared_data: Path, tmp_p
     for path in (shared_data / "robots" / "go2.xml", EXAMPLES / "go2.toml"):
         shutil.copy(path, tmp_path)
     robot = load_robot(str(tmp_path / "go2.toml"))
-    log = with_posture(read_log(raw, robot, "go2_identification"), "hung")
+    log = with_posture(read_log(raw, robot, "go2_identification"), "suspended")
     pd = nominal_pd(load_robot_fleet(robot, EXAMPLES / "go2_fleet.toml"), robot.num_joints)
     replayer = Replayer(log, robot, prepare(log, robot, "traj_3"))
     at_fleets, at_logged = (float(np.nanmean(replayer.run(each).rmse)) for each in (pd, with_logged_gains(pd, log)))
@@ -103,6 +103,6 @@ def test_the_fleets_central_motor_replays_a_real_log_in_the_detected_posture(sha
     log = read_puppersim_logs(folder, ROBOT)[name]
     center, prepared = load_fleet("pupper_v2").center(ROBOT.num_joints).actuator(), prepare(log, ROBOT, name)
     posture = find_posture(log, prepared, ROBOT, center)
-    assert posture.name == ("hung" if name == "1_joint" else "standing"), posture.evidence
+    assert posture.name == ("suspended" if name == "1_joint" else "standing"), posture.evidence
     replayer = Replayer(with_posture(log, posture.name), ROBOT, with_posture(prepared, posture.name))
     assert np.nanmean(replayer.run(center).rmse) <= BOUND[name]

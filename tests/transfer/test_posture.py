@@ -13,26 +13,26 @@ from motorprior.transfer.posture import FALLEN_TILT, find_posture, with_posture
 CODE = {name: code for code, name in enumerate(POSTURES)}
 
 
-@pytest.mark.parametrize("hung", [True, False])
-def test_replays_distinguish_a_suspended_robot_from_a_standing_one(record_log, fleet, hung: bool):
-    log = record_log(fleet.sample(ROBOT.num_joints, 3).actuator(), hung)
+@pytest.mark.parametrize("suspended", [True, False])
+def test_replays_distinguish_a_suspended_robot_from_a_standing_one(record_log, fleet, suspended: bool):
+    log = record_log(fleet.sample(ROBOT.num_joints, 3).actuator(), suspended)
     found = find_posture(log, prepare(log, ROBOT, "log"), ROBOT, fleet.center(ROBOT.num_joints).actuator())
-    assert found.name == ("hung" if hung else "standing")
-    assert "mrad standing" in found.evidence and "mrad hung" in found.evidence
+    assert found.name == ("suspended" if suspended else "standing")
+    assert "mrad standing" in found.evidence and "mrad suspended" in found.evidence
 
 
 def test_a_logged_posture_is_used_and_the_true_motors_replay_the_log_exactly(record_log, fleet):
     motors = fleet.center(ROBOT.num_joints).actuator()
-    log = with_posture(record_log(motors, hung=True), "hung")
-    assert find_posture(log, log, ROBOT, motors).evidence == "hung, as logged"
-    error = {name: np.nanmax(Replayer(both, ROBOT, both).run(motors).rmse) for name in ("hung", "standing")
+    log = with_posture(record_log(motors, suspended=True), "suspended")
+    assert find_posture(log, log, ROBOT, motors).evidence == "suspended, as logged"
+    error = {name: np.nanmax(Replayer(both, ROBOT, both).run(motors).rmse) for name in ("suspended", "standing")
              for both in [with_posture(log, name)]}  # fmt: skip
-    assert error["hung"] < 1e-3 < 10e-3 < error["standing"]
+    assert error["suspended"] < 1e-3 < 10e-3 < error["standing"]
 
 
 def test_rows_after_a_fall_are_not_compared(record_log, fleet):
     motors = fleet.center(ROBOT.num_joints).actuator()
-    log = record_log(motors, hung=False)
+    log = record_log(motors, suspended=False)
     tilt, spoiled = np.zeros((log.num_rows, 2)), log.joint_pos.copy()
     tilt[400:550, 0], spoiled[400:] = FALLEN_TILT + 0.1, 1.0
     tilt[100:110, 1] = -1.5  # a wrong reading is no fall

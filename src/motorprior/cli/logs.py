@@ -42,7 +42,7 @@ def run_logs_check(config: LogsCheck) -> None:
     Raises:
         LogError: after all logs are checked, if one of them is not usable.
     """
-    from motorprior.simulation.hung_load import gravity_of_held
+    from motorprior.simulation.suspended_load import gravity_of_held
 
     require_paths(config.paths)
     robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []

@@ -16,7 +16,7 @@ from motorprior.robots.load import load_robot
 
 @dataclass(frozen=True)
 class Record:
-    """Excite the motors of a hung or standing robot and record them."""
+    """Excite the motors of a suspended or standing robot and record them."""
 
     choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
     """The robot; a virtual one hangs unless --standing."""
@@ -38,7 +38,7 @@ def run_record_command(config: Record) -> None:
     show = non_blocking(TERMINAL.note, sys.stderr)
     settings, choice = config.settings, config.choice
     if choice.virtual and not settings.standing:
-        choice = replace(choice, robot=replace(choice.robot, hung=True))
+        choice = replace(choice, robot=replace(choice.robot, suspended=True))
     with choice.open() as port:
         log = run_record(load_robot(choice.kind), port, settings, show)
     show(f"{log}: next, motorprior logs check {log}")

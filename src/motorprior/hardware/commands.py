@@ -21,8 +21,8 @@ from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import Gains, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.hardware.teleop import (
-    HUNG,
     STANDING,
+    SUSPENDED,
     WALKING,
     Print,
     autonomous_speed,
@@ -109,12 +109,12 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     with link, stop_on_signals() as stop, files.written_at_end(link, timing, robot.control_dt):
 
         def confirm() -> None:
-            confirm_arming(stop, settings.yes, STANDING if settings.standing else HUNG, show)
+            confirm_arming(stop, settings.yes, STANDING if settings.standing else SUSPENDED, show)
             files.begin("record", port, settings, gains, link)
 
         excite(
             link, targets, gains, stop,
-            hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
+            suspended=not settings.standing, need_imu=settings.standing and not settings.without_imu,
             confirm=confirm, status=show, timing=timing,
         )  # fmt: skip
         files.outcome = stop.reason or "time"

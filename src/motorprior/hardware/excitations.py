@@ -1,4 +1,4 @@
-"""Excite the motors of a hung or standing robot: the targets, and the run that plays them."""
+"""Excite the motors of a suspended or standing robot: the targets, and the run that plays them."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def excite(
     gains: Gains,
     stop: StopRequest,
     *,
-    hung: bool,
+    suspended: bool,
     need_imu: bool,
     confirm: Callable[[], None] = lambda: None,
     status: Callable[[str], None] = lambda _: None,
@@ -146,7 +146,7 @@ def excite(
         targets: from `excitation_targets`.
         gains: to send.
         stop: ends it early.
-        hung: the robot hangs in the air, and does not crouch at the end.
+        suspended: the robot hangs in the air, and does not crouch at the end.
         need_imu: reject a robot whose IMU is not read.
         confirm: raises if the user does not confirm arming.
         status: gets a line every five seconds.
@@ -167,4 +167,4 @@ def excite(
     def work(loop: ControlLoop) -> None:
         loop.play(played(targets), Mode.EXCITE, count, timing)
 
-    run_armed(link, gains, stop, work, crouch=not hung)
+    run_armed(link, gains, stop, work, crouch=not suspended)

@@ -206,7 +206,7 @@ def run_armed(
         gains: to send.
         stop: ends any motion.
         work: plays motions on the loop it gets.
-        crouch: at the end; a hung robot need not.
+        crouch: at the end; a suspended robot need not.
         stopping: a motion that slows ``work`` down before the crouch.
 
     Raises:

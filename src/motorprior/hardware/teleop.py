@@ -20,7 +20,7 @@ Print = Callable[[str], None]
 KEYS = "w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down"
 WALKING = f"Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it."
 STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
-HUNG = "The legs move fast. Ctrl-C removes the current at once and the legs drop; no key does anything."
+SUSPENDED = "The legs move fast. Ctrl-C removes the current at once and the legs drop; no key does anything."
 
 _NUM_STEPS = 10  # key presses from standing to the maximum speed or yaw rate
 _ARROWS = {b"\x1b[A": b"w", b"\x1b[B": b"s", b"\x1b[D": b"a", b"\x1b[C": b"d"}

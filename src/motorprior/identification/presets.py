@@ -90,7 +90,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
 #     joint is hardly visible in an eighth of a second. Without the residual network. The warm-up is a tenth of a
 #     second, since often only a segment's first step identifies a limit of torque.
-# first_look: long_runs without selecting optional terms, which takes minutes.
+# quick_report: long_runs without selecting optional terms, which takes minutes.
 # Baselines.
 # one_motor: rollout without latents, the best single set of constants.
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
@@ -116,7 +116,7 @@ PRESETS = {
     "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
     "long_runs": _LONG_RUNS,
-    "first_look": replace(_LONG_RUNS, tries_terms=False),
+    "quick": replace(_LONG_RUNS, tries_terms=False),
     "one_motor": Preset(
         "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
         learning_rate=1e-2,

@@ -38,7 +38,7 @@ CONDITIONS = {"supply_voltage": (0.1, 2000.0), "motor_temperature": (-60.0, 300.
 CONDITION_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
 _ALIKE = 0.01
 """Share by which two statements of a register may differ: one may be rounded."""
-POSTURES = ("standing", "hung", "fixed", "fallen")
+POSTURES = ("standing", "suspended", "fixed", "fallen")
 """Of a robot: on its feet; base held in the air, feet free; bolted down; on its side or back. The channel `posture`
 holds the place of one of them in this list."""
 CODES = ("segment", "posture")

@@ -13,10 +13,10 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.locomotion.command import Commands
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.demo_settings import Demo, comparison_of, require_settings, that_walks
-from motorprior.pipeline.first_look.real_motors import Show, is_replayed, run_real_motors
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.quick_report.real_motors import Show, is_replayed, run_real_motors
 from motorprior.pipeline.replay.replay import Replay, run_replay
 from motorprior.pipeline.report import REPLAYED, SETTINGS, STAGES, WALKER, build_report
 from motorprior.pipeline.stage import FIGURES, RESULTS, in_parallel, locked, write_results
@@ -160,7 +160,7 @@ def _validate(config: Demo, progress: Progress) -> Results:
 def _replay(config: Demo, logs: Path | None, progress: Progress) -> Results:
     assert logs is not None
     prior = config.out / "priors" / "rollout" / PRIOR
-    posture = "hung" if config.hung else "auto"
+    posture = "suspended" if config.suspended else "auto"
     replay = Replay(
         logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot, posture=posture
     )

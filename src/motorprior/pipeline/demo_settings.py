@@ -8,8 +8,8 @@ from pathlib import Path
 from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.first_look.real_motors import RealMotors
 from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.quick_report.real_motors import RealMotors
 from motorprior.pipeline.replay.replay import read_logs
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -28,7 +28,7 @@ class Demo:
     the shipped robot are in jietan/puppersim, puppersim/data/system_id."""
     columns: str | None = None
     """Column map of tables among the logs: a shipped one by name, or your .toml file (docs/your-motors.md)."""
-    hung: bool = False
+    suspended: bool = False
     """In the logs the robot is suspended with its body level, so that the loads of its motors are known."""
     seed: int = 0
     """Seed of everything."""
@@ -61,7 +61,7 @@ def comparison_of(config: Demo) -> RealMotors | None:
     if config.logs is None:
         return None
     out = config.out / "real_motors"
-    return RealMotors(config.logs, out, config.columns, config.hung, config.fleet, config.seed, config.robot)
+    return RealMotors(config.logs, out, config.columns, config.suspended, config.fleet, config.seed, config.robot)
 
 
 def require_settings(config: Demo, replayed: bool) -> None:
@@ -70,7 +70,7 @@ def require_settings(config: Demo, replayed: bool) -> None:
     Raises:
         MotorPriorError: names the setting.
     """
-    for name, is_given in {"hung": config.hung, "columns": config.columns is not None}.items():
+    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
         if is_given and config.logs is None:
             raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     robot = load_robot(config.robot)

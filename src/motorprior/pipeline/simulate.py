@@ -19,8 +19,8 @@ from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import as_robot, load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.hung_load import with_loads
 from motorprior.simulation.playback import Replay, replay
+from motorprior.simulation.suspended_load import with_loads
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -77,7 +77,7 @@ def simulate(
     targets: np.ndarray,
     *,
     seed: int | np.random.Generator = 0,
-    hung: bool = False,
+    suspended: bool = False,
 ) -> Replay:
     """Hold each row of ``targets`` for one control step of the robot, from rest in its nominal pose.
 
@@ -86,7 +86,7 @@ def simulate(
         motors: one per joint, or a prior, posterior or fleet to sample.
         targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``.
         seed: of the sample of motors.
-        hung: suspend a free base in the air.
+        suspended: suspend a free base in the air.
 
     Returns:
         Angles [rad] and torques [N·m] of every physics step, encoders and base of every control step.
@@ -99,7 +99,7 @@ def simulate(
     robot = as_robot(robot)
     draw, physics_dt = motor_sampler(motors, robot)
     wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
-    world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=hung))
+    world = World(WorldConfig.of(robot, physics_dt=physics_dt, suspended=suspended))
     return replay(world, draw(generator_of(seed)), wanted)
 
 
@@ -122,7 +122,7 @@ def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_d
 
     Angles are those of the joints, velocities their differences.
     """
-    world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=robot.base == "free"))
+    world = World(WorldConfig.of(robot, physics_dt=physics_dt, suspended=robot.base == "free"))
     played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)
     rows = slice(every - 1, None, every)
     held = round(robot.control_dt / robot.physics_dt)

@@ -31,9 +31,9 @@ class TwinBody:
         live: the simulated robot.
     """
 
-    def __init__(self, robot: Robot, motors: MotorParameters, hung: bool, seed: int):
+    def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, seed: int):
         self._signs = robot.require_wire().joint_signs
-        self.live = LiveRobot(robot, motors, hung, np.random.default_rng([TWIN_STREAM, seed, 1]))
+        self.live = LiveRobot(robot, motors, suspended, np.random.default_rng([TWIN_STREAM, seed, 1]))
         self._drive: Drive | None = None
 
     def advance(self, milliseconds: int, drive: Drive) -> None:

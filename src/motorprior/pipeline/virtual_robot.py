@@ -35,7 +35,7 @@ class VirtualRobotSettings:
     """Fleet that its motors are sampled from; the robot's own if not given."""
     seed: int = 0
     """Number of the robot: every robot has other motors."""
-    hung: bool = False
+    suspended: bool = False
     """Hang it in the air instead of laying it on the ground."""
     rate: int = 100
     """Telemetry frames per second, 100 or 200."""
@@ -62,7 +62,7 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
     if settings.rate not in (100, 200):
         raise ConfigError(f"the firmware has no rate {settings.rate}", remedy="give 100 or 200", argument="rate")
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet), settings.seed)
-    body = TwinBody(robot, motors, settings.hung, settings.seed)
+    body = TwinBody(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
     return VirtualRobot(robot, body, config), body
 

@@ -91,8 +91,8 @@ _LOWEST = 0.3
 """Height of the base below which a robot has fallen [standing heights]."""
 _HIGHEST = 3.5
 """Height of the base above which the simulation has failed [standing heights]."""
-_HUNG = 2.0
-"""Height of a hung robot's base [standing heights]."""
+_SUSPENDED = 2.0
+"""Height of a suspended robot's base [standing heights]."""
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
@@ -188,7 +188,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         standing_height=height,
         lowest=_LOWEST * height,
         highest=_HIGHEST * height if made else 1e3,
-        hung_height=_HUNG * height,
+        suspended_height=_SUSPENDED * height,
         reference_torque=float(table.get("reference_torque", typical)),
         **others,
     )

@@ -143,7 +143,7 @@ class Robot:
         standing_height: of the base over the ground in the nominal pose [m].
         lowest: height of the base below which a walking robot has fallen [m].
         highest: height of the base above which the simulation has failed [m].
-        hung_height: of the base of a robot that hangs in the air [m].
+        suspended_height: of the base of a robot that hangs in the air [m].
         reference_torque: load of a joint that the walking reward's torque penalty counts as 1 [N·m].
         foot_friction: sliding friction of the feet [-].
         load_inertia: least and most inertia that one of its motors carries [kg·m²], from a bare last link to the
@@ -170,7 +170,7 @@ class Robot:
     standing_height: float = 0.0
     lowest: float = 0.0
     highest: float = 1e3
-    hung_height: float = 0.0
+    suspended_height: float = 0.0
     reference_torque: float = 1.0
     foot_friction: float = 0.6
     load_inertia: tuple[float, float] = (1e-4, 3e-2)

@@ -29,29 +29,31 @@ FLOOR = "floor of the simulation"
 """Name of its geom; a model may have a floor of its own."""
 
 
-def build_model(robot: Robot, physics_dt: float | None = None, hung: bool = False) -> mujoco.MjModel:
+def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool = False) -> mujoco.MjModel:
     """The compiled model.
 
     Args:
         robot: whose model.
         physics_dt: step [s]; the robot's own by default.
-        hung: weld a free base to the world, high enough that no foot reaches the floor.
+        suspended: weld a free base to the world, high enough that no foot reaches the floor.
 
     Raises:
-        ConfigError: a robot with a fixed base cannot be hung.
+        ConfigError: a robot with a fixed base cannot be suspended.
         ArtifactError: a file of the model is gone, or not as it was when the robot was loaded; or the model cannot be
             compiled with a floor and without actuators.
     """
-    if hung and robot.base == "fixed":
-        raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="only a free robot hangs: use hung=False")
+    if suspended and robot.base == "fixed":
+        raise ConfigError(
+            f"robot {robot.name!r} has a fixed base", remedy="only a free robot hangs: use suspended=False"
+        )
     try:
-        return _built(robot, robot.physics_dt if physics_dt is None else physics_dt, hung)
+        return _built(robot, robot.physics_dt if physics_dt is None else physics_dt, suspended)
     except ValueError as error:
         where = None if isinstance(robot.model, GeneratedModel) else robot.model.path
         raise cannot_read(where, str(error)) from error
 
 
-def _built(robot: Robot, physics_dt: float, hung: bool) -> mujoco.MjModel:
+def _built(robot: Robot, physics_dt: float, suspended: bool) -> mujoco.MjModel:
     spec = _read(robot)
     option = spec.option
     option.timestep, option.gravity = physics_dt, [0.0, 0.0, -GRAVITY]
@@ -65,7 +67,7 @@ def _built(robot: Robot, physics_dt: float, hung: bool) -> mujoco.MjModel:
     for element in (*spec.keys, *spec.sensors, *spec.actuators, *spec.pairs):
         spec.delete(element)
     if robot.base == "free":
-        _place(spec, robot, hung)
+        _place(spec, robot, suspended)
     _add_floor(spec, robot, physics_dt)
     return spec.compile()
 
@@ -79,11 +81,11 @@ def _read(robot: Robot) -> Any:
     return mujoco.MjSpec.from_file(str(source.path))
 
 
-def _place(spec: Any, robot: Robot, hung: bool) -> None:
+def _place(spec: Any, robot: Robot, suspended: bool) -> None:
     """Stand on the floor, or hang in the air without a free joint."""
     base = spec.worldbody.first_body()
-    base.pos = [0.0, 0.0, robot.hung_height if hung else robot.standing_height]
-    if hung:
+    base.pos = [0.0, 0.0, robot.suspended_height if suspended else robot.standing_height]
+    if suspended:
         spec.delete(base.first_joint())
 
 

@@ -40,7 +40,7 @@ class PybulletBackend:
     ):
         self._config, self._robot = config, config.robot
         if config.is_fixed:
-            raise ConfigError("a robot with a fixed base cannot walk", remedy="use a free robot and hung=False")
+            raise ConfigError("a robot with a fixed base cannot walk", remedy="use a free robot and suspended=False")
         self._world = BulletWorld(self._config, terrain)
         self._draw, self._episode_steps = draw_motors, episode_steps
         self._randomization = randomization or Randomization()

@@ -177,7 +177,7 @@ class BulletWorld:
         self.call("setTimeStep", self.config.physics_dt)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
-        if not self.config.hung:
+        if not self.config.suspended:
             self._lay_floor(seed)
         self.robot = self._load_robot(self._urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
         names = [
@@ -190,12 +190,12 @@ class BulletWorld:
 
     def _load_robot(self, text: str) -> int:
         """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
-        height = self._robot.hung_height if self.config.hung else self._robot.standing_height
+        height = self._robot.suspended_height if self.config.suspended else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
         with scratch_folder() as folder:
             path = folder / "robot.urdf"
             path.write_text(text, encoding="utf-8")
-            return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.hung)
+            return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.suspended)
 
     def _lay_floor(self, seed: int) -> None:
         if self.terrain.roughness == 0.0:

@@ -40,28 +40,28 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 
 
 class LiveRobot:
-    """A simulated robot in time steps of its firmware, lying on its belly with folded legs at first, or hung.
+    """A simulated robot in time steps of its firmware, lying on its belly with folded legs at first, or suspended.
 
     Unlike in training, the chassis touches the floor, so that a robot without current lies there.
 
     Args:
         robot: one with a wire.
         motors: one per joint; their gains and torque limits are those at the wire's own gains and current limit.
-        hung: the base is fixed in the air.
+        suspended: the base is fixed in the air.
         rng: of the IMU's noise.
     """
 
-    def __init__(self, robot: Robot, motors: MotorParameters, hung: bool, rng: np.random.Generator):
+    def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, rng: np.random.Generator):
         self._robot, self._wire = robot, robot.require_wire()
-        self._world = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, hung=hung))
-        self._motors, self._rng, self._hung = motors, rng, hung
+        self._world = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
+        self._motors, self._rng, self._suspended = motors, rng, suspended
         model = self._world.model
         floor, base = model.geom(FLOOR).id, model.body(1)
         model.geom_contype[floor] = model.body_contype[0] = 1
         model.geom_conaffinity[base.geomadr[0]] = model.body_conaffinity[base.id] = 1
         folded = self._wire.folded_pose
         self._arrays = self._world.reset(PhysicalActuator(motors), folded)
-        if not hung:
+        if not suspended:
             self._world.data.qpos[2] = max(leg.drop(folded) for leg in robot.legs)
         self.advance(0, folded)  # compile, or load what was compiled, before time counts
 
@@ -81,7 +81,7 @@ class LiveRobot:
 
     def position(self) -> np.ndarray:
         """(2,) horizontal position of the base [m]."""
-        return np.zeros(2) if self._hung else self._world.data.qpos[:2].copy()
+        return np.zeros(2) if self._suspended else self._world.data.qpos[:2].copy()
 
     def state(self) -> LiveState:
         """The present sensor readings and the true pose of the base."""
@@ -89,7 +89,7 @@ class LiveRobot:
         read_joints(self._world.arrays, self._arrays, measured)
         noise = self._rng.standard_normal(6)
         attitude, rates, base = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-        if not self._hung:
+        if not self._suspended:
             base = data.qpos[:7].copy()
             attitude, rates = np.array(roll_pitch_yaw(base[3:])), data.qvel[3:6].copy()
         count = 2.0 * np.pi / self._wire.encoder_counts

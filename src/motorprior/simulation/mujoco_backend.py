@@ -37,7 +37,7 @@ class MujocoBackend:
         episode_steps: int = 500,
     ):
         if config.is_fixed:
-            raise ConfigError("a robot with a fixed base cannot walk", remedy="use a free robot and hung=False")
+            raise ConfigError("a robot with a fixed base cannot walk", remedy="use a free robot and suspended=False")
         self._world, self._robot = World(config), config.robot
         self._draw, self._episode_steps = draw_motors, episode_steps
         self._randomization = randomization or Randomization()

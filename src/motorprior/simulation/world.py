@@ -41,7 +41,7 @@ class World:
         mujoco.set_mju_user_warning(_keep_quiet)
         stop_timers()
         install_handler()
-        self.model = build_model(config.robot, config.physics_dt, config.hung)
+        self.model = build_model(config.robot, config.physics_dt, config.suspended)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
         self.first_joint = 0 if config.is_fixed else 7

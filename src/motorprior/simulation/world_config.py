@@ -16,30 +16,30 @@ class WorldConfig:
         robot: which.
         physics_dt: step [s]; must divide control_dt.
         control_dt: time a position target is held [s].
-        hung: a free base is fixed in the air.
+        suspended: a free base is fixed in the air.
     """
 
     robot: Robot
     physics_dt: float
     control_dt: float
-    hung: bool = False
+    suspended: bool = False
 
     @classmethod
     def of(
-        cls, robot: Robot, *, physics_dt: float | None = None, control_dt: float | None = None, hung: bool = False
+        cls, robot: Robot, *, physics_dt: float | None = None, control_dt: float | None = None, suspended: bool = False
     ) -> WorldConfig:
         """The robot's own clocks where no others are given."""
         return cls(
             robot,
             robot.physics_dt if physics_dt is None else physics_dt,
             robot.control_dt if control_dt is None else control_dt,
-            hung,
+            suspended,
         )
 
     @property
     def is_fixed(self) -> bool:
         """Whether the base cannot move."""
-        return self.hung or self.robot.base == "fixed"
+        return self.suspended or self.robot.base == "fixed"
 
     @property
     def substeps(self) -> int:

@@ -131,19 +131,19 @@ class Replayer:
         rmse[self.excited] = rms(self.error(simulated), axis=0)
         return LogReplay(simulated, rmse)
 
-    def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, hung: bool) -> np.ndarray:
+    def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, suspended: bool) -> np.ndarray:
         rest = initial_targets(part.joint_pos[0], grid.position_target[0], self._robot)
         lead_in = np.tile(rest, (round(_SETTLING_TIME / COMMAND_PERIOD), 1))
-        world = self._world(self._robot.physics_step(actuator.kind.longest_step), hung)
+        world = self._world(self._robot.physics_step(actuator.kind.longest_step), suspended)
         recorded = replay(world, actuator, grid.position_target, part.joint_pos[0], lead_in, tolerate_fault=True)
         measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
         return np.stack([np.interp(part.time, grid.time, column) for column in measured.T], axis=1)
 
-    def _world(self, physics_dt: float, hung: bool) -> World:
-        if (physics_dt, hung) not in self._worlds:
-            config = WorldConfig.of(self._robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD, hung=hung)
-            self._worlds[physics_dt, hung] = World(config)
-        return self._worlds[physics_dt, hung]
+    def _world(self, physics_dt: float, suspended: bool) -> World:
+        if (physics_dt, suspended) not in self._worlds:
+            config = WorldConfig.of(self._robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD, suspended=suspended)
+            self._worlds[physics_dt, suspended] = World(config)
+        return self._worlds[physics_dt, suspended]
 
 
 def initial_targets(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:

@@ -9,7 +9,7 @@ BENCH_METRICS = {
     "bench_impact_rmse": "impacts",
     "bench_chirp_rmse": "chirp",
 }
-ROBOT_METRICS = ("standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf")
+ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf")
 COLUMNS = (*BENCH_METRICS, *ROBOT_METRICS)
 """Joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's."""
 

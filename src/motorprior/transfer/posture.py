@@ -57,13 +57,14 @@ def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actu
         return Posture(names[0], f"{' and '.join(names)}, as logged")
     if robot.base == "fixed":
         return Posture("fixed", "fixed base")
-    standing, hung = (
-        Replayer(with_posture(log, name), robot, with_posture(prepared, name)) for name in ("standing", "hung")
+    standing, suspended = (
+        Replayer(with_posture(log, name), robot, with_posture(prepared, name)) for name in ("standing", "suspended")
     )
-    hung.compared = standing.compared  # the same rows, up to a fall
+    suspended.compared = standing.compared  # the same rows, up to a fall
     error = {
-        name: float(np.nanmean(each.run(actuator).rmse)) for name, each in (("standing", standing), ("hung", hung))
+        name: float(np.nanmean(each.run(actuator).rmse))
+        for name, each in (("standing", standing), ("suspended", suspended))
     }
-    name = "hung" if error["hung"] < MARGIN * error["standing"] else "standing"
-    errors = f"{1e3 * error['standing']:.1f} mrad standing, {1e3 * error['hung']:.1f} mrad hung"
+    name = "suspended" if error["suspended"] < MARGIN * error["standing"] else "standing"
+    errors = f"{1e3 * error['standing']:.1f} mrad standing, {1e3 * error['suspended']:.1f} mrad suspended"
     return Posture(name, f"{name}, from replay errors: {errors}")

@@ -58,11 +58,11 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 
 
 def robot_fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], hung: bool, seed: int
+    robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], suspended: bool, seed: int
 ) -> RobotFidelity:
     """Compare every model, and the floor, over DRAWS samples of one motor per joint."""
-    fast = World(WorldConfig.of(robot, hung=hung))
-    fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, hung=hung))
+    fast = World(WorldConfig.of(robot, suspended=suspended))
+    fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
     rows: dict[str, list[tuple[float, float, float]]] = {}
     for draw in range(DRAWS):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])

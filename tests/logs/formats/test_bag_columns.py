@@ -20,7 +20,7 @@ time = "log_time"
 position_target = "/commands:data[{joint}]"
 joint_pos = "/state:motor_state[{joint}].q"
 joint_vel = "/state:motor_state[{joint}].dq"
-posture = "hung"
+posture = "suspended"
 
 [joints]
 0 = { name = "pan", kp = 20 }
@@ -86,7 +86,7 @@ def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_pa
         ("motor_state[{joint}].q", "motor_state[{joint}]", "it is a Motor"),
         ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' names no number .* -> name log_time for the"),
         ('"log_time"', '"t_s"', "'t_s' names no number of a bag's messages"),
-        ('"hung"', '"mode"', "posture = 'mode': not a posture, and a bag has no text columns"),
+        ('"suspended"', '"mode"', "posture = 'mode': not a posture, and a bag has no text columns"),
     ],
 )
 def test_what_a_map_gets_wrong_is_named(tmp_path: Path, old: str, new: str, said: str):

@@ -84,12 +84,12 @@ def test_words_of_a_column_are_the_postures_of_its_rows(
     ],
 )
 def test_a_cell_without_a_posture_is_named(tmp_path: Path, name: str, row: int, cell: str, said: str):
-    words = ["hung"] * ROWS
+    words = ["suspended"] * ROWS
     words[row] = cell
     with pytest.raises(LogError) as refusal:
         read(tmp_path / name, words)
     assert refusal.value.problem == said and refusal.value.where == tmp_path / name
-    assert "standing, hung, fixed or fallen" in str(refusal.value.remedy)
+    assert "standing, suspended, fixed or fallen" in str(refusal.value.remedy)
 
 
 @given(lengths=st.lists(st.integers(5, 40), min_size=1, max_size=5), seed=st.integers(0, 99))

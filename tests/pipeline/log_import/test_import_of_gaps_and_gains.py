@@ -69,7 +69,7 @@ def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path, monkey
 def test_loads_of_a_held_base_need_its_robot(tmp_path: Path):
     path, columns = write_swing(tmp_path)
     with pytest.raises(ConfigError, match="the model of their robot, and none was given -> give robot") as refusal:
-        import_logs(LogsImport((path,), tmp_path / "out", columns=columns, hung=True))
+        import_logs(LogsImport((path,), tmp_path / "out", columns=columns, suspended=True))
     assert refusal.value.argument == "robot" and not (tmp_path / "out").exists()
 
 

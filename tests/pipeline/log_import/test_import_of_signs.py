@@ -11,12 +11,12 @@ from motorprior.pipeline.progress import Lines
 
 
 @pytest.mark.parametrize(
-    ("turned", "hung", "warns"), [("", True, False), ("elbow", True, True), ("elbow", False, False)]
+    ("turned", "suspended", "warns"), [("", True, False), ("elbow", True, True), ("elbow", False, False)]
 )
-def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str, hung: bool, warns: bool):
+def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str, suspended: bool, warns: bool):
     robot = write_arm(tmp_path)
     table, columns = write_table(slow_motion(robot), tmp_path, turned)
     said = io.StringIO()
-    import_logs(LogsImport((table,), tmp_path / "out", columns=columns, hung=hung, robot=robot), Lines(said))
+    import_logs(LogsImport((table,), tmp_path / "out", columns=columns, suspended=suspended, robot=robot), Lines(said))
     assert ("with the sign of elbow turned" in said.getvalue()) == warns
     assert said.getvalue().startswith("warning: ") == warns

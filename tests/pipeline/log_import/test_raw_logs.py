@@ -52,7 +52,7 @@ def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
         import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
 
 
-@pytest.mark.parametrize(("base", "held"), [("free", "hung"), ("fixed", "fixed")])
+@pytest.mark.parametrize(("base", "held"), [("free", "suspended"), ("fixed", "fixed")])
 @pytest.mark.parametrize("stated", POSTURES)
 @pytest.mark.parametrize("row", [0, 30, ROWS - 1])
 def test_a_base_that_was_not_held_in_some_row_has_no_loads_of_one_that_was(
@@ -69,14 +69,16 @@ def test_a_base_that_was_not_held_in_some_row_has_no_loads_of_one_that_was(
         motor=PUPPER_V2.motor, source="a test", posture=codes,
     )  # fmt: skip
     write_log(tmp_path / "log.parquet", log)
-    config = LogsImport((tmp_path / "log.parquet",), tmp_path / "out", hung=True)
+    config = LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True)
     if stated == held:
         import_logs(config)
         assert len(taken_in) == 1
         return
-    with pytest.raises(ConfigError, match=f"hung: row {row} states the posture {stated}, .* has to be {held}") as error:
+    with pytest.raises(
+        ConfigError, match=f"suspended: row {row} states the posture {stated}, .* has to be {held}"
+    ) as error:
         import_logs(config)
-    assert error.value.argument == "hung" and error.value.where == tmp_path / "log.parquet" and not taken_in
+    assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet" and not taken_in
 
 
 def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: Path, monkeypatch):

@@ -38,9 +38,9 @@ class Notes:
         self.lines.append(text)
 
 
-@pytest.mark.parametrize(("posture", "used"), [("auto", "hung"), ("standing", "standing")])
+@pytest.mark.parametrize(("posture", "used"), [("auto", "suspended"), ("standing", "standing")])
 def test_an_option_overrides_the_posture_in_the_log(posture: PostureName, used: str):
-    fleet, log = load_fleet("pupper_v2"), replace(still_log(), posture=np.full(ROWS, POSTURES.index("hung")))
+    fleet, log = load_fleet("pupper_v2"), replace(still_log(), posture=np.full(ROWS, POSTURES.index("suspended")))
     (replayer,) = replayers_of({"a": log}, {"a": log}, ROBOT, fleet, posture, SILENT).values()
     assert replayer.prepared.posture is not None and POSTURES[replayer.prepared.posture[0]] == used
 
@@ -55,4 +55,4 @@ def test_rows_after_a_fall_are_excluded():
 
 def test_a_fixed_robot_has_one_posture():
     with pytest.raises(ConfigError, match="the base of 'pupper_v2' is fixed"):
-        replayers_of({}, {}, replace(ROBOT, base="fixed"), load_fleet("pupper_v2"), "hung", Notes())
+        replayers_of({}, {}, replace(ROBOT, base="fixed"), load_fleet("pupper_v2"), "suspended", Notes())

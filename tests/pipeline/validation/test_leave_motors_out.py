@@ -56,7 +56,7 @@ def test_the_motors_by_themselves_are_fitted_over_windows_as_long_as_the_priors(
     windows: dict[str, int] = {}
     monkeypatch.setattr(module, "fit_prior", lambda log, preset, *_, **__: None)
     monkeypatch.setattr(module, "fit_recipe", begin)
-    for prior, alone in (("first_look", "pace_long_runs"), ("long_runs", "pace_long_runs"), ("rollout", "pace")):
+    for prior, alone in (("quick", "pace_long_runs"), ("long_runs", "pace_long_runs"), ("rollout", "pace")):
         windows.clear()
         with pytest.raises(Begun):
             leave_motors_out(logs[0], logs[1], ROBOT, GROUP, prior, SECONDS, tmp_path)

@@ -24,7 +24,7 @@ def in_segments(log: MotorLog, rows: int) -> MotorLog:
     return replace(log, segment=np.arange(log.num_rows) // rows, source="my.parquet")
 
 
-@pytest.mark.parametrize("prior", ["first_look", "long_runs"])
+@pytest.mark.parametrize("prior", ["quick", "long_runs"])
 def test_baselines_of_long_runs_can_be_fitted_to_segments_shorter_than_their_windows(log: MotorLog, prior: str):
     short = in_segments(log, 450)
     recipes = baseline_recipes(short, PRESETS[prior])

@@ -11,7 +11,7 @@ def load_given(log: MotorLog) -> list[Finding]:
     """Whether the log says what its motors moved, and how much it varies: largest over smallest inertia."""
     if log.load_inertia is None:
         message = "the log does not say what its motors moved"
-        remedy = "`motorprior logs import` adds loads, with hung or fit_load: docs/your-motors.md"
+        remedy = "`motorprior logs import` adds loads, with suspended or fit_load: docs/your-motors.md"
         return [Finding("info", "load_given", 0.0, None, message, remedy, row=0)]
     least, most = float(log.load_inertia.min()), float(log.load_inertia.max())
     message = f"load inertia {least:.3g} to {most:.3g} kg·m²"

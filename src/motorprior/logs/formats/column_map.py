@@ -4,7 +4,7 @@
     time = "t_ms"
     position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
     joint_pos = "present_{joint}"
-    posture = "hung"                        # of the base in all rows; or the column that says it in every row
+    posture = "suspended"                        # of the base in all rows; or the column that says it in every row
     supply_voltage = 7.4                    # of all motors [V]; or a column, of all joints or with {joint} in its name
     motor_temperature = "temp_{joint}"      # °C; or a number, too
 

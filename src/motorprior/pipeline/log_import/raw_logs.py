@@ -62,8 +62,8 @@ class LogsImport:
     """At all motors [V], in place of what the log or ``columns`` says."""
     motor_temperature: float | None = None
     """Of all motors [°C], likewise."""
-    hung: bool = False
-    """A recording or a table for which the robot hung in the air with its body level, or stood on its fixed base: add
+    suspended: bool = False
+    """The robot was suspended with its body level, or has a fixed base: add
     the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
     given. A log that states another posture in any of its rows is refused."""
     fit_load: bool = False
@@ -118,7 +118,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         for target, path in targets.items():
             log = _imported(path, robot, config, progress)
             tell_replaced(target, log, progress)
-            if config.hung:
+            if config.suspended:
                 _note_signs(path, log, robot, progress)
             write_log(target, log)
             tell(target, log, progress)
@@ -128,12 +128,12 @@ def _require_robot_of_held_base(config: LogsImport) -> None:
     """Refuse a table of joints of nobody's, whose loads no model tells.
 
     Raises:
-        ConfigError: hung, without a robot, and the column map is not of the default robot.
+        ConfigError: suspended, without a robot, and the column map is not of the default robot.
     """
-    if config.hung and config.columns is not None and config.robot is None:
+    if config.suspended and config.columns is not None and config.robot is None:
         columns = load_column_map(config.columns)
         if columns.robot != DEFAULT_ROBOT:
-            problem = "hung: the loads of these joints come from the model of their robot, and none was given"
+            problem = "suspended: the loads of these joints come from the model of their robot, and none was given"
             remedy = "give robot, its .toml file (docs/your-robot.md); or fit_load, where no model is known"
             raise ConfigError(problem, where=columns.source, remedy=remedy, argument="robot")
 
@@ -155,12 +155,12 @@ def _to_fit(config: LogsImport) -> LogsImport:
     from motorprior.identification.load_fit import RECIPE
 
     odd = {
-        "hung and fit_load are two ways to have loads": config.hung,
+        "suspended and fit_load are two ways to have loads": config.suspended,
         "fit_load needs columns: of other formats the robot's model, or the log, says the loads": not config.columns,
         f"fit_load with a robot: the model of {config.robot!r} says the loads": config.robot is not None,
     }
     for problem in (problem for problem, found in odd.items() if found):
-        remedy = "leave fit_load out and, where the base does not move, give hung"
+        remedy = "leave fit_load out and, where the base does not move, give suspended"
         raise ConfigError(problem, remedy=remedy, argument="fit_load")
     if config.period not in (None, RECIPE.period):
         raise ConfigError(
@@ -180,15 +180,15 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     """
     if config.columns is None and ROBOT_RUN.takes(path):
         return _with_what_is_stated(_robot_run(path, robot, config), robot, config, progress)
-    unnamed = config.robot is None and config.columns is not None and not config.hung
+    unnamed = config.robot is None and config.columns is not None and not config.suspended
     log = _with_what_is_stated(read_log(path, None if unnamed else robot, config.columns), robot, config, progress)
-    wanted = "hung" if config.hung else "fit_load" if config.fit_load else ""
+    wanted = "suspended" if config.suspended else "fit_load" if config.fit_load else ""
     if wanted:
         _require_no_load(path, log, wanted)
-    if config.hung:
-        from motorprior.simulation.hung_load import require_held
+    if config.suspended:
+        from motorprior.simulation.suspended_load import require_held
 
-        require_held(log, robot, path, "hung")
+        require_held(log, robot, path, "suspended")
     period = config.period or (robot.physics_dt if wanted else None)
     log, gaps = begin_at_gaps(log, period or 0.0)
     for told in filter(None, (gaps, taken_for_granted(path, config.columns))):
@@ -197,12 +197,12 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
         return log
     if not wanted:
         return resample(log, period)
-    return with_loads_on_grid(log, robot, period) if config.hung else _bare(log, period)
+    return with_loads_on_grid(log, robot, period) if config.suspended else _bare(log, period)
 
 
 def _note_signs(path: Path, log: MotorLog, robot: Robot, progress: Progress) -> None:
     """Warn where the loads of the model are those of other signs of the joints."""
-    from motorprior.simulation.hung_load import gravity_of_held
+    from motorprior.simulation.suspended_load import gravity_of_held
 
     gravity = gravity_of_held(log, robot)
     for finding in [] if gravity is None else signs(log, gravity):
@@ -211,7 +211,7 @@ def _note_signs(path: Path, log: MotorLog, robot: Robot, progress: Progress) -> 
 
 def with_loads_on_grid(log: MotorLog, robot: Robot, period: float) -> MotorLog:
     """The log on a grid, as `smooth_on_grid`, with the loads of a robot whose base is held, as `with_loads`."""
-    from motorprior.simulation.hung_load import with_loads
+    from motorprior.simulation.suspended_load import with_loads
 
     return with_loads(smooth_on_grid(log, period), robot)
 
@@ -231,12 +231,12 @@ def _require_no_load(path: Path, log: MotorLog, wanted: str) -> None:
 
 
 def _robot_run(path: Path, robot: Robot, config: LogsImport) -> MotorLog:
-    if config.period is None and not config.hung:
+    if config.period is None and not config.suspended:
         return read_log(path, robot)
     period = config.period or robot.physics_dt
-    if not config.hung:
+    if not config.suspended:
         return read_robot_run(path, robot, period=period)
-    from motorprior.simulation.hung_load import with_loads
+    from motorprior.simulation.suspended_load import with_loads
 
     return with_loads(read_robot_run(path, robot, (Mode.EXCITE,), period), robot)
 

@@ -13,7 +13,7 @@ from motorprior.robots.robot import Robot
 from motorprior.transfer.log_replay import Replayer, logged_gains_note, with_logged_gains
 from motorprior.transfer.posture import find_posture, with_posture
 
-PostureName: TypeAlias = Literal["auto", "standing", "hung"]
+PostureName: TypeAlias = Literal["auto", "standing", "suspended"]
 
 
 def replayers_of(

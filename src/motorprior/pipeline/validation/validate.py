@@ -135,7 +135,7 @@ def _measure(
     motors = facts.physical_motors()
     tuned = _tune_baselines(config.out, robot, motors, facts, progress)
     models = _models(facts.fleet, priors, tuned)
-    with progress.start("validate: bench, standing robot, hung robot", 4) as task:
+    with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
         results = fidelity(robot, motors, models, "train", config.seed, task) + _armature(motors, priors)
         write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
         task.advance()
@@ -167,7 +167,7 @@ def _held_out(
     from motorprior.pipeline.validation import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
-    title = "held-out motors: adapt, bench, standing robot, hung robot"
+    title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
         motors = held_out.held_out_motors(facts)
         known = held_out.adapt_all(robot, priors, paths, motors, facts)
@@ -219,12 +219,12 @@ def fidelity(
         for model, values in errors[kind].items():
             add(quantity, "rad", model, values)
     task.advance()
-    for place, hung in (("standing", False), ("hung", True)) if robot.legs else ():
-        found = robot_fidelity(robot, motors, models, hung, seed)
+    for place, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
+        found = robot_fidelity(robot, motors, models, suspended, seed)
         for model in found.rmse:
             add(f"{place}_rmse", "rad", model, found.rmse[model])
             add(f"{place}_torque_hf", "N·m", model, found.torque_hf[model])
-            if not hung:
+            if not suspended:
                 add("standing_displacement_error", "m", model, found.displacement_error[model], mean=False)
         task.advance()
     return Results.of(rows)

@@ -1,4 +1,4 @@
-"""The load that inverse dynamics gives a hung robot's motors is the one they had."""
+"""The load that inverse dynamics gives a suspended robot's motors is the one they had."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFF
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.hung_load import gravity_of_held, with_loads
+from motorprior.simulation.suspended_load import gravity_of_held, with_loads
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -19,10 +19,10 @@ RECIPE = PRESETS["rollout"]
 
 
 def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> tuple[MotorLog, np.ndarray]:
-    """Known torques on a hung robot without motors, finely simulated."""
+    """Known torques on a suspended robot without motors, finely simulated."""
     import mujoco
 
-    world = World(WorldConfig.of(PUPPER_V2, physics_dt=step, hung=True))
+    world = World(WorldConfig.of(PUPPER_V2, physics_dt=step, suspended=True))
     world.model.jnt_limited[:] = 0  # an end stop is no load of the motor's
     world.data.qpos[:] = spec.NOMINAL_POSE
     rng = np.random.default_rng(0)
@@ -107,8 +107,8 @@ def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pit
 
 
 def test_gravity_of_a_held_robot_is_its_load_at_rest():
-    hung = np.full(20, POSTURES.index("hung"))
-    log = replace(swaying(spec.NOMINAL_POSE, 0.0, rows=20), posture=hung)
+    suspended = np.full(20, POSTURES.index("suspended"))
+    log = replace(swaying(spec.NOMINAL_POSE, 0.0, rows=20), posture=suspended)
     gravity = gravity_of_held(log, PUPPER_V2)
     assert gravity is not None
     np.testing.assert_array_equal(gravity(log.joint_pos), with_loads(log, PUPPER_V2).external_torque)

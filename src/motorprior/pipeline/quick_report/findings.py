@@ -1,4 +1,4 @@
-"""What a first look at real logs finds: errors of models, constants of motors, and what to say about them."""
+"""What a quick report of real logs finds: errors of models, constants of motors, and what to say about them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # they import JAX
 
 
 @dataclass(frozen=True)
-class Look:
+class Findings:
     """What was found.
 
     Attributes:
@@ -32,8 +32,8 @@ class Look:
     results: Results = field(default_factory=Results)
     traces: tuple[Trace, ...] = ()
 
-    def __add__(self, other: Look) -> Look:
-        return Look(self.lines + other.lines, self.results + other.results, self.traces + other.traces)
+    def __add__(self, other: Findings) -> Findings:
+        return Findings(self.lines + other.lines, self.results + other.results, self.traces + other.traces)
 
 
 @dataclass(frozen=True)

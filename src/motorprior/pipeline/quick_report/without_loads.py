@@ -1,4 +1,4 @@
-"""First look at logs whose loads nobody knows: how every joint responds to its command, by models that need none."""
+"""Quick report at logs whose loads nobody knows: how every joint responds to its command, by models that need none."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.logs.joining import joined
-from motorprior.pipeline.first_look.look import Errors, Look, constant_results, free_run_trace
 from motorprior.pipeline.progress import Progress
+from motorprior.pipeline.quick_report.findings import Errors, Findings, constant_results, free_run_trace
 from motorprior.pipeline.validation.log_baselines import BaselineFits, fitted_responses, with_some_load
 from motorprior.pipeline.validation.log_stretches import Split
 from motorprior.report.real_motor_tables import RMSE
@@ -19,7 +19,7 @@ SHOWN = {
 """What the user is told of: constants of servo_limits, the factor on them, and the unit that this gives."""
 
 
-def look_without_loads(logs: Split, seed: int, folder: Path, progress: Progress) -> Look:
+def report_without_loads(logs: Split, seed: int, folder: Path, progress: Progress) -> Findings:
     """Fit to the known stretches, judge by the others.
 
     Args:
@@ -51,7 +51,7 @@ def look_without_loads(logs: Split, seed: int, folder: Path, progress: Progress)
         for log, joint in places
     )
     lines = (errors.compared(), _told(constants, units), errors.unlike("servo_limits"))
-    return Look(lines, errors.rows(RMSE) + constant_results(constants, units, known.joint_names), traces)
+    return Findings(lines, errors.rows(RMSE) + constant_results(constants, units, known.joint_names), traces)
 
 
 def _told(constants: dict[str, np.ndarray], units: dict[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""The first look at real logs, on small synthetic ones: what made them is told, whatever is known of their loads."""
+"""The quick report at real logs, on small synthetic ones: what made them is told, whatever is known of their loads."""
 
 import re
 from dataclasses import replace
@@ -15,8 +15,8 @@ from motorprior.identification.judging import fit_quality
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.pipeline.demo import Demo, that_walks
-from motorprior.pipeline.first_look.look import Errors
-from motorprior.pipeline.first_look.real_motors import (
+from motorprior.pipeline.quick_report.findings import Errors
+from motorprior.pipeline.quick_report.real_motors import (
     TRACES,
     RealMotors,
     _loads,
@@ -118,7 +118,7 @@ def arm(tmp_path: Path) -> str:
 
 
 def stating(folder: Path, names: tuple[str, ...], *postures: str | None) -> Path:
-    """A folder with a log of these joints for each posture, stated in all rows but the first, which was hung."""
+    """A folder with a log of these joints for each posture, stated in all rows but the first, which was suspended."""
     log = a_log("a", [True] * len(names))
     for number, stated in enumerate(postures):
         codes = None if stated is None else np.array([1] + 49 * [POSTURES.index(stated)])
@@ -129,19 +129,19 @@ def stating(folder: Path, names: tuple[str, ...], *postures: str | None) -> Path
 @pytest.mark.parametrize(
     ("postures", "told"),
     [
-        (("hung", "hung"), "rigid body of pupper_v2, its base held"),
-        (("hung", None), r"unknown, since pupper_v2 may have stood on its feet \(say hung if it hung\)"),
-        (("hung", "fixed"), "unknown, since pupper_v2 was fixed, as logs state"),
+        (("suspended", "suspended"), "rigid body of pupper_v2, its base held"),
+        (("suspended", None), r"unknown, since pupper_v2 may have stood on its feet \(say suspended if it suspended\)"),
+        (("suspended", "fixed"), "unknown, since pupper_v2 was fixed, as logs state"),
         (("standing", "fallen"), "unknown, since pupper_v2 was fallen and standing, as logs state"),
     ],
 )
-def test_a_free_base_is_held_where_every_row_says_that_it_hung(
+def test_a_free_base_is_held_where_every_row_says_that_it_suspended(
     tmp_path: Path, postures: tuple[str | None, ...], told: str
 ):
     robot = load_robot("pupper_v2")
     config = RealMotors(stating(tmp_path / "logs", robot.joint_names, *postures), tmp_path / "out")
     loads, why = _loads(config, read_logs_of(config).logs, robot)
-    assert re.match(f"loads: {told}", why) and (loads is not None) == (set(postures) == {"hung"})
+    assert re.match(f"loads: {told}", why) and (loads is not None) == (set(postures) == {"suspended"})
 
 
 def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):

@@ -17,10 +17,10 @@ from motorprior.logs.doctor.gap_segments import begin_at_gaps
 from motorprior.logs.formats.registry import taken_for_granted
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
-from motorprior.pipeline.first_look.look import Look
 from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder
 from motorprior.pipeline.log_import.raw_logs import with_loads_on_grid
 from motorprior.pipeline.progress import SILENT, Progress
+from motorprior.pipeline.quick_report.findings import Findings
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
 from motorprior.pipeline.validation.log_stretches import Split, long_segments, moving_joints, split, with_joints
 from motorprior.report.real_motor_tables import as_tensors
@@ -48,8 +48,8 @@ class RealMotors:
     """Folder for figures.json and the traces of the report."""
     columns: str | None = None
     """What columns of tables mean: a shipped map by name, or your .toml file."""
-    hung: bool = False
-    """A robot with a free base hung in the air with its body level."""
+    suspended: bool = False
+    """A robot with a free base suspended in the air with its body level."""
     fleet: str | None = None
     """Population to compare with; if not given, that of the robot, if it comes with one."""
     seed: int = 0
@@ -79,7 +79,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
     wanted = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            look = _look(config, folder, robot, progress)
+            look = _findings(config, folder, robot, progress)
             write_results(config.out, look.results)
             arrays, names = as_tensors(look.traces)
             write_tensors(config.out / TRACES, arrays, {"lines": list(look.lines), "traces": names})
@@ -94,11 +94,13 @@ def read_logs_of(config: RealMotors) -> LogFolder:
     Raises:
         LogError, ArtifactError: they cannot be read, are of different joints, or nothing moves in them.
             Or one of a fixed base states another posture.
-        ConfigError: hung, of a robot that does not hang, or of logs of which one states another posture.
+        ConfigError: suspended, of a robot that does not hang, or of logs of which one states another posture.
     """
     robot = load_robot(config.robot)
-    if config.hung and robot.base == "fixed":
-        raise ConfigError(f"hung, but the base of {robot.name!r} is fixed", remedy="leave it out", argument="hung")
+    if config.suspended and robot.base == "fixed":
+        raise ConfigError(
+            f"suspended, but the base of {robot.name!r} is fixed", remedy="leave it out", argument="suspended"
+        )
     unnamed = config.columns is not None and config.robot == DEFAULT_ROBOT
     found = read_log_folder(config.logs, None if unnamed else robot, config.columns)
     first = next(iter(found.logs.values())).joint_names
@@ -115,12 +117,12 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
 def _require_held(config: RealMotors, found: LogFolder, robot: Robot) -> None:
     """Refuse, before anything is written, logs whose stated posture is not that of a base which is said to be held."""
-    if not config.hung and (robot.base == "free" or not _is_of(found, robot)):
+    if not config.suspended and (robot.base == "free" or not _is_of(found, robot)):
         return
-    from motorprior.simulation.hung_load import require_held  # here: it imports MuJoCo, which is slow
+    from motorprior.simulation.suspended_load import require_held  # here: it imports MuJoCo, which is slow
 
     for path, log in zip(found.paths, found.logs.values(), strict=True):
-        require_held(log, robot, path, "hung" if config.hung else "")
+        require_held(log, robot, path, "suspended" if config.suspended else "")
 
 
 def is_replayed(config: RealMotors, robot: str) -> bool:
@@ -137,26 +139,28 @@ def _is_of(folder: LogFolder, robot: Robot) -> bool:
     return all(log.joint_names == robot.joint_names for log in folder.logs.values())
 
 
-def _look(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> Look:
+def _findings(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> Findings:
     known_robot, logs = _is_of(folder, robot), folder.logs
     fleet = fleet_of(config, robot, known_robot)
     whole, lines = _without_gaps(config, folder)
-    found = Look(lines)
+    found = Findings(lines)
     loads, why = _loads(config, logs, robot if known_robot else None)
     if loads is None and known_robot and fleet is not None and fleet.robot == robot.name:
-        from motorprior.pipeline.first_look.look_by_replay import look_by_replay
+        from motorprior.pipeline.quick_report.by_replay import report_by_replay
 
-        found += look_by_replay(logs, robot, fleet, "hung" if config.hung else "auto", config.seed, progress)
+        found += report_by_replay(
+            logs, robot, fleet, "suspended" if config.suspended else "auto", config.seed, progress
+        )
     parts = _moving(split(whole, _seconds(whole, loads is None), JUDGED_SECONDS).map(loads or _on_grid))
-    found += Look((why, parts.told))
+    found += Findings((why, parts.told))
     if loads is None:
-        from motorprior.pipeline.first_look.look_without_loads import look_without_loads
+        from motorprior.pipeline.quick_report.without_loads import report_without_loads
 
-        return found + look_without_loads(parts, config.seed, config.out, progress)
-    from motorprior.pipeline.first_look.look_with_loads import look_with_loads
+        return found + report_without_loads(parts, config.seed, config.out, progress)
+    from motorprior.pipeline.quick_report.with_loads import report_with_loads
 
     described = robot if known_robot else None
-    return found + look_with_loads(parts, described, fleet, config.seed, config.out / "prior", progress)
+    return found + report_with_loads(parts, described, fleet, config.seed, config.out / "prior", progress)
 
 
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], tuple[str, ...]]:
@@ -210,10 +214,10 @@ def _loads(
             "only responses that need no load"
         )
     stated = {None if code is None else POSTURES[code] for log in logs.values() for code in _codes(log)}
-    if robot.base == "fixed" or config.hung or stated == {"hung"}:
+    if robot.base == "fixed" or config.suspended or stated == {"suspended"}:
         return lambda log: with_loads_on_grid(log, robot, PERIOD), f"loads: rigid body of {robot.name}, its base held"
-    others = " and ".join(sorted(name for name in stated if name not in (None, "hung")))
-    why = f"was {others}, as logs state" if others else "may have stood on its feet (say hung if it hung)"
+    others = " and ".join(sorted(name for name in stated if name not in (None, "suspended")))
+    why = f"was {others}, as logs state" if others else "may have stood on its feet (say suspended if it suspended)"
     return None, f"loads: unknown, since {robot.name} {why}: no motor can be fitted, only responses that need no load"
 
 

@@ -1,4 +1,4 @@
-"""First look at logs of a robot on its feet or in the air: its commands on a simulated robot with known motors."""
+"""Quick report at logs of a robot on its feet or in the air: its commands on a simulated robot with known motors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from motorprior.bench.fleet import Fleet
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.first_look.look import Errors, Look
 from motorprior.pipeline.motor_choice import nominal_pd
 from motorprior.pipeline.progress import Progress
+from motorprior.pipeline.quick_report.findings import Errors, Findings
 from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.pipeline.validation.log_stretches import awake
 from motorprior.report.real_motor_tables import RMSE, Trace
@@ -25,9 +25,9 @@ LONGEST = 120.0
 BAND = (0.05, 0.95)
 
 
-def look_by_replay(
+def report_by_replay(
     logs: Mapping[str, MotorLog], robot: Robot, fleet: Fleet, posture: PostureName, seed: int, progress: Progress
-) -> Look:
+) -> Findings:
     """Replay on an ideal PD, on the fleet's central motor and on draws of it.
 
     Args:
@@ -58,7 +58,7 @@ def look_by_replay(
             }
             found[name] = {model: [replayer.run(motors) for motors in each] for model, each in models.items()}
             task.advance()
-    return _look(found, replayers, robot, fleet)
+    return _findings(found, replayers, robot, fleet)
 
 
 def beginning(log: MotorLog, seconds: float) -> MotorLog:
@@ -70,9 +70,9 @@ def beginning(log: MotorLog, seconds: float) -> MotorLog:
     return beginning(moving, seconds)
 
 
-def _look(
+def _findings(
     found: dict[str, dict[str, list[LogReplay]]], replayers: Mapping[str, Replayer], robot: Robot, fleet: Fleet
-) -> Look:
+) -> Findings:
     models = {
         model: np.stack([np.median([run.rmse for run in runs[model]], axis=0) for runs in found.values()])
         for model in next(iter(found.values()))
@@ -81,7 +81,7 @@ def _look(
     places = list(dict.fromkeys((errors.typical("physical"), errors.worst("physical"))))
     traces = tuple(_trace(errors, replayers, found, *place) for place in places)
     told = f"replayed on a simulated {robot.name}, motors of fleet {fleet.name!r}; {errors.compared()}"
-    return Look((told, errors.unlike("physical"), _outside(found, replayers, robot)), errors.rows(RMSE), traces)
+    return Findings((told, errors.unlike("physical"), _outside(found, replayers, robot)), errors.rows(RMSE), traces)
 
 
 def _outside(found: dict[str, dict[str, list[LogReplay]]], replayers: Mapping[str, Replayer], robot: Robot) -> str:

@@ -1,4 +1,4 @@
-"""Loads of the motors of a hung robot, by inverse dynamics, one joint at a time.
+"""Loads of the motors of a suspended robot, by inverse dynamics, one joint at a time.
 
 With the chassis fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's own belongs to its motor)
 and b gravity and Coriolis torques. For joint j this has the form of a bench with the known loads of a `MotorLog`:
@@ -56,7 +56,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
         remedy = "import it with a period, and its angles say them"
         raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
     _require_level(log)
-    model = build_model(robot, hung=robot.base == "free")
+    model = build_model(robot, suspended=robot.base == "free")
     data = mujoco.MjData(model)
     inertia, external, stiffness = (np.empty_like(log.joint_pos) for _ in range(3))
     for part in log.segment_slices():
@@ -86,14 +86,14 @@ def gravity_of_held(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nd
         return None
     if robot.base == "free" and log.posture is None:
         return None
-    model = build_model(robot, hung=robot.base == "free")
+    model = build_model(robot, suspended=robot.base == "free")
     data, at_rest = mujoco.MjData(model), np.zeros(model.nv)
     return lambda angles: np.stack([-_bias(model, data, pose, at_rest) for pose in angles])
 
 
 def held_posture(robot: Robot) -> str:
     """What a log calls it that the base of this robot is held."""
-    return "hung" if robot.base == "free" else "fixed"
+    return "suspended" if robot.base == "free" else "fixed"
 
 
 def require_held(log: MotorLog, robot: Robot, where: str | Path, option: str = "") -> None:

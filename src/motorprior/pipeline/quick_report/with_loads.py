@@ -1,4 +1,4 @@
-"""First look at logs whose loads are known: PDs and a quickly fitted prior in free runs over other stretches."""
+"""Quick report at logs whose loads are known: PDs and a quickly fitted prior in free runs over other stretches."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from motorprior.bench.fleet import Fleet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.pipeline.adapt import motor_constants
-from motorprior.pipeline.first_look.fleet_comparison import (
+from motorprior.pipeline.identify import PRIOR, fit_prior
+from motorprior.pipeline.motor_choice import described_pd
+from motorprior.pipeline.progress import Heard, Progress
+from motorprior.pipeline.quick_report.findings import Errors, Findings, constant_results, free_run_trace
+from motorprior.pipeline.quick_report.fleet_comparison import (
     beside_each_other,
     beside_the_fleet,
     fleet_results,
     not_shown_results,
     shown_by_logs,
 )
-from motorprior.pipeline.first_look.look import Errors, Look, constant_results, free_run_trace
-from motorprior.pipeline.identify import PRIOR, fit_prior
-from motorprior.pipeline.motor_choice import described_pd
-from motorprior.pipeline.progress import Heard, Progress
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.validation.log_baselines import with_gains_of
 from motorprior.pipeline.validation.log_stretches import Split
@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.latents.outliers import Outliers
     from motorprior.identification.presets import Preset
 
-PRESET = "first_look"
+PRESET = "quick"
 SHOWN = {
     "kp": "N·m/rad", "kd_over_kp": "s", "delay": "s", "armature": "kg·m²", "coulomb": "N·m", "viscous_damping":
     "N·m·s/rad", "backlash": "rad",
@@ -54,9 +54,9 @@ ODD = 0.05
 """p-value of all motors together from which on one is said to stand out."""
 
 
-def look_with_loads(
+def report_with_loads(
     logs: Split, robot: Robot | None, fleet: Fleet | None, seed: int, folder: Path, progress: Progress
-) -> Look:
+) -> Findings:
     """Fit to the known stretches, judge by the others.
 
     Args:
@@ -103,7 +103,7 @@ def look_with_loads(
     rows = errors.rows(RMSE) + short.rows(FREE_RUN) + constant_results(shown, SHOWN, known.joint_names)
     rows += not_shown_results(constants, shown, SHOWN)
     rows += Results() if fleet is None else fleet_results(fleet, shown, SHOWN)
-    return Look(lines, rows, traces)
+    return Findings(lines, rows, traces)
 
 
 def _pd(log: MotorLog, robot: Robot | None) -> dict[str, LogModel]:
