@@ -2,8 +2,8 @@
 
 python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
 
-Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, suspended and
-on the ground, 12 random trots of 2 s; then the time of an iteration of ARS, and where PyBullet's goes.
+Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, suspended
+and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS, and where PyBullet's goes.
 """
 
 import argparse

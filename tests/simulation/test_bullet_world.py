@@ -207,8 +207,8 @@ TOLERANCE = {
     "ideal_pd": (1e-5, 1e-3),
     "grey_box": (0.004, 0.25),
 }
-"""Of suspended joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping, its own
-and that of its stiffness, which is explicit here: a blow through the play is another, and falls in another
+"""Of suspended joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping,
+its own and that of its stiffness, which is explicit here: a blow through the play is another, and falls in another
 millisecond, so that torques differ by a fifth of their limit for as long."""
 
 

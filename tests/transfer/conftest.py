@@ -27,7 +27,7 @@ def fleet() -> Fleet:
 
 @pytest.fixture(scope="session")
 def record_log() -> RecordLog:
-    """`record_log(actuator, suspended, seed, speed)`: sines of hips and knees, what the encoders of these motors read."""
+    """`record_log(actuator, suspended, seed, speed)`: sines of hips and knees, read by encoders."""
 
     def record(actuator: Actuator, suspended: bool = True, seed: int = 0, speed: float = 1.0) -> MotorLog:
         config = WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=COMMAND_PERIOD, suspended=suspended)

@@ -43,9 +43,7 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
             compiled with a floor and without actuators.
     """
     if suspended and robot.base == "fixed":
-        raise ConfigError(
-            f"robot {robot.name!r} has a fixed base", remedy="only a free robot hangs: use suspended=False"
-        )
+        raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="use suspended=False")
     try:
         return _built(robot, robot.physics_dt if physics_dt is None else physics_dt, suspended)
     except ValueError as error:

@@ -47,8 +47,8 @@ class TrainingData:
 
 
 _REMEDIES = {
-    "rollout": "record the loads, or let `motorprior logs import` add them: option `suspended` (also for a fixed base), "
-    " `fit_load` for an unknown body on each joint",
+    "rollout": "record the loads, or let `motorprior logs import` add them: option `suspended` (or fixed base), "
+    "`fit_load` for an unknown body on each joint",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)

@@ -41,7 +41,7 @@ class Calibrate:
     prior: Path | None = None
     """Prior identified on a bench of the fitted fleet: also plot its 50 and 90 % bands over the logs."""
     posture: PostureName = "auto"
-    """Posture of the robot: standing on its feet, or suspended ("suspended"). "auto" uses that in the log, or the one in
+    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the one in
     which the fleet's central motor replays it clearly better."""
     starts: int = 3
     """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""

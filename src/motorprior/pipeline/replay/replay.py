@@ -50,7 +50,7 @@ class Replay:
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     posture: PostureName = "auto"
-    """Posture of the robot: standing on its feet, or suspended ("suspended"). "auto" uses that in the log, or the one in
+    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the one in
     which the fleet's central motor replays it clearly better."""
 
 
