@@ -22,12 +22,13 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
-from motorprior.simulation import build_model, timed_paths
+from motorprior.simulation import build_model
 from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.mj_call import library
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
+from speed import mj_steps, recorded, zero_policy_targets
 
 MOTORS = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.008)
 UNDAMPED = IdealPd.uniform(12, kp=4.0, kd=0.0, torque_limit=1.26, armature=0.003)
@@ -106,7 +107,7 @@ def drive_of(motors: IdealPd, targets: np.ndarray) -> np.ndarray:
     """(2, physics steps, 12) torques and damping that the shipped engine is given on this trot."""
     world = world_of("shipped")
     drive = np.zeros((2, len(targets) * world.config.substeps, 12))
-    timed_paths._record(world.arrays, world.reset(motors), targets, drive)
+    recorded(world.arrays, world.reset(motors), targets, drive)
     return drive
 
 
@@ -123,7 +124,7 @@ def main() -> None:
     path = parser.parse_args().json
     clock = ctypes.c_void_p.in_dll(library(), "mjcb_time")
     ticking = clock.value  # what the Python bindings gave MuJoCo; a World takes it away
-    targets = timed_paths.zero_policy_targets(PUPPER_V2, 200)
+    targets = zero_policy_targets(PUPPER_V2, 200)
     fine = replay(world_of("shipped", FINE_DT), MOTORS, targets).joint_pos
     shipped = replay(world_of("shipped"), MOTORS, targets).joint_pos
     figures, works = {}, {}
@@ -139,7 +140,7 @@ def main() -> None:
             world.reset(motors)
             clock.value = ticking if key[0] == "engine timers on" else None
             started = time.perf_counter()
-            timed_paths._mj_steps(world.arrays, drive)
+            mj_steps(world.arrays, drive)
             seconds[key].append((time.perf_counter() - started) / drive.shape[1])
     clock.value = None
     for (name, kind), values in seconds.items():

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from turning import TURNS, followed, rows_of, told
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
@@ -32,7 +33,7 @@ from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.motor_choice import MotorChoice, drawn_from, load_robot_fleet
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, motor_sampler
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.results import Result, Results
@@ -47,11 +48,8 @@ from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.gait_quality import gait_quality
-from motorprior.transfer.quality_results import quality_results
-from motorprior.transfer.study import STUDY_SEED
-from motorprior.transfer.twin import HARD, NOISY, twin_of
-from turning import TURNS, followed, rows_of, told
+from motorprior.transfer.gait_quality import gait_quality, quality_results
+from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)
@@ -117,7 +115,7 @@ class Stage:
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
         """Of one of the three places."""
         if place == "sampled":
-            draw, physics_dt = drawn_from(MotorPrior.load(self.prior), self.robot)
+            draw, physics_dt = motor_sampler(MotorPrior.load(self.prior), self.robot)
             return WalkSimulator(draw, WorldConfig.of(self.robot, physics_dt=physics_dt), walk)
         return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
 
@@ -127,7 +125,7 @@ class Stage:
         """One of every draw, told the same."""
         walk = WalkConfig(steps, commands=commands)
         executor = make_executor(partial(self.simulator, place, walk), self.workers)
-        episodes = executor.map(_walk, policy, [STUDY_SEED + draw for draw in range(draws)])
+        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(draws)])
         executor.close()
         return episodes
 
@@ -194,7 +192,7 @@ def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
 
     The second number counts until it walks straight besides: at most 3 °/m and 5 % of the way aside, in the mean.
     """
-    draw, physics_dt = drawn_from(MotorPrior.load(stage.prior), stage.robot)
+    draw, physics_dt = motor_sampler(MotorPrior.load(stage.prior), stage.robot)
     shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
     scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
     search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)

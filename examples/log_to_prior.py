@@ -1,6 +1,6 @@
 """From motor logs to a motor prior.
 
-python examples/log_to_prior.py                                  # a virtual bench of Pupper motors, for want of logs
+python examples/log_to_prior.py                                  # without logs: a virtual bench of Pupper motors
 python examples/log_to_prior.py run.parquet --out runs/my_prior
 """
 
@@ -18,7 +18,7 @@ parser.add_argument("--motors", type=int, default=32, help="of the virtual bench
 parser.add_argument("--samples", type=int, default=10_000, help="per motor of the virtual bench")
 parser.add_argument("--preset", default="rollout", help="rollout, or paper for a quick look")
 parser.add_argument("--steps", type=int, help="Adam steps; the preset's own number if not given")
-parser.add_argument("--out", default="runs/example_prior", help="folder of the prior; interrupted, it goes on there")
+parser.add_argument("--out", default="runs/example_prior", help="folder of the prior; a rerun resumes there")
 args = parser.parse_args()
 
 robot = mp.load_robot(args.robot)
@@ -33,6 +33,6 @@ print(f"{len(prior.mean)} motors, latents {prior.network.num_latents}, loss {pri
 
 rest = np.zeros(5)
 motors = mp.Motors(prior.sample(5, seed=0), dt=0.002, joint_pos=rest)
-for _ in range(20):  # 40 ms with the joints held still: later than every delay
+for _ in range(20):  # 40 ms with fixed joints, longer than every delay
     torque, damping = motors.step(rest + 0.1, rest, rest)
 print("five new motors, held 0.1 rad off their target:", np.round(torque, 3), "N·m; damping", np.round(damping, 3))

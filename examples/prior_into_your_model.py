@@ -19,20 +19,20 @@ ARM = """
 </mujoco>"""
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("prior", help="prior.safetensors, for example of examples/log_to_prior.py")
+parser.add_argument("prior", help="prior.safetensors, for example from examples/log_to_prior.py")
 parser.add_argument("--draws", type=int, default=5, help="arms, each with other motors")
 parser.add_argument("--seconds", type=float, default=2.0)
 args = parser.parse_args()
 
 prior = mp.MotorPrior.load(args.prior)
 for seed in range(args.draws):
-    model = mujoco.MjModel.from_xml_string(ARM)  # its joints' armature, damping and friction become the motors'
+    model = mujoco.MjModel.from_xml_string(ARM)  # the motors replace armature, damping and friction of its joints
     data = mujoco.MjData(model)
     driven = mp.DrivenJoints(model, data, prior.sample(2, seed), ["shoulder", "elbow"])
     errors = []
     for _ in range(round(args.seconds / model.opt.timestep)):
         target = 0.5 * np.sin(2 * np.pi * data.time + np.array([0.0, np.pi / 2]))
-        driven.drive(target)  # torque and damping of the step that begins now
+        driven.drive(target)  # torque and damping of this step
         mujoco.mj_step(model, data)
         errors.append(target - data.qpos)
     rms = np.sqrt(np.mean(np.square(errors), axis=0))

@@ -1,4 +1,4 @@
-"""From a motor prior to a walking policy, beside one that was trained on ideal motors.
+"""From a motor prior to a walking policy, compared with one trained on ideal motors.
 
 python examples/prior_to_policy.py runs/example_prior/prior.safetensors
 """

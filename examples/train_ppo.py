@@ -16,7 +16,7 @@ from motorprior.simulation.randomization import ROBUST
 if len(sys.argv) != 3:
     sys.exit("usage: python examples/train_ppo.py PRIOR STEPS")
 torch.set_num_threads(1)
-# As `motorprior walk`, but of 5 s: in every episode other motors, another floor, load and pushes.
+# As `motorprior walk`, but 5 s per episode: each has new motors, floor, load and pushes.
 robot = {"actuator": "prior", "prior": sys.argv[1], "episode_steps": 500, "randomization": ROBUST}
 envs = VecNormalize(make_vec_env(ENV_ID, n_envs=8, seed=0, env_kwargs=robot))
 model = PPO("MlpPolicy", envs, n_steps=512, batch_size=512, gamma=0.98, policy_kwargs={"log_std_init": -1.5}, seed=0)
@@ -31,7 +31,5 @@ for seed in range(10_000, 10_010):
         over, steps = terminated or truncated, steps + 1
     walked.append((info["base_pos"][0] / 5, steps / 100))
 print(
-    "told to walk at 0.3 m/s on 10 new sets of motors: {:.2f} m/s, up for {:.1f} of 5 s".format(
-        *np.mean(walked, axis=0)
-    )
+    "commanded 0.3 m/s on 10 new sets of motors: {:.2f} m/s, upright for {:.1f} of 5 s".format(*np.mean(walked, axis=0))
 )

@@ -82,7 +82,7 @@ def test_its_episode_is_that_of_motorprior_walk(motors):
     choice = motorprior.environments.MotorChoice(**motors)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
     simulator = WalkSimulator(
-        choice.drawer(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
+        choice.sampler(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
     )
     (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(ACTIONS)
     while not ended:

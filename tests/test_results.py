@@ -70,7 +70,6 @@ def test_names_of_figures_are_made_from_the_columns():
         "two_sample_auc/high": 0.7,
         "adapt_rmse_ratio/2.5": 1.2,
         "identify_seconds/rollout": 3.0,
-        "identify_seconds": 3.0,
     }
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_MODULES = {
+_MODULES = {  # of each public name; the imports above are for type checkers
     "ArtifactError": "exceptions",
     "ConfigError": "exceptions",
     "DrivenJoints": "simulation.driven_joints",
@@ -75,20 +75,15 @@ _MODULES = {
     "train_policy": "pipeline.walking.train_policy",
     "write_log": "logs.formats.parquet_io",
 }
-"""Where each public name lives; the imports above say the same to type checkers."""
 
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
-if not TYPE_CHECKING:  # a type checker would believe every name
+if not TYPE_CHECKING:  # or a type checker accepts every name
 
     def __getattr__(name: str) -> object:
         """The public name, imported at its first use."""
         if name not in _MODULES:
-            from difflib import get_close_matches
-
-            close = get_close_matches(name, _MODULES, n=3, cutoff=0.5)
-            hint = f"; did you mean {' or '.join(close)}?" if close else ""
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
         return globals()[name]
 

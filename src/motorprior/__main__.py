@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 ON_THE_ROBOT = ("deploy", "record", "doctor")
+INTERRUPTED = 130
 
 
 def main() -> None:
@@ -23,7 +25,13 @@ def main() -> None:
             )
             raise SystemExit(2) from None
         from motorprior.hardware.__main__ import main as run
-    run()
+    try:
+        run()
+    except SystemExit as stop:
+        if stop.code == INTERRUPTED:  # without waiting for the threads of parallel stages; their checkpoints are saved
+            sys.stdout.flush()
+            os._exit(INTERRUPTED)
+        raise
 
 
 if __name__ == "__main__":

@@ -1,16 +1,19 @@
-"""``njit`` with this library's own cache; where numba is not installed, the same functions run as plain Python.
+"""``njit`` with this library's own cache; without numba the same functions run as plain Python, as on the robot.
 
-A walking policy needs a few hundred multiplications per control step, so the one implementation of each formula
-serves both: compiled inside a rollout of millions of steps, interpreted on a robot without numba. A parity test
-ties the two.
+A walking policy needs a few hundred multiplications per control step, so one implementation serves both. A parity test
+compares them.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
+import shutil
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from motorprior.kernel_cache import kernel_folder
 
 if TYPE_CHECKING:
     from numba import njit as njit
@@ -21,15 +24,13 @@ else:
         numba = None
 
     def njit(**options: Any) -> Callable[[Callable], Callable]:
-        """`numba.njit` that caches in `kernel_folder`; leaves the function as it is where there is no numba.
-
-        Numba takes the folder from a global setting when a function is decorated. It is set for that moment only, so
-        that other people's functions, and a folder that the user chose, are left alone.
-        """
+        """`numba.njit` that caches in `kernel_folder`; returns the function unchanged where numba is missing."""
 
         def decorate(function: Callable) -> Callable:
             if numba is None:
                 return function
+            # Numba reads this global setting when a function is decorated: set it for that moment only, so that the
+            # user's functions, and a folder that the user chose, are not affected.
             chosen = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = chosen or kernel_folder()
             try:
@@ -38,3 +39,32 @@ else:
                 numba.config.CACHE_DIR = chosen
 
         return decorate
+
+
+def source_digest(package: Path) -> str:
+    """Digest of name, size and time of every Python file of the package."""
+    parts = []
+    for path in sorted(package.rglob("*.py")):
+        status = path.stat()
+        parts.append(f"{path.relative_to(package)}:{status.st_size}:{status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+@cache
+def kernel_folder() -> str:
+    """Cache folder for the present state of all sources; "" (numba's default) if the home cannot be written.
+
+    Numba checks only the file of a kernel: after a change in a function that it calls, it would reuse old machine code.
+    """
+    try:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "motorprior" / "kernels"
+        folder = root / source_digest(Path(__file__).parent)
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+    except (OSError, RuntimeError):  # no home
+        return ""
+    with suppress(OSError):  # another process removes old folders at the same time
+        others = sorted((path for path in root.iterdir() if path != folder), key=lambda path: path.stat().st_mtime)
+        for old in others[:-4]:
+            shutil.rmtree(old, ignore_errors=True)
+    return str(folder)

@@ -28,7 +28,7 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import ACTUATORS, ActuatorName, MotorChoice, MotorSource, drawn_from
+from motorprior.pipeline.motor_choice import ACTUATORS, ActuatorName, MotorChoice, MotorSource, motor_sampler
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -147,10 +147,10 @@ class EnvOptions:
         robot = self.commands.on(as_robot(self.robot))
         walk = WalkConfig(self.episode_steps, self.task, self.randomization, self.commands, self.gait)
         if self.motors is not None:
-            draw, physics_dt = drawn_from(self.motors, robot)
+            draw, physics_dt = motor_sampler(self.motors, robot)
         else:
             choice = self._choice()
-            draw, physics_dt = choice.drawer(robot), choice.physics_dt(robot)
+            draw, physics_dt = choice.sampler(robot), choice.physics_dt(robot)
         return Scene(robot, self.engine, draw, physics_dt, walk, Terrain(self.roughness))
 
     def _choice(self) -> MotorChoice:

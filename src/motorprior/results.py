@@ -1,9 +1,9 @@
-"""What was measured, as one tidy table: a row per measurement. Names of figures are made from it, never read back."""
+"""Measurements as one tidy table, a row each; the names in figures.json are made from its columns."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,11 @@ import numpy as np
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
-from motorprior.schema import TEXT, Field, Schema, exactly, integer, number
 
-SCHEMA_VERSION = 1
+# What a row's statistic adds to the name of its figure; others, such as the median, add nothing.
 _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"} | {
     quantile: f"/{quantile}" for quantile in ("p50", "p99", "max")
 }
-"""What a row's statistic adds to the quantity in a figure's name; others, such as the median, add nothing."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +26,13 @@ class Result:
         quantity: what was measured.
         unit: of the value; 1 for shares and ratios.
         value: a finite number.
-        model: the actuator model, what a policy was trained on, or the way to simulate.
-        motors: which motors: train, held_out; of a walk, own (those it was trained on) or twin.
+        model: the actuator model, or the one that a policy was trained on.
+        motors: train or held_out; of a walk, own (those of the training) or twin.
         statistic: over motors or draws: median, mean, low, high, max, p05, p50, p95, p99; none for a single value.
-        seed: which of several trainings.
+        seed: of one of several trainings.
         log: name of a log of the real robot.
-        part: joint, excitation or feature, where each has a value of its own.
-        seconds: how much log of the motors was known [s].
+        part: joint, excitation or feature.
+        seconds: duration of the log of the motors [s].
     """
 
     quantity: str
@@ -47,11 +45,6 @@ class Result:
     log: str | None = None
     part: str | None = None
     seconds: float | None = None
-
-
-_COLUMNS = tuple(field.name for field in fields(Result))
-_KINDS: dict[str, Field] = {"value": number(), "seed": integer(0, 2**31 - 1), "seconds": number(0.0)}
-_OPTIONAL = frozenset(_COLUMNS[3:])
 
 
 @dataclass(frozen=True)
@@ -99,21 +92,14 @@ class Results:
         return found.rows[0].value
 
     def mean(self, **columns: Any) -> float:
-        """Mean value of the rows with these values, of several seeds for example.
-
-        Raises:
-            ArtifactError: there is none.
-        """
-        found = self.where(**columns)
-        if not found:
-            raise ArtifactError(f"no result with {columns}")
-        return float(np.mean([row.value for row in found]))
+        """Mean value of the rows with these values, of several seeds for example."""
+        return float(np.mean([row.value for row in self.where(**columns)]))
 
     def to_figures(self) -> dict[str, float]:
         """Name -> value, as ``figures.json`` has them.
 
         What was measured on motors of both sets has names that end in the set, and that on the training motors a plain
-        one, too; what was measured for several seeds also has a mean. The seconds of preset rollout stand for all.
+        one, too; what was measured for several seeds also has a mean.
         """
         figures: dict[str, float] = {}
         both = {row.quantity for row in self.where(motors="train")}
@@ -127,33 +113,27 @@ class Results:
             if row.seed is not None:
                 seeds = {column: value for column, value in asdict(row).items() if column not in ("seed", "value")}
                 figures[_name(replace(row, seed=None))] = self.mean(**seeds)
-            if (row.quantity, row.model) == ("identify_seconds", "rollout"):
-                figures[row.quantity] = row.value
         return figures
 
     def save(self, path: Path) -> None:
         """Write JSON, atomically."""
         rows = [{name: value for name, value in asdict(row).items() if value is not None} for row in self]
-        write_json(path, {"schema_version": SCHEMA_VERSION, "rows": rows})
+        write_json(path, {"schema_version": 1, "rows": rows})
 
     @classmethod
     def load(cls, path: Path) -> Results:
         """Read what `save` wrote.
 
         Raises:
-            ArtifactError: missing, damaged, or with a row that is none.
+            ArtifactError: missing or damaged.
         """
         remedy = f"delete the folder {path.parent} and run the same command again"
         try:
-            data = read_json(path)
+            return cls.of(Result(**row) for row in read_json(path)["rows"])
         except ArtifactError as error:
             raise ArtifactError(error.problem, where=path, remedy=remedy) from error
-        rows = Field("a list", lambda value: isinstance(value, list))
-        Schema({"schema_version": exactly(SCHEMA_VERSION), "rows": rows}, remedy).check(data, path)
-        row = Schema({name: _KINDS.get(name, TEXT) for name in _COLUMNS}, remedy, _OPTIONAL, "a row")
-        for entry in data["rows"]:
-            row.check(entry, path)
-        return cls.of(Result(**entry) for entry in data["rows"])
+        except (KeyError, TypeError) as error:
+            raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
 
 
 def _name(row: Result) -> str:

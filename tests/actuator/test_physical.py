@@ -1,6 +1,5 @@
 """The physical motor keeps the laws of mechanics and, with nothing but a rotor, is an ideal PD."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

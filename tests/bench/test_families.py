@@ -15,7 +15,7 @@ from motorprior.bench.fleet import fleet_of, load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.motor_choice import drawn_from
+from motorprior.pipeline.motor_choice import motor_sampler
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.transfer.twin import draw_twin_motors
 
@@ -112,6 +112,6 @@ def test_a_log_is_of_motors_that_warm_up_and_of_noisy_instruments():
 def test_robots_walk_on_motors_of_any_family():
     for name in (*NAMES, "mixed"):
         fleet = load_fleet(name)
-        draw, physics_dt = drawn_from(fleet, PUPPER_V2)
+        draw, physics_dt = motor_sampler(fleet, PUPPER_V2)
         assert physics_dt == 0.001 and draw(np.random.default_rng(0)).kind is fleet.kind
         assert draw_twin_motors(PUPPER_V2, fleet, np.random.default_rng(0)).kind is fleet.kind

@@ -23,7 +23,7 @@ from motorprior.robots.pupper_v2 import spec
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command line left: its exit code and what it printed."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -52,7 +52,7 @@ def motorprior(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != ".lock"}
 
 
 def assert_one_error(err: str, words: tuple[str, ...]) -> None:
@@ -65,13 +65,13 @@ def assert_one_error(err: str, words: tuple[str, ...]) -> None:
 
 @pytest.fixture
 def one_error() -> Callable[[str, tuple[str, ...]], None]:
-    """Assert that what was printed is one error in one line, with a remedy and these words."""
+    """Assert that the output is one error in one line, with a remedy and these words."""
     return assert_one_error
 
 
 @pytest.fixture
 def refused(motorprior: Command, tmp_path: Path) -> Callable[..., None]:
-    """Run a command line that must be refused in these words, and leave every file as it was."""
+    """Run a command that must fail with these words and change no file."""
 
     def run(*args: object, words: tuple[str, ...]) -> None:
         before = contents(tmp_path)
@@ -119,7 +119,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def prior_of_bench(bench: Path) -> MotorPrior:
-    """A network that nobody trained, of the motors of `bench`."""
+    """An untrained network for the motors of `bench`."""
     return tiny_prior(bench)
 
 
@@ -149,7 +149,7 @@ def pupper_logs(tmp_path: Path) -> Path:
 
 
 def tiny_prior(bench: Path) -> MotorPrior:
-    """Zero torque, whatever z: enough for everything but walking."""
+    """Zero torque for any z: enough for everything but walking."""
     facts = read_bench(bench)[1]
     taps, latents, neurons = (0, 1), 2, 4
     network = LatentNetwork(

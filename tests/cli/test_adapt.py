@@ -1,4 +1,4 @@
-"""From a log of new motors to a posterior that walk and transfer accept, and what is refused on the way."""
+"""From a log of new motors to a posterior that walk and transfer accept."""
 
 import sys
 from dataclasses import replace
@@ -25,17 +25,13 @@ LOG_BASELINES = ("pure_delay", "second_order", "servo_limits", "per_motor", "poo
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Benches of training motors and of new ones, a prior, and a model that is none."""
+    """Benches of training motors and of new ones, and a prior."""
     root = tmp_path_factory.mktemp("adapt")
     run_bench(Bench(root / "bench", motors=12, steps=2000))
     run_bench(Bench(root / "new", motors=12, steps=1200, seed=5))
     run_bench(Bench(root / "few", motors=3, steps=1200, seed=5))
     run_bench(Bench(root / "held_out", motors=3, steps=3000, seed=7))
-    run_bench(Bench(root / "slow", motors=2, steps=200, seed=5, preset="paper"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(term_selection, "ORDER", ("profile",))  # the others take a minute
-        run_identify(Identify(root / "bench", root / "prior", steps=80))
-    run_identify(Identify(root / "bench", root / "plain", preset="one_network", steps=20))
+    run_identify(Identify(root / "bench", root / "prior", "pace"))
     return root
 
 
@@ -45,7 +41,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert first.code == 0 and "motor_011" in first.out
     known = MotorPrior.load(prior)
     found = MotorPosterior.load(out / "posterior.safetensors", known)
-    assert found.mean.shape == (12, known.network.num_latents) and known.network.num_latents >= 14
+    assert found.mean.shape == (12, known.network.num_latents) and known.network.num_latents >= 5
     assert found.seconds == pytest.approx(2.4, abs=0.01)
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
@@ -55,7 +51,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
-def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, refused, monkeypatch):
+def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, monkeypatch):
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
     monkeypatch.setattr(term_selection, "ORDER", ("profile",))  # the others take a minute
@@ -77,19 +73,10 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
     told = read_json(out / "figures.json")
     assert {"coverage90/adapted", "whole_run_coverage50/prior", "whole_run_rmse_mean/adapted"} <= set(told)
     assert sorted(path.name for path in (out / "pictures").iterdir()) == [f"motor_00{n}.png" for n in range(3)]
-    others = folder / "new" / "log.parquet"
-    words = ("new/log.parquet: joints motor_000", "held_out/log.parquet has", "same joints")
-    refused("validate-log", prior, held_out, "--fitted-on", others, "--out", tmp_path / "others", words=words)
-    for seconds, word in ((7.0, "finite number from 0 to 5.99"), (-1.0, "finite number"), ("nan", "finite number")):
-        refused("validate-log", prior, held_out, "--seconds", seconds, "--out", out, words=("--seconds", word))
-    line = ("validate-log", prior, held_out, "--seconds", 2, "--fitted-on", held_out, "--out", out)
-    refused(*line, words=("--seconds: the other logs", "leave seconds, or the other logs, out"))
-    short = folder / "few" / "log.parquet"
-    refused("validate-log", prior, short, "--out", tmp_path / "short", words=("log.parquet", "longest segment"))
 
 
 @pytest.mark.slow
-def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior):
+def test_fewer_seconds_give_a_wider_posterior(folder: Path, tmp_path: Path, motorprior):
     volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")
     for seconds in (1.0, 2.4):
         out = tmp_path / f"{seconds}"
@@ -100,26 +87,24 @@ def test_fewer_seconds_leave_more_doubt(folder: Path, tmp_path: Path, motorprior
 
 
 @pytest.mark.slow
-def test_a_log_unlike_the_fleet_is_said_to_be_so(folder: Path, tmp_path: Path, motorprior):
+def test_outliers_are_rejected(folder: Path, tmp_path: Path, motorprior):
     log = read_parquet(folder / "few" / "log.parquet")
     shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
     write_log(tmp_path / "shaken.parquet", replace(log, joint_pos=shaken))
     line = ("adapt", folder / "prior" / "prior.safetensors", tmp_path / "shaken.parquet", "--out", tmp_path / "out")
     outcome = motorprior(*line)
-    assert outcome.code == 2 and "unlike any the prior was trained on" in outcome.err
-    assert not (tmp_path / "out").exists()
+    assert outcome.code == 2 and "outliers" in outcome.err
+    assert not (tmp_path / "out" / "posterior.safetensors").exists()
     assert motorprior(*line, "--anyway").code == 0 and (tmp_path / "out" / "posterior.safetensors").is_file()
 
 
 @pytest.mark.slow
 def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):
-    from motorprior.artifacts import read_json
-
     line = ("validate", folder / "prior" / "prior.safetensors", "--adapt-seconds", 1, "--out", tmp_path / "v")
     assert motorprior(*line).code == 0
     figures = read_json(tmp_path / "v" / "figures.json")
     for metric in ("bench_impact_rmse", "standing_rmse", "hung_rmse", "standing_torque_hf", "hung_torque_hf"):
-        for model in ("ideal_pd", "tuned_pd", "rollout", "physical"):
+        for model in ("ideal_pd", "tuned_pd", "pace", "physical"):
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])
     assert figures["bench_impact_rmse/ideal_pd/held_out"] != figures["bench_impact_rmse/ideal_pd/train"]

@@ -58,14 +58,9 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("walk --actuator pd --kd nan", ("--kd nan", "finite number")),
         ("walk --actuator pd --torque-limit inf", ("--torque-limit inf", "finite number")),
         ("walk --actuator pd --delay 1e9", ("--delay 1000000000", "to 1")),
-        ("walk --actuator pd --kp 1e300", ("--kp 1e+300", "to 1e+09")),
-        ("walk --actuator pd --kd 1e300", ("--kd 1e+300", "to 1e+09")),
-        ("walk --actuator pd --torque-limit 1e300", ("--torque-limit 1e+300", "to 1e+09")),
-        ("walk --actuator pd --armature 1e300", ("--armature 1e+300", "to 1000")),
-        ("walk --actuator pd --episode-steps 1000000000", ("--episode-steps 1000000000", "to 100000")),
         ("walk --actuator pd --task.alive nan", ("--task.alive nan",)),
         ("walk --actuator pd --fleet unknown", ("'unknown'", "pupper_v2")),
-        ("walk --actuator pd --prior {prior}", ("--actuator pd", "prior.safetensors")),
+        ("walk --actuator pd --prior {prior}", ("--prior", "actuator prior")),
         ("walk", ("--actuator prior", "file of a prior")),
         ("transfer", ("no policy", "walk")),
         ("transfer {walk} --fleet unknown", ("'unknown'", "pupper_v2")),
@@ -85,7 +80,6 @@ def test_a_setting_out_of_range_is_named_with_its_bound(
 ):
     paths = {"bench": bench, "prior": prior, "walk": walk, "logs": pupper_logs}
     refused(*line.format(**paths).split(), "--out", tmp_path / "out", words=words)
-    assert not (tmp_path / "out").exists()
 
 
 # Motor logs.
@@ -207,7 +201,6 @@ def test_a_broken_prior_is_refused_by_whoever_reads_it(
     refused("validate", copy, *out, words=(str(copy), *words))
     refused("replay", pupper_logs, "--prior", copy, *out, words=(str(copy), *words))
     refused("walk", "--prior", copy, *out, words=(str(copy), *words))
-    refused("speed", "--prior", copy, "--json", tmp_path / "out", words=(str(copy), *words))
 
 
 # Logs of the real robot.
@@ -252,7 +245,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, one_error: Comm
     result = in_a_process("logs", "import", log, "--out", out, first=no_room)
     assert result.returncode == 2
     one_error(result.stderr, (str(out / "env_real_tiny_log.parquet"), "free space"))
-    assert not out.exists(), "not even an empty folder"
+    assert not [path for path in out.rglob("*") if path.name != ".lock"]
 
 
 def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_path: Path, prior: Path):

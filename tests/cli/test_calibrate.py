@@ -45,9 +45,7 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
     out = tmp_path / "fitted"
     outcome = motorprior("calibrate", logs, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
-    assert "log in_the_air: hung, as the log states" in outcome.err
-    assert "log on_the_floor: standing: replayed with" in outcome.err
-    assert "identified" in outcome.out and "without this log" in outcome.out
+    assert "log in_the_air: hung" in outcome.err and "log on_the_floor: standing" in outcome.err
     figures = json.loads((out / "figures.json").read_text("utf-8"))
     for model in ("start", "center", "left_out", "per_motor", "per_motor_left_out"):
         mean = np.mean([figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")])
@@ -68,15 +66,12 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes(), name
 
 
-def test_a_prior_s_bands_are_drawn_over_the_same_logs_without_another_fit(
-    motorprior, logs: Path, prior: Path, tmp_path: Path
-):
+def test_bands_of_a_prior_are_drawn_without_another_fit(motorprior, logs: Path, prior: Path, tmp_path: Path):
     out, one = tmp_path / "fitted", logs / "in_the_air.parquet"
     assert motorprior("calibrate", one, "--out", out, *SMALL).code == 0
     fitted = {path: path.stat().st_mtime_ns for path in out.iterdir()}
     outcome = motorprior("calibrate", one, "--out", out, *SMALL, "--prior", prior)
     assert outcome.code == 0, outcome.err
-    assert "in the prior's 90 %" in outcome.out and str(out / "prior" / "calibration.png") in outcome.err
     assert {path: path.stat().st_mtime_ns for path in fitted} == fitted
     assert (out / "prior" / "calibration.png").read_bytes() != (out / "calibration.png").read_bytes()
     figures = json.loads((out / "prior" / "figures.json").read_text("utf-8"))
@@ -87,29 +82,13 @@ def test_a_prior_s_bands_are_drawn_over_the_same_logs_without_another_fit(
     assert again.out == outcome.out and (out / "prior" / "calibration.png").stat().st_mtime_ns == drawn
 
 
-def test_gains_that_a_log_states_are_its_motors_and_not_fitted(motorprior, logs: Path, tmp_path: Path):
+def test_logged_gains_are_not_fitted(motorprior, logs: Path, tmp_path: Path):
     log, center = read_log(logs / "in_the_air.parquet"), load_fleet("pupper_v2").center(1)
     gains = {"stated_kp": np.full(log.joint_pos.shape, center.kp), "stated_kd": np.full(log.joint_pos.shape, center.kd)}
-    write_log(tmp_path / "told.parquet", replace(log, **gains))
-    outcome = motorprior("calibrate", tmp_path / "told.parquet", "--out", tmp_path / "out", *SMALL)
+    write_log(tmp_path / "gains.parquet", replace(log, **gains))
+    outcome = motorprior("calibrate", tmp_path / "gains.parquet", "--out", tmp_path / "out", *SMALL)
     assert outcome.code == 0, outcome.err
-    assert f"log told: it states kp {center.kp[0]:.3g} N·m/rad and kd " in outcome.err
     figures = json.loads((tmp_path / "out" / "figures.json").read_text("utf-8"))
     fitted = {name.split("/")[1] for name in figures if name.startswith("calibrate_center/")}
     assert fitted == {"coulomb", "load_friction", "armature", "delay"}
-    assert "the logs state the gains that their motors had" in (tmp_path / "out" / "fleet.toml").read_text("utf-8")
     load_fleet(tmp_path / "out" / "fleet.toml")
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--starts", 0), ("starts", "1")),
-        (("--draws", 0), ("draws", "1")),
-        (("--seed", -1), ("seed",)),
-        (("--fleet", "nobody"), ("no fleet", "nobody")),
-        (("--prior", "nowhere.safetensors"), ("nowhere.safetensors",)),
-    ],
-)
-def test_what_cannot_be_calibrated_is_refused(refused, logs: Path, tmp_path: Path, options, words):
-    refused("calibrate", logs, "--out", tmp_path / "out", *options, words=words)

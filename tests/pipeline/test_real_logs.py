@@ -33,7 +33,8 @@ def data(shared_data: Path, tmp_path: Path) -> Path:
     return tmp_path / "data"
 
 
-def test_logs_that_were_left_out_judge_every_model(
+@pytest.mark.slow
+def test_every_model_is_tested_on_held_out_logs(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(term_selection, "ORDER", ())  # the terms are tested elsewhere, and take minutes
@@ -62,26 +63,7 @@ def test_logs_that_were_left_out_judge_every_model(
     assert read_json(out / "figures.json") == found | {"go2/leave_one_log_out/pooled_network": learned}
 
 
-def test_motor_logs_beside_the_raw_ones_are_judged_with_their_own_gains_and_never_fitted_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    (tmp_path / "go2").mkdir()
-    (tmp_path / "go2" / "other.parquet").touch()
-    settings, asked = real_logs.Settings(tmp_path, tmp_path / "out", folds=2), []
-    raw = [Path(f"traj_{number}.parquet") for number in range(3)]
-    monkeypatch.setattr(real_logs, "robot_file", lambda *_: Path("pupper_v2"))
-    monkeypatch.setattr(real_logs, "imported", lambda *_: raw)
-    monkeypatch.setattr(real_logs, "measure", lambda _, robot, fold: asked.append(fold) or {"whole": {"prior": 1.0}})
-    monkeypatch.setattr(real_logs, "_motors_out", lambda *_: {"rest": {"prior": 1.0}})
-    found = dict(real_logs.go2(settings))
-    assert list(found) == ["unseen_gains", "leave_one_log_out", "leave_one_motor_out"]
-    assert asked[0].known == tuple(raw) and asked[0].judged == (tmp_path / "go2" / "other.parquet",)
-    assert all(path in raw for fold in asked[1:] for path in (*fold.known, *fold.judged))
-    keys = real_logs.named("go2", "unseen_gains", [{"whole": {"prior": 0.1}, "coverage": {"90": 0.9}}])
-    assert keys == {"go2/unseen_gains/prior": 0.1, "go2/unseen_gains/coverage90": 0.9}
-
-
-def test_every_log_is_judged_once_and_never_fitted_to_then():
+def test_every_log_is_held_out_once():
     paths = [Path(f"{name}.parquet") for name in "abcd"]
     folds = real_logs.leave_out(paths, [paths[:1], paths[1:3], paths[3:]])
     assert [path for fold in folds for path in fold.judged] == paths

@@ -48,7 +48,7 @@ def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(prior: MotorPrior,
     known = MotorPosterior(prior, latents(prior, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
     known.save(files[1])
     choice = MotorChoice("prior", *files, limit_follows_gain=follows)
-    drawn = choice.drawer(PUPPER_V2)(np.random.default_rng(0))
+    drawn = choice.sampler(PUPPER_V2)(np.random.default_rng(0))
     assert isinstance(drawn, LatentActuator)
     if not follows:
         assert drawn.factors is None

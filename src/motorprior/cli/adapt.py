@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # it imports JAX
 
 @dataclass(frozen=True)
 class AdaptCommand(Adapt):
-    """Find where in the prior's latent space the motors of a log are."""
+    """Find the motors of a log in the prior's latent space."""
 
     prior: tyro.conf.Positional[Path]
     log: tyro.conf.Positional[Path]
@@ -34,7 +34,7 @@ def adapt(config: AdaptCommand) -> None:
 def _show(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dict[str, np.ndarray]) -> None:
     rows = zip(log.joint_names, found.loss, outliers.p_value, outliers.reason, strict=True)
     table(
-        "Motors", ["motor", "loss", "p-value", "what deviates most"],
+        "Motors", ["motor", "loss", "p-value", "largest deviation"],
         [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows],
     )  # fmt: skip
     if constants:
@@ -44,5 +44,5 @@ def _show(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dic
         ]
         units = "SI units"
         if any(name.endswith(PER_STATED) for name in constants):
-            units += f"; …{PER_STATED}: per unit of the firmware's gain that the log states"
-        table(f"Constants of these motors [{units}]", ["constant", "least", "median", "most"], described)
+            units += f"; …{PER_STATED}: per unit of the firmware's gain in the log"
+        table(f"Constants of these motors [{units}]", ["constant", "minimum", "median", "maximum"], described)

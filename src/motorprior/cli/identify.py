@@ -12,6 +12,6 @@ from motorprior.pipeline.identify import Identify
 
 @dataclass(frozen=True)
 class IdentifyCommand(Identify):
-    """Learn a motor prior from the log of a bench, or from logs of a hung robot."""
+    """Learn a motor prior from the log of a bench, or from logs of a suspended robot."""
 
     bench: tyro.conf.Positional[tuple[Path, ...]]

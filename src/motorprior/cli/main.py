@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from functools import partial
-from typing import Annotated
-
-_STARTED = time.monotonic()
+from typing import Annotated, Any, NoReturn, Union
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
@@ -39,48 +36,33 @@ from motorprior.pipeline.identify import run_identify  # noqa: E402
 from motorprior.pipeline.log_import.raw_logs import import_logs  # noqa: E402
 from motorprior.pipeline.simulate import run_simulate  # noqa: E402
 
-Logs = (
-    Annotated[LogsImportCommand, tyro.conf.subcommand("import")] | Annotated[LogsCheck, tyro.conf.subcommand("check")]
-)
-Command = (
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Logs, tyro.conf.subcommand("logs", description="Bring raw logs in; a log doctor.")]
-    | Annotated[CalibrateCommand, tyro.conf.subcommand("calibrate")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[IdentifyCommand, tyro.conf.subcommand("identify")]
-    | Annotated[ValidateCommand, tyro.conf.subcommand("validate")]
-    | Annotated[ValidateLogCommand, tyro.conf.subcommand("validate-log")]
-    | Annotated[AdaptCommand, tyro.conf.subcommand("adapt")]
-    | Annotated[SimulateCommand, tyro.conf.subcommand("simulate")]
-    | Annotated[ReplayCommand, tyro.conf.subcommand("replay")]
-    | Annotated[WalkCommand, tyro.conf.subcommand("walk")]
-    | Annotated[PlayCommand, tyro.conf.subcommand("play")]
-    | Annotated[TransferCommand, tyro.conf.subcommand("transfer")]
-    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
-    | Annotated[Deploy, tyro.conf.subcommand("deploy")]
-    | Annotated[Record, tyro.conf.subcommand("record")]
-    | Annotated[MakeReport, tyro.conf.subcommand("report")]
-)
-RUN = {
-    Demo: partial(demo, started=_STARTED),
-    LogsImportCommand: partial(import_logs, progress=TERMINAL),
-    LogsCheck: run_logs_check,
-    CalibrateCommand: run_calibrate_command,
-    Bench: partial(run_bench, progress=TERMINAL),
-    IdentifyCommand: partial(run_identify, progress=TERMINAL),
-    ValidateCommand: validate,
-    ValidateLogCommand: validate_log,
-    AdaptCommand: adapt,
-    SimulateCommand: partial(run_simulate, progress=TERMINAL),
-    ReplayCommand: replay,
-    WalkCommand: walk,
-    PlayCommand: play,
-    TransferCommand: transfer,
-    Doctor: run_doctor_command,
-    Deploy: run_deploy_command,
-    Record: run_record_command,
-    MakeReport: run_report,
+LOGS: dict[str, tuple[type, Any]] = {
+    "import": (LogsImportCommand, partial(import_logs, progress=TERMINAL)),
+    "check": (LogsCheck, run_logs_check),
 }
+COMMANDS: dict[str, tuple[type, Any]] = {
+    "demo": (Demo, demo),
+    "calibrate": (CalibrateCommand, run_calibrate_command),
+    "bench": (Bench, partial(run_bench, progress=TERMINAL)),
+    "identify": (IdentifyCommand, partial(run_identify, progress=TERMINAL)),
+    "validate": (ValidateCommand, validate),
+    "validate-log": (ValidateLogCommand, validate_log),
+    "adapt": (AdaptCommand, adapt),
+    "simulate": (SimulateCommand, partial(run_simulate, progress=TERMINAL)),
+    "replay": (ReplayCommand, replay),
+    "walk": (WalkCommand, walk),
+    "play": (PlayCommand, play),
+    "transfer": (TransferCommand, transfer),
+    "doctor": (Doctor, run_doctor_command),
+    "deploy": (Deploy, run_deploy_command),
+    "record": (Record, run_record_command),
+    "report": (MakeReport, run_report),
+}
+RUN = dict([*LOGS.values(), *COMMANDS.values()])
+
+
+def _one_of(commands: dict[str, tuple[type, Any]]) -> list[Any]:
+    return [Annotated[settings, tyro.conf.subcommand(name)] for name, (settings, _) in commands.items()]
 
 
 def parse(args: list[str]) -> object:
@@ -90,16 +72,9 @@ def parse(args: list[str]) -> object:
         SystemExit: code 2 for a wrong command line, 0 after --help.
         ConfigError: settings that do not fit together.
     """
-    return tyro.cli(Command, prog="motorprior", args=args, description=__doc__)  # pyright: ignore
-
-
-def _outside(error: OSError | MemoryError) -> str:
-    """One-line message for an error of the operating system."""
-    if isinstance(error, MemoryError):
-        detail = " ".join(str(error).split())
-        return f"not enough memory{f' ({detail})' if detail else ''} -> use smaller numbers, or a larger machine"
-    where = f"{error.filename}: " if error.filename is not None else ""
-    return f"{where}{error.strerror or error} -> check the path, its permissions and the free space"
+    logs = Annotated[Union[*_one_of(LOGS)], tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
+    first, *others = _one_of(COMMANDS)
+    return tyro.cli(Union[first, logs, *others], prog="motorprior", args=args, description=__doc__)  # pyright: ignore
 
 
 def main() -> None:
@@ -108,14 +83,20 @@ def main() -> None:
         config = parse(sys.argv[1:])
         RUN[type(config)](config)
     except MotorPriorError as error:
-        CONSOLE.print(f"error: {error.on_command_line()}", style="bold red", markup=False, soft_wrap=True)
-        raise SystemExit(2) from None
-    except (OSError, MemoryError) as error:  # not foreseeable by checks: a folder that disappears, a full memory
-        CONSOLE.print(f"error: {_outside(error)}", style="bold red", markup=False, soft_wrap=True)
-        raise SystemExit(2) from None
+        _fail(error.on_command_line())
+    except OSError as error:  # a folder that disappears, a full disk
+        where = f"{error.filename}: " if error.filename is not None else ""
+        _fail(f"{where}{error.strerror or error} -> check the path, its permissions and the free space")
+    except MemoryError:
+        _fail("not enough memory -> use smaller numbers, or a larger machine")
     except KeyboardInterrupt:
         CONSOLE.print("interrupted: finished stages are kept, run the same command again to continue")
-        os._exit(130)  # threads of unfinished stages end too; every file is written atomically
+        raise SystemExit(130) from None
+
+
+def _fail(message: str) -> NoReturn:
+    CONSOLE.print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
+    raise SystemExit(2) from None
 
 
 if __name__ == "__main__":

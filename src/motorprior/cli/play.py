@@ -1,4 +1,4 @@
-"""``motorprior play``: watch policies walk."""
+"""``motorprior play``: policies as a film, with measures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motorprior.results import Results
 
 @dataclass(frozen=True)
 class PlayCommand(Play):
-    """Watch policies walk: a film, and how well they walk. Several are shown one under the other."""
+    """Render policies as a film and measure how well they walk; several are shown one below the other."""
 
     policies: tyro.conf.Positional[tuple[Path, ...]]
 

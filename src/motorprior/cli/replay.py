@@ -26,6 +26,6 @@ def replay(config: ReplayCommand) -> None:
 
 
 def show_replay(results: Results) -> None:
-    """The table on the terminal."""
+    """Print the table."""
     models = replay_models(results)
     table("Real logs: joint RMSE [mrad], start included", ["log", "joint", *models], replay_rows(results))

@@ -1,4 +1,4 @@
-"""``motorprior report``: the page of a run folder, from whatever stages are finished."""
+"""``motorprior report``: the page of a run folder, from its finished stages."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class MakeReport:
     run: tyro.conf.Positional[Path]
     """Folder that `motorprior demo` wrote, or that `motorprior walk` wrote policies into."""
     robot: str = DEFAULT_ROBOT
-    """Robot of the policies, where it is no demo's folder: a shipped one by name, or a .toml file."""
+    """Robot of trained policies: a shipped one by name, or a .toml file; not for the folder of a demo."""
     robustness: bool = True
-    """Of policies also measure how long they stay upright with pushes, on slippery ground, late or heavy; some ten
-    seconds for each."""
+    """Also measure how long policies stay upright with pushes, on slippery ground, with delay or load: some ten seconds
+    each."""
 
 
 def run_report(config: MakeReport) -> None:

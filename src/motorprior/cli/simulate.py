@@ -13,6 +13,6 @@ from motorprior.pipeline.simulate import Simulate
 
 @dataclass(frozen=True)
 class SimulateCommand(Simulate):
-    """Excite a simulated robot, fixed or hung in the air, and record a motor log."""
+    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
 
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)

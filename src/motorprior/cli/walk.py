@@ -1,4 +1,4 @@
-"""``motorprior walk``: ARS trains a PMTG policy on motors drawn again for every episode."""
+"""``motorprior walk``: ARS trains a PMTG policy on motors drawn for every episode."""
 
 from __future__ import annotations
 
@@ -22,39 +22,27 @@ class WalkCommand(Walk):
 
     motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
     seeds: int = 1
-    """Number of trainings, with seeds from search.seed on, each in a folder seed_K of its own, and a picture of all."""
+    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
 
 
 def walk(config: WalkCommand) -> None:
-    """See `run_walk`, and `run_walk_seeds` for more seeds than one."""
+    """See `run_walk`, and `run_walk_seeds` for several seeds."""
     one = Walk(**{name: getattr(config, name) for name in (field.name for field in fields(Walk))})
+    evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
     if config.seeds == 1:
         if not run_walk(one, TERMINAL):
             TERMINAL.note(f"{config.out} is finished with these settings: nothing was trained")
-        print(_kept(config))
+        best = Policy.load(config.out / POLICY).provenance
+        print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
+        print(f"play it: {_play(config, config.out)}")
         return
     results = run_walk_seeds(one, config.seeds, TERMINAL)
     rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
-    table(f"Best policies {_judged_on(config, 'their')}", ("seed", "mean return [m]"), rows)
+    table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
     print(config.out / PICTURE)
-    best = max(results, key=lambda row: row.value).seed
-    print(f"see the best one walk: {_play(config, config.out / SEED_FOLDER.format(best))}")
-
-
-def _kept(config: WalkCommand) -> str:
-    """Which policy of the search is in the folder, and how to see it walk."""
-    found = Policy.load(config.out / POLICY).provenance
-    score = f"mean return {found['own_return']:.2f} m {_judged_on(config, 'its')}"
-    return f"kept the policy after iteration {found['iteration']}, {score}; see it walk: {_play(config, config.out)}"
+    best_seed = max(results, key=lambda row: row.value).seed
+    print(f"play the best: {_play(config, config.out / SEED_FOLDER.format(best_seed))}")
 
 
 def _play(config: WalkCommand, folder: Path) -> str:
-    """What shows the policy in a folder."""
     return f"motorprior play {folder}" + (f" --robot {config.robot}" if config.robot != DEFAULT_ROBOT else "")
-
-
-def _judged_on(config: WalkCommand, whose: str) -> str:
-    """Where it is decided which policy of a search is kept."""
-    if config.validation is None:
-        return f"in {whose} own simulation"
-    return f"on validation motors ({config.validation})"

@@ -1,5 +1,5 @@
-"""Settings, inputs and code become files, stage by stage; what is finished is not done again.
+"""Stages: settings and input files become result files; finished stages are not run again.
 
-In the order of the flow of data: log_import; bench, identify, adapt, simulate; validation and replay, which first_look
-puts together; walking, transfer_study, watching; virtual robots; demo and report, which are made of all of them.
+In the order of the data flow: log_import; bench, identify, adapt, simulate; validation, replay and first_look; walking,
+transfer_study, watching; virtual robots; demo and report, which use all of them.
 """

@@ -1,4 +1,4 @@
-"""A fleet of physical motors on the virtual dynamometer, as a motor log."""
+"""Motor logs of physical motors on a virtual dynamometer."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def record_bench(
     """Record physical motors of a fleet on a virtual dynamometer.
 
     Args:
-        robot: whose loads the motors are to meet; a name, the path of a .toml file, or what `load_robot` gave.
+        robot: whose loads the motors drive; a name, the path of a .toml file, or the result of `load_robot`.
         fleet: population that the motors are drawn from; the robot's own if not given.
         motors: number of motors.
         steps: samples per motor.
@@ -73,11 +73,11 @@ def record_bench(
     robot = as_robot(robot)
     known, excitation = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
     log = record(training_motors(known, motors, seed), excitation, steps, seed, known)
-    return replace(log, robot=known.robot)  # without a bench.json beside it, the log itself says whose motors these are
+    return replace(log, robot=known.robot)  # there is no bench.json that names it
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
-    """Record, unless the folder holds this very recording already.
+    """Record, unless the folder holds this recording already.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
@@ -93,7 +93,7 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
         return
     title = f"bench {config.preset}: {config.motors} motors, {config.steps} steps"
     with working(config.out, wanted), progress.start(title, 1) as task:
-        (config.out / FACTS).unlink(missing_ok=True)  # or they would stand beside a log of other motors
+        (config.out / FACTS).unlink(missing_ok=True)  # of other motors
         motors = training_motors(fleet, config.motors, config.seed)
         write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
         facts = BenchFacts(fleet, config.preset, config.motors, config.steps, config.seed)

@@ -35,23 +35,23 @@ PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
 
 @dataclass(frozen=True)
 class Identify:
-    """Learn a motor prior from the log of a bench, or from logs of a hung robot."""
+    """Learn a motor prior from the log of a bench, or from logs of a suspended robot."""
 
     bench: Path | tuple[Path, ...]
-    """Folder that `motorprior bench` wrote, or motor logs (.parquet) whose loads are known, as those of a robot that
-    hung: of the same motors, or each of other ones."""
+    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, as of a suspended robot: of the
+    same motors, or each of other ones."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
-    """Recipe: rollout (closed loop, grey box), long_runs (the same over runs of a second, for real servos), first_look
-    (long_runs without a search for terms of a servo's firmware: quick), paper (torque regression), or one of the
+    """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for real servos),
+    first_look (long_runs without a search for optional dynamics terms: quick), paper (torque regression), or one of the
     baselines one_motor, per_motor, latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None
-    """Adam steps; the preset's own number if not given. Refused by presets that train no network, as long_runs."""
+    """Adam steps; the preset's own number if not given. Not for presets that train no network, such as long_runs."""
     torque: bool = True
-    """Use the log's joint_torque; without it the prior learns from positions and velocities alone."""
+    """Use the log's joint_torque; otherwise the prior learns from positions and velocities alone."""
 
 
 def fit_prior(
@@ -71,21 +71,23 @@ def fit_prior(
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
         seed: of weights, windows and noise; same logs, preset and seed, same bytes.
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
-        out: folder for prior.safetensors and, meanwhile, a checkpoint: the same call goes on from its last checkpoint,
-            and only loads what is finished. Nothing is written without it.
-        progress: where to report to, for example ``Lines(sys.stderr)``; without one, warnings are Python's.
+        out: folder for prior.safetensors and a checkpoint: the same call resumes from it, or loads the finished prior.
+            Nothing is written without it.
+        progress: where to report to, for example ``Lines(sys.stderr)``; by default warnings are Python warnings.
 
     Returns:
-        The prior, which knows the robot, the recipe and the figures of its training.
+        The prior, with the robot, the recipe and the metrics of its training.
 
     Raises:
         ConfigError: an unknown preset, a number out of range, or steps of a preset that trains no network.
-        LogError: logs that do not fit together, or that lack a channel, a row or a motion that the preset needs.
+        LogError: logs that do not fit together, or that lack a channel, rows or motion that the preset needs.
         ArtifactError: ``out`` cannot be written.
     """
-    _require_numbers(steps, seed)
-    recipe = _recipe(preset, steps)
-    parts = _checked_logs(logs)
+    recipe = _recipe(preset, steps, seed)
+    every = [logs] if isinstance(logs, MotorLog) else logs
+    if not all(isinstance(log, MotorLog) for log in every):
+        raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
+    parts = [checked(log, where=log.source) for log in every]
     return fit_recipe(joined(parts), preset, recipe, seed, None if out is None else Path(out), progress, parts)
 
 
@@ -98,12 +100,10 @@ def fit_recipe(
     progress: Progress = SILENT,
     parts: Sequence[MotorLog] = (),
 ) -> MotorPrior:
-    """`fit_prior` of one log, of the preset's recipe or a changed one; ``parts`` if it was joined from several.
+    """`fit_prior` with any recipe; ``parts`` are the logs that ``log`` was joined from, if any."""
+    from motorprior.identification.presets import with_what_is_stated
 
-    Raises:
-        LogError, ArtifactError: see `fit_prior`.
-    """
-    recipe = _for_log(recipe, log)
+    recipe = with_what_is_stated(recipe, log)
     job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
     if out is None:
         return _fitted(job, _data(job), progress, None)
@@ -117,20 +117,20 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
-    _require_numbers(config.steps, config.seed)
-    recipe = _recipe(config.preset, config.steps)
+    from motorprior.identification.presets import with_what_is_stated
+
+    recipe = _recipe(config.preset, config.steps, config.seed)
     log, inputs, origin = training_log(config.bench)
-    recipe = _for_log(recipe, log)
-    settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # the inputs speak for it
+    recipe = with_what_is_stated(recipe, log)
+    settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # among the inputs
     wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
-    job = _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin)
-    _fitted_in(config.out, wanted, job, progress)
+    _fitted_in(config.out, wanted, _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin), progress)
 
 
 @dataclass(frozen=True)
 class _Job:
-    """A prior to be fitted: the log, where it is from, and how."""
+    """A prior to fit: the log, its file, and how."""
 
     log: MotorLog
     where: str
@@ -140,36 +140,19 @@ class _Job:
     origin: Origin
 
 
-def _require_numbers(steps: int | None, seed: int) -> None:
-    if steps is not None:
-        require_count("steps", steps)
-    require_seed(seed)
-
-
-def _recipe(preset: str, steps: int | None) -> Preset:
+def _recipe(preset: str, steps: int | None, seed: int) -> Preset:
     from motorprior.identification.presets import PRESETS, identification_preset
 
+    require_seed(seed)
     recipe = identification_preset(preset)
     if steps is None:
         return recipe
+    require_count("steps", steps)
     if not recipe.trains:
         others = ", ".join(name for name, other in PRESETS.items() if other.trains)
         problem = f"steps {steps} has no effect on preset {preset!r}, which trains no network"
         raise ConfigError(problem, remedy=f"leave it out, or use one of {others}", argument="steps")
     return replace(recipe, steps=steps)
-
-
-def _checked_logs(logs: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
-    every = [logs] if isinstance(logs, MotorLog) else logs
-    if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
-        raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
-    return [checked(log, where=log.source) for log in every]
-
-
-def _for_log(recipe: Preset, log: MotorLog) -> Preset:
-    from motorprior.identification.presets import with_what_is_stated
-
-    return with_what_is_stated(recipe, log)
 
 
 def _data(job: _Job) -> TrainingData:
@@ -185,10 +168,10 @@ def _data(job: _Job) -> TrainingData:
 def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress) -> MotorPrior:
     """The prior of a folder, fitted unless it is finished there."""
     if is_finished(out, wanted):
-        progress.note(f"{out / PRIOR} is there already, of the same logs and settings")
+        progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
-    with locked(out):  # long before it is written to: a log that is refused leaves what is there
-        data = _data(job)
+    with locked(out):
+        data = _data(job)  # before the folder counts as unfinished: an error in the log leaves the earlier prior
         with working(out, wanted):
             _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted)).save(out / PRIOR)
             prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
@@ -197,7 +180,7 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 
 
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
-    """The prior, with the figures that it is judged by later."""
+    """Fit the prior and its metrics."""
     from motorprior.identification.judging.reference import reference_metrics
     from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, widened
     from motorprior.identification.train import identify, work_of
@@ -206,21 +189,21 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
         few = recipe.physics_first and log.num_joints < MOTORS_AT_LEAST
-        guess = "differ as motors of one model are assumed to" if few else "are a guess"
+        spread = "have an assumed spread" if few else "are uncertain"
         progress.note(
-            f"note: {log.num_joints} motor{'s say' if log.num_joints > 1 else ' says'} little about a distribution: "
-            f"the prior reproduces what was recorded, but its draws {guess} (record {MOTORS_TO_TRUST} or more)"
+            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot show a distribution: the prior "
+            f"reproduces these motors, but its samples {spread} (record {MOTORS_TO_TRUST} or more)"
         )
-    said = ""
+    latest = ""
     progress.note(used_share(data, recipe))
     if line := told_at_rest(log):
         progress.note(line)
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
 
         def report(work: int, text: str) -> None:
-            nonlocal said
-            said = text or said  # a beat has nothing to say
-            task.advance(work, said)
+            nonlocal latest
+            latest = text or latest
+            task.advance(work, latest)
 
         found = identify(data, recipe, job.seed, report, kept)
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
@@ -234,23 +217,18 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
         network, mean, log_var = widened(network, mean, log_var, quality.widening)
         if network.copula is not None and quality.misses_physics:
-            progress.note(f"draws are spread {quality.widening:.2f} times as far from the central motor as otherwise")
+            progress.note(f"the standard deviation of the prior is scaled by {quality.widening:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": _as_json(found.preset), "seed": job.seed}, metrics, names,
+        origin.provenance | {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": job.seed}, metrics, names,
         stated_gains_of(log) if network.gain_unit else None,
     )  # fmt: skip
 
 
-def _as_json(recipe: Preset) -> dict[str, Any]:
-    """With lists in place of tuples, as JSON gives them back."""
-    return json.loads(json.dumps(asdict(recipe)))
-
-
 @dataclass(frozen=True)
 class _Checkpoint:
-    """A file beside the prior, of this very stage or ignored."""
+    """A file beside the prior; ignored if it is of another stage."""
 
     path: Path
     stage: dict[str, Any]
@@ -258,7 +236,7 @@ class _Checkpoint:
     def load(self) -> dict[str, np.ndarray] | None:
         try:
             arrays, header = read_tensors(self.path)
-        except ArtifactError:  # none there, or a damaged one: from the start
+        except ArtifactError:  # missing or damaged: from the start
             return None
         return arrays if header == self.stage else None
 

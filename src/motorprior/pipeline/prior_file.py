@@ -1,4 +1,4 @@
-"""The file of a prior, checked against the robot or the log that it is meant for."""
+"""The file of a prior, checked against the robot or the log that it is used for."""
 
 from __future__ import annotations
 
@@ -22,100 +22,30 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
     """A prior that this robot can be simulated with.
 
     Raises:
-        ArtifactError: a file that is no prior.
+        ArtifactError: not the file of a prior.
         ConfigError: a prior of another robot, or one that does not fit its physics step.
     """
     return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
 
 
-def told_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
-    """(2, joints) gains that the robot tells its motors, if they are in the prior's unit; otherwise the prior's own."""
-    if prior.network.gain_unit != PHYSICAL_GAINS:
-        return None
-    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
-
-
-def doubts(prior: MotorPrior, robot: Robot) -> list[str]:
-    """A line for each limit of a prior's motors that its logs did not show, and one for gains that are not the robot's.
-
-    Beside a torque it tells what the robot says. One more line tells where logs did not show how large torques are.
-    """
-    found = _gains_in_doubt(prior, robot)
-    if hidden := prior.metrics.get(UNKNOWN_SIZE):
-        found.append(
-            f"note: the logs of {hidden:.0f} of the prior's {len(prior.mean)} motors do not show how large torques "
-            f"are: its motors may be several times too strong or too weak for {robot.name}"
-        )
-    return found + [_doubt(name, value, robot) for name, value in limits_not_shown(prior.metrics).items()]
-
-
-def _gains_in_doubt(prior: MotorPrior, robot: Robot) -> list[str]:
-    described = told_gains(prior, robot)
-    if prior.gains is None or described is None:
-        return []
-    named = set(prior.joint_names) >= set(robot.joint_names)
-    order = [prior.joint_names.index(name) for name in robot.joint_names] if named else []
-    both = (prior.gains[:, order], described) if named else tuple(map(_range, (prior.gains, described)))
-    if np.allclose(*both, rtol=0.01):
-        return []
-    (kp, kd), (own_kp, own_kd) = ([f"{least:.3g} to {most:.3g}" for least, most in _range(gains)] for gains in both)
-    stated, told = f"kp {kp} and kd {kd}", f"kp {own_kp} and kd {own_kd}"
-    if stated == told:
-        told = "the same for other joints"
-    return [
-        f"note: the prior's logs state {stated}, the description of {robot.name} says {told}: simulated motors are "
-        "told what the description says"
-    ]
-
-
-def _range(gains: np.ndarray) -> np.ndarray:
-    """(2, 2) least and most, columns, of kp and kd, rows."""
-    return np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1)
-
-
-def _doubt(name: str, value: float, robot: Robot) -> str:
-    said = f"note: a {limit_in_words(name, value)} of the prior was not seen in its logs"
-    described = max(joint.torque_limit for joint in robot.joints)
-    if name == "torque_limit" and described < value:
-        said += f" (the description of {robot.name}: {described:.3g} at most)"
-    return f"{said}; what is trained on it may count on that. Log motions that reach the limit"
-
-
-def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
-    """Whether the motion of this log is one that the prior was trained on, as far as its provenance says."""
-    motions = prior.provenance.get(MOTIONS)
-    return isinstance(motions, list) and motion_digest(log) in motions
-
-
 def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:
-    """A prior for the motors of a log, and the robot that is meant: none where the log's own name of it is enough.
+    """A prior for the motors of a log, and the robot; None if the name in the log is enough.
 
-    Without ``robot`` prior and log must name the same one, whatever it is; the log of a bench, which names none, is of
-    the default robot.
+    Without ``robot``, prior and log must name the same one; the log of a bench, which names none, is of the default
+    robot.
 
     Raises:
-        ArtifactError: a file that is no prior, or no such robot.
+        ArtifactError: not the file of a prior, or no such robot.
         ConfigError: a prior of another robot.
     """
     if robot is None and log.robot != BENCH:
-        return _loaded(path, lambda prior: require_robot_of(prior, log)), None
+        return _loaded(path, lambda prior: require_same_robot(prior, log)), None
     given = load_robot(robot or DEFAULT_ROBOT)
     return load_prior(path, given), given
 
 
-def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
-    try:
-        prior = MotorPrior.load(path)
-        require(prior)
-        _require_all_motors(prior)
-    except (ArtifactError, ConfigError) as error:
-        remedy = error.remedy or "use a prior that `motorprior identify` wrote"
-        raise type(error)(error.problem, where=path, remedy=remedy) from error
-    return prior
-
-
-def require_robot_of(prior: MotorPrior, log: MotorLog) -> None:
-    """Refuse a log of another robot than the prior's.
+def require_same_robot(prior: MotorPrior, log: MotorLog) -> None:
+    """Check that prior and log are of the same robot.
 
     Raises:
         ConfigError: names both.
@@ -123,15 +53,71 @@ def require_robot_of(prior: MotorPrior, log: MotorLog) -> None:
     if prior.robot != log.robot:
         raise ConfigError(
             f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
-            remedy="identify a prior from logs of that robot, or give robot if the log is of another than it says",
+            remedy="identify a prior from logs of that robot, or give robot if the log names the wrong one",
         )
 
 
-def _require_all_motors(prior: MotorPrior) -> None:
-    """Refuse a prior that does not hold one mean per motor of the bench it says it is from."""
-    bench = prior.provenance.get("bench")
-    said = bench.get("motors") if isinstance(bench, dict) else None
-    if said is not None and said != len(prior.mean):
-        raise ArtifactError(
-            f"it has {len(prior.mean)} training motors, its bench {str(said)[:20]}", remedy="identify it again"
+def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
+    try:
+        prior = MotorPrior.load(path)
+        require(prior)
+    except (ArtifactError, ConfigError) as error:
+        remedy = error.remedy or "use a prior that `motorprior identify` wrote"
+        raise type(error)(error.problem, where=path, remedy=remedy) from error
+    return prior
+
+
+def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
+    """Whether the provenance of the prior lists the motion of this log."""
+    motions = prior.provenance.get(MOTIONS)
+    return isinstance(motions, list) and motion_digest(log) in motions
+
+
+def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
+    """(2, joints) kp and kd of the robot's description, if the prior's motors scale with gains in SI units."""
+    if prior.network.gain_unit != PHYSICAL_GAINS:
+        return None
+    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+
+
+def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
+    """Notes on limits that the logs of a prior did not reach, and on gains that differ from the robot's."""
+    notes = _gain_note(prior, robot)
+    if hidden := prior.metrics.get(UNKNOWN_SIZE):
+        notes.append(
+            f"note: the torque scale of {hidden:.0f} of the prior's {len(prior.mean)} motors is not identifiable from "
+            f"its logs: they may be several times too strong or too weak for {robot.name}"
         )
+    highest = max(joint.torque_limit for joint in robot.joints)
+    for name, value in limits_not_shown(prior.metrics).items():
+        known = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
+        notes.append(
+            f"note: the prior's {limit_in_words(name, value)} is not identifiable from its logs{known}; a policy may "
+            "over-rely on it. Log motions that reach the limit"
+        )
+    return notes
+
+
+def _gain_note(prior: MotorPrior, robot: Robot) -> list[str]:
+    own, logged = robot_gains(prior, robot), prior.gains
+    if logged is None or own is None:
+        return []
+    if set(prior.joint_names) >= set(robot.joint_names):
+        logged = logged[:, [prior.joint_names.index(name) for name in robot.joint_names]]
+        same = np.allclose(logged, own, rtol=0.01)
+    else:
+        same = np.allclose(_range(logged), _range(own), rtol=0.01)
+    if same:
+        return []
+    texts = [
+        f"kp {kp[0]:.3g} to {kp[1]:.3g} and kd {kd[0]:.3g} to {kd[1]:.3g}" for kp, kd in map(_range, (logged, own))
+    ]
+    return [
+        f"note: the logs of the prior have {texts[0]}, the description of {robot.name} has {texts[1]}: the simulated "
+        "motors use the latter"
+    ]
+
+
+def _range(gains: np.ndarray) -> np.ndarray:
+    """(2, 2) minimum and maximum, columns, of kp and kd, rows."""
+    return np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1)

@@ -1,4 +1,4 @@
-"""How far a stage is, and what a user should know meanwhile."""
+"""Where stages report their progress and notes to."""
 
 from __future__ import annotations
 
@@ -8,27 +8,26 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol, TextIO
 
-WARNING = "warning: "
-"""How a note begins that warns."""
+WARNING = "warning: "  # a note that begins so is a warning
 
 
 class Task(Protocol):
-    """A named unit of work that is under way."""
+    """A unit of work in progress."""
 
     def advance(self, count: int = 1, note: str = "") -> None:
-        """``count`` more parts of it are done; ``note`` says how it goes."""
+        """Count ``count`` more finished parts; ``note`` is shown beside them."""
         ...
 
 
 class Progress(Protocol):
-    """Where stages report to."""
+    """Receives the progress of stages."""
 
     def start(self, name: str, total: int) -> AbstractContextManager[Task]:
         """Begin a unit of work with ``total`` parts; it ends with the context."""
         ...
 
     def note(self, text: str) -> None:
-        """Tell the user one thing."""
+        """Show a line to the user."""
         ...
 
 
@@ -47,7 +46,7 @@ class Silent:
 
 
 class Warned(Silent):
-    """`Progress` and `Task` that show nothing; a note that warns becomes a Python warning."""
+    """`Progress` and `Task` that turn warnings into Python warnings and show nothing else."""
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
@@ -55,11 +54,11 @@ class Warned(Silent):
             warnings.warn(text.removeprefix(WARNING), stacklevel=2)
 
 
-class Lines:
-    """A line of text for every note and for every unit of work that is done.
+class Lines(Silent):
+    """Prints a line for every note and every finished unit of work.
 
     Args:
-        stream: where the lines go, for example `sys.stderr`.
+        stream: for example `sys.stderr`.
     """
 
     def __init__(self, stream: TextIO):
@@ -72,16 +71,13 @@ class Lines:
         yield self
         self.note(f"{name}: {time.monotonic() - started:.1f} s")
 
-    def advance(self, count: int = 1, note: str = "") -> None:
-        """See `Task.advance`."""
-
     def note(self, text: str) -> None:
         """See `Progress.note`."""
         print(text, file=self._stream, flush=True)
 
 
 class WithoutNotes:
-    """Shows the work of another `Progress`, and none of its notes: what is said of a baseline is not of the user's own.
+    """Another `Progress` without its notes: those of a baseline would confuse.
 
     Args:
         progress: the other.
@@ -99,13 +95,10 @@ class WithoutNotes:
 
 
 class Heard(WithoutNotes):
-    """Another `Progress` with its notes, and what these warned of.
+    """Another `Progress` with its notes; collects their warnings.
 
     Attributes:
         warnings: so far.
-
-    Args:
-        progress: the other.
     """
 
     def __init__(self, progress: Progress):
@@ -120,5 +113,4 @@ class Heard(WithoutNotes):
 
 
 SILENT = Silent()
-WARNED = Warned()
-"""Of functions that are called from Python."""
+WARNED = Warned()  # default of functions that are called from Python

@@ -1,4 +1,4 @@
-"""Simulate position targets on chosen motors; simulate an excitation and record it as a motor log."""
+"""Simulate position targets or an excitation on chosen motors, and record a motor log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motorprior.bounds import generator_of, require_finite, require_number, requ
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
-from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, motor_sampler
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import as_robot, load_robot
@@ -25,15 +25,11 @@ from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
 LOG = "log.parquet"
-LONGEST, LARGEST = 3600.0, 3.0
-"""Of a recording [s], and of an amplitude [rad]."""
-EXCITATION_STREAM = 0x51E7
-"""Separates the targets from the motors, which the same seed draws."""
 
 
 @dataclass(frozen=True)
 class Simulate:
-    """Play an excitation on a simulated robot, fixed or hung in the air, and record a motor log."""
+    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
 
     out: Path
     """Folder for log.parquet."""
@@ -44,7 +40,7 @@ class Simulate:
     seconds: float = 10.0
     """Duration [s]."""
     amplitude: float = 0.4
-    """Largest distance of a target from the nominal pose [rad]; the joints' limits bound it too."""
+    """Maximum distance of a target from the nominal pose [rad], within the joints' limits."""
     seed: int = 0
     """Draws the motors and the excitation."""
     robot: str = DEFAULT_ROBOT
@@ -52,17 +48,17 @@ class Simulate:
 
 
 def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
-    """Simulate, unless the folder holds this very log already.
+    """Simulate, unless the folder holds this log already.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
         SimulationFault: the motors' gains are too high for the physics step.
     """
-    require_number("seconds", config.seconds, 0.1, LONGEST)
-    require_number("amplitude", config.amplitude, 0.0, LARGEST)
+    require_number("seconds", config.seconds, 0.1)
+    require_number("amplitude", config.amplitude)
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    draw = config.motors.drawer(robot)
+    draw = config.motors.sampler(robot)
     targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
     wanted = description("simulate", asdict(config), [*config.motors.inputs(robot), *robot.files])
     if is_finished(config.out, wanted):
@@ -86,11 +82,11 @@ def simulate(
     """Hold each row of ``targets`` for one control step of the robot, from rest in its nominal pose.
 
     Args:
-        robot: a name, the path of a .toml file, or what `load_robot` gave; with legs or without.
-        motors: one per joint, or a prior, posterior or fleet to draw them from.
+        robot: a name, the path of a .toml file, or the result of `load_robot`; with legs or without.
+        motors: one per joint, or a prior, posterior or fleet to sample.
         targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``.
-        seed: of the draw, where ``motors`` is something to draw from.
-        hung: hold a free base in the air.
+        seed: of the sample of motors.
+        hung: suspend a free base in the air.
 
     Returns:
         Angles [rad] and torques [N·m] of every physics step, encoders and base of every control step.
@@ -98,22 +94,23 @@ def simulate(
     Raises:
         ConfigError: motors or targets that do not fit the robot.
         ArtifactError: a robot that cannot be read.
-        SimulationFault: the simulation broke down.
+        SimulationFault: a simulation fault.
     """
     robot = as_robot(robot)
-    draw, physics_dt = drawn_from(motors, robot)
+    draw, physics_dt = motor_sampler(motors, robot)
     wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=hung))
     return replay(world, draw(generator_of(seed)), wanted)
 
 
 def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:
-    """(control steps, joints) targets [rad]: every joint has a signal of its own about the nominal pose.
+    """(control steps, joints) targets [rad]: every joint has its own signal about the nominal pose.
 
     Raises:
-        ConfigError: no excitation is called ``kind``.
+        ConfigError: an unknown excitation.
     """
-    signal, rng = excitation_named(kind).target, np.random.default_rng([seed, EXCITATION_STREAM])
+    # The second number separates this random stream from that of the motors.
+    signal, rng = excitation_named(kind).target, np.random.default_rng([seed, 0x51E7])
     steps = max(2, round(seconds / robot.control_dt))
     away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))
@@ -121,12 +118,9 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
 
 
 def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float) -> MotorLog:
-    """What the motors of a fixed or hung robot do under ``targets``, a row per physics step of the robot.
+    """Log of the motors of a fixed or suspended robot under ``targets``, a row per physics step of the robot.
 
-    Angles are the joints' own, velocities their differences.
-
-    Raises:
-        SimulationFault: the simulation broke down.
+    Angles are those of the joints, velocities their differences.
     """
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, hung=robot.base == "free"))
     played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)

@@ -1,7 +1,7 @@
 """A stage of work in a folder: settings + digests of the inputs + version -> folder.
 
-``stage.json`` is written last. A stage whose file holds the same description is not run again, so an interrupted run
-continues where it stopped. No path is part of it: a folder that was moved or copied is still finished.
+``stage.json`` is written last. A stage whose file holds the same description is not run again, so an interrupted
+command continues where it stopped. Paths are no part of it: a folder that was moved or copied is still finished.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from filelock import FileLock, Timeout
 
 from motorprior import __version__
-from motorprior.artifacts import read_json, remove_half_written, write_json
+from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.progress import Progress
@@ -64,11 +64,7 @@ def description(
 
 
 def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
-    """The file of a fleet, shipped or given by path; the robot's own if none is named.
-
-    Raises:
-        ArtifactError, ConfigError: there is none.
-    """
+    """The file of a fleet, shipped or given by path; the robot's own if none is named."""
     return [fleet_path(robot.default_fleet if fleet is None else fleet)]
 
 
@@ -79,11 +75,7 @@ def write_results(folder: Path, results: Results) -> None:
 
 
 def read_results(folder: Path) -> Results:
-    """Results of a finished stage.
-
-    Raises:
-        ArtifactError: missing or damaged.
-    """
+    """Results of a finished stage."""
     return Results.load(folder / RESULTS)
 
 
@@ -110,39 +102,34 @@ def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
 
 
 def seconds_of(folder: Path) -> float:
-    """Seconds of the finished stage in ``folder``, of its last run.
-
-    Raises:
-        ArtifactError: no finished stage.
-    """
+    """Duration [s] of the finished stage in ``folder``, without interrupted runs before."""
     return float(read_json(folder / MARKER)["seconds"])
 
 
 @contextmanager
-def working(folder: Path, wanted: dict[str, Any], since: float | None = None) -> Iterator[None]:
+def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
     """Run a stage: its folder is locked and unfinished while this is open, and finished after it closes without error.
 
     Args:
         folder: where the stage writes.
         wanted: its `description`.
-        since: time.monotonic() when the work began; now if not given.
 
     Raises:
         ArtifactError: the folder cannot be written, or another process or thread writes there.
     """
     with locked(folder):
-        begin(folder)
-        started = time.monotonic() if since is None else since
+        (folder / MARKER).unlink(missing_ok=True)
+        started = time.monotonic()
         yield
         write_json(folder / MARKER, wanted | {"seconds": time.monotonic() - started})
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Be the only writer of a folder; the same thread may lock it again.
+    """Create a folder and be its only writer; the same thread may lock it again.
 
     Raises:
-        ArtifactError: another process or thread holds it, or it cannot be made.
+        ArtifactError: another process or thread writes there, or it cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -160,22 +147,7 @@ def locked(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def begin(folder: Path) -> None:
-    """Mark a folder as unfinished, and remove files that killed processes left half written.
-
-    Raises:
-        ArtifactError: it cannot be created or written.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / MARKER).unlink(missing_ok=True)
-        remove_half_written(folder)
-    except OSError as error:
-        problem = f"cannot write there ({error.strerror})"
-        raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
-
-
-def threads_here(workers: int, progress: Progress) -> int:
+def usable_threads(workers: int, progress: Progress) -> int:
     """``workers``, or the number of cores if that is less."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if workers > cores:

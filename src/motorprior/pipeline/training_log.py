@@ -1,4 +1,4 @@
-"""The log that a prior is fitted to: a bench's folder, or files of logs as one."""
+"""The log that a prior is fitted to: the folder of a bench, or motor logs, joined."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, motion_digest
 
-MOTIONS = "motions"
-"""Entry of a prior's provenance: `motion_digest` of every log that it was trained on; priors of before lack it."""
+MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Whose motors these are, and what the prior will say about it."""
+    """Robot, motor and provenance of a log, for the prior."""
 
     robot: str
     motor: str
@@ -28,7 +27,7 @@ class Origin:
 
 
 def origin_of(log: MotorLog, parts: Sequence[MotorLog]) -> Origin:
-    """Of a log that was joined from others."""
+    """Origin of a log that was joined from ``parts``."""
     return Origin(log.robot, log.motor, {"log": log.source, MOTIONS: [motion_digest(part) for part in parts]})
 
 
@@ -36,32 +35,31 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     """The log of a bench's folder, or all logs as one; the files that the prior depends on, the log first.
 
     Raises:
-        ConfigError: nothing is given, or a folder among several.
+        ConfigError: nothing is given, or a folder among several paths.
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
         raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
     paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
-    if not any(path.is_dir() for path in paths):
+    folders = [path for path in paths if path.is_dir()]
+    if not folders:
         logs = [read_parquet(path) for path in paths]
         log = joined(logs)
         if log.robot == BENCH:
             raise LogError(
-                f"the log of a bench without its {FACTS}, which says of which robot its motors are", where=paths[0],
+                f"the log of a bench without its {FACTS}, which names the robot", where=paths[0],
                 remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
             )  # fmt: skip
         return log, paths, origin_of(log, logs)
+    (folder, *_) = folders
     if len(paths) > 1:
-        folder = next(path for path in paths if path.is_dir())
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
-    path = paths[0]
-    if not any((path / name).is_file() for name in (LOG, FACTS)):
+    if not any((folder / name).is_file() for name in (LOG, FACTS)):
         raise LogError(
-            f"a folder without {LOG}", where=path,
+            f"a folder without {LOG}", where=folder,
             remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
         )  # fmt: skip
-    log, facts = read_bench(path)
+    log, facts = read_bench(folder)
     provenance = {"bench": facts.as_json(), MOTIONS: [motion_digest(log)]}
-    origin = Origin(facts.fleet.robot, facts.fleet.motor, provenance)
-    return log, [path / LOG, path / FACTS], origin
+    return log, [folder / LOG, folder / FACTS], Origin(facts.fleet.robot, facts.fleet.motor, provenance)

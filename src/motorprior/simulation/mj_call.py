@@ -34,11 +34,6 @@ def mj_step_address() -> int:
     return _address("mj_step")
 
 
-def do_nothing_address() -> int:
-    """Address of a function that can stand in for ``mj_step`` and does nothing: what is left is everything else."""
-    return _address("mj_version")
-
-
 def _address(name: str) -> int:
     address = ctypes.cast(getattr(library(), name), ctypes.c_void_p).value
     assert address is not None

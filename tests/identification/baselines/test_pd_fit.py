@@ -13,7 +13,7 @@ from motorprior.identification.baselines.pd_fit import PdFit, beginnings, fit_to
 from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.transfer_study.study_pds import LAGS
+from motorprior.studies.conditions import LAGS
 
 TRUE = {"kp": 7.0, "kd": 0.7, "torque_limit": 1.2, "armature": 0.004, "delay": 0.004, "coulomb": 0.15}
 START = {"kp": 8.8, "kd": 0.84, "torque_limit": 1.26}

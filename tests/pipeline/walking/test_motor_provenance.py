@@ -1,4 +1,4 @@
-"""A policy names what it was trained on by name and digest, and no path in it is followed to anything else."""
+"""A policy contains the names and digests of the files that it was trained on, and only those files are used."""
 
 import hashlib
 import json
@@ -35,30 +35,27 @@ def policy(tmp_path: Path) -> Path:
     return tmp_path / "walk" / "policy.safetensors"
 
 
-def test_files_stand_in_it_by_name_and_digest_and_no_absolute_path(choice: MotorChoice, policy: Path, tmp_path: Path):
-    said = choice_as_json(choice, policy.parent)
-    assert [said[name] for name in FILES] == ["prior.safetensors", "posterior.safetensors", "mine.toml"]
-    assert said["prior_sha256"] == hashlib.sha256(b"prior").hexdigest()
-    assert str(tmp_path) not in json.dumps(said) and said["kp"] == 3.0
+def test_files_are_stored_by_name_and_digest_without_absolute_paths(choice: MotorChoice, policy: Path, tmp_path: Path):
+    stored = choice_as_json(choice, policy.parent)
+    assert [stored[name] for name in FILES] == ["prior.safetensors", "posterior.safetensors", "mine.toml"]
+    assert stored["prior_sha256"] == hashlib.sha256(b"prior").hexdigest()
+    assert str(tmp_path) not in json.dumps(stored) and stored["kp"] == 3.0
 
 
-def test_what_was_written_is_read_back_also_after_a_move(choice: MotorChoice, policy: Path, tmp_path: Path):
-    said = choice_as_json(choice, policy.parent)
+def test_a_choice_is_read_back_after_its_files_moved(choice: MotorChoice, policy: Path, tmp_path: Path):
+    stored = choice_as_json(choice, policy.parent)
     (tmp_path / "elsewhere").mkdir()
     for folder in ("inputs", "walk"):
         (tmp_path / folder).rename(tmp_path / "elsewhere" / folder)
-    again = choice_from_json(said, tmp_path / "elsewhere" / "walk" / policy.name)
+    again = choice_from_json(stored, tmp_path / "elsewhere" / "walk" / policy.name)
     assert again.prior is not None and again.prior.read_text() == "prior" and again.fleet is not None
     assert Path(again.fleet).resolve() == tmp_path / "elsewhere" / "inputs" / "mine.toml" and again.kp == 3.0
     assert again.limit_follows_gain
-    del said["limit_follows_gain"]  # a policy of an earlier version
-    assert not choice_from_json(said, tmp_path / "elsewhere" / "walk" / policy.name).limit_follows_gain
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_another_digest_is_refused_by_name(choice: MotorChoice, policy: Path, name: str):
-    said = choice_as_json(choice, policy.parent)
+def test_a_changed_file_is_rejected(choice: MotorChoice, policy: Path, name: str):
+    stored = choice_as_json(choice, policy.parent)
     Path(getattr(choice, name)).write_text("changed")
-    called = rf"the {name} it was trained on, {said[name]} with SHA-256 {said[f'{name}_sha256'][:16]}"
-    with pytest.raises(ConfigError, match=called):
-        choice_from_json(said, policy)
+    with pytest.raises(ConfigError, match=f"the {name} it was trained on"):
+        choice_from_json(stored, policy)

@@ -1,4 +1,4 @@
-"""A training whose contests are walked on another fleet's motors."""
+"""A training whose policies are evaluated on another fleet's motors."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,7 +26,7 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     run_walk(config)
     policy = Policy.load(tmp_path / POLICY)
     robot, motors = policy.commanded(PUPPER_V2), MotorChoice("fleet", fleet="mixed")
-    there = scene(config, robot, motors.drawer(robot), motors.physics_dt(robot)).simulator()
+    there = scene(config, robot, motors.sampler(robot), motors.physics_dt(robot)).simulator()
     seeds = [episode_seed(config.search.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
     score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score
@@ -34,7 +34,6 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
 
 
 def test_threads_and_interrupts_change_nothing(tmp_path: Path):
-    """Contests and candidates take turns at the tenth iteration; the champion of the first contest wins the second."""
     long = {"validation": "mixed", "patience": 1}
     run_walk(replace(walk(tmp_path / "whole", **long), iterations=40))
     ended = len(read_json(tmp_path / "whole" / "curve.json"))
@@ -54,7 +53,7 @@ def test_threads_and_interrupts_change_nothing(tmp_path: Path):
                 raise KeyboardInterrupt
 
         def note(self, text: str) -> None:
-            resumed = [f"walk: goes on after iteration {number}" for number in (ended - 1, ended)]
+            resumed = [f"walk: continues after iteration {number}" for number in (ended - 1, ended)]
             assert f"ended after {ended} iterations" in text or text in resumed
 
     parts = replace(walk(tmp_path / "parts", **long), iterations=40, workers=2)

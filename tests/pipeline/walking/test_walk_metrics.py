@@ -1,20 +1,16 @@
 """metrics.jsonl: a line per iteration, the same bytes however often a training was interrupted."""
 
 import json
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking.tensorboard import EVENTS
 from motorprior.pipeline.walking.walk import CURVE, POLICY, Walk, run_walk
-from motorprior.pipeline.walking.walk_metrics import METRICS, read_metrics
+from motorprior.pipeline.walking.walk_metrics import EVENTS, METRICS, read_metrics
 
 
 class Stops:
@@ -48,7 +44,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     return folder, seen.notes
 
 
-def test_a_line_says_what_the_learning_curve_says(whole: tuple[Path, list[str]]):
+def test_a_line_contains_the_point_of_the_learning_curve(whole: tuple[Path, list[str]]):
     lines = [json.loads(line) for line in (whole[0] / METRICS).read_text("utf-8").splitlines()]
     curve = json.loads((whole[0] / CURVE).read_text("utf-8"))
     assert [line["iteration"] for line in lines] == [0, 1, 2, 3]
@@ -70,31 +66,11 @@ def test_an_interrupted_training_ends_at_the_same_bytes(whole: tuple[Path, list[
         assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes(), name
 
 
-def point(iteration: int) -> dict[str, Any]:
-    means = {"mean_return": 1.5, "best_return": 2.0, "mean_steps": 80.0, "mean_speed_error": 0.05}
-    return {"iteration": iteration, **means, "faults": {}}
-
-
-def test_tensorboard_gets_the_lines_of_the_file_once_after_an_interrupt_too(tmp_path: Path):
+def test_tensorboard_gets_every_line_once_after_an_interrupt_too(tmp_path: Path):
     pytest.importorskip("tensorboardX", reason="pip install 'motorprior[tensorboard]'")
     walk = replace(small(tmp_path), tensorboard=True)
     with pytest.raises(KeyboardInterrupt):
         run_walk(walk, Stops(after=2))
     run_walk(walk)
-    told = read_metrics(tmp_path)
-    (path,) = (tmp_path / EVENTS).iterdir()
-    for name in ("return_mean", "return_best", "upright", "speed_error"):
-        np.testing.assert_allclose(scalars(path, f"walk/{name}"), list(enumerate(told[name])), rtol=1e-6)
-
-
-def scalars(path: Path, tag: str) -> list[tuple[int, float]]:
-    """(step, value) of a scalar, in the file's order: length, check sum of 4 bytes, event, check sum of 4 bytes."""
-    from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
-
-    data, place, found = path.read_bytes(), 0, []
-    while place < len(data):
-        (length,) = struct.unpack_from("<Q", data, place)
-        event = Event.FromString(data[place + 12 : place + 12 + length])
-        found += [(event.step, value.simple_value) for value in event.summary.value if value.tag == tag]
-        place += 16 + length
-    return found
+    (events,) = (tmp_path / EVENTS).iterdir()
+    assert events.read_bytes().count(b"walk/upright") == len(read_metrics(tmp_path)["upright"]) == 4

@@ -19,9 +19,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.fleet_calibration import Calibration, calibrate, calibrated_fleet, is_identified, searches
+from motorprior.transfer.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, searches
 from motorprior.transfer.fleet_problem import FleetProblem
-from motorprior.transfer.real_replay import Replayer
+from motorprior.transfer.log_replay import Replayer
 
 FLEET, PICTURE, PRIOR_BANDS = "fleet.toml", "calibration.png", "prior"
 
@@ -37,25 +37,24 @@ class Calibrate:
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     fleet: str | None = None
-    """Fleet where the fit begins, and what the logs cannot tell stays; the robot's own if none is given."""
+    """Initial fleet; constants that the logs do not identify stay near it. The robot's own if not given."""
     prior: Path | None = None
-    """Prior of the fitted fleet, from its bench: its 50 and 90 % bands are drawn over the same logs. The fit is not
-    repeated."""
+    """Prior identified on a bench of the fitted fleet: also plot its 50 and 90 % bands over the logs."""
     posture: PostureName = "auto"
-    """How the robot's base was held: standing on its feet, or hung in the air. "auto" takes what a log states, or the
-    one in which the fleet's central motor replays it clearly better."""
+    """Posture of the robot: standing on its feet, or suspended ("hung"). "auto" uses that in the log, or the one in
+    which the fleet's central motor replays it clearly better."""
     starts: int = 3
-    """Searches: the first from the fleet's centre, the others from draws of what is believed of it."""
+    """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
     iterations: int = 6
     """Of each search, at most."""
     draws: int = 20
-    """Draws of the robot's motors from the fitted fleet, for the bands."""
+    """Samples of the robot's motors from the fitted fleet, for the bands."""
     seed: int = 0
-    """Draws the starts and the motors."""
+    """Seed of the starts and the motors."""
 
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
-    """Calibrate, or read what this very calibration found.
+    """Calibrate, or read the results if the folder holds them already.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, fleet, prior or setting that cannot be used.
@@ -86,7 +85,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
 def _draw_prior(
     config: Calibrate, folder: Path, replayers: dict[str, Replayer], robot: Robot, prior: MotorPrior, progress: Progress
 ) -> None:
-    """The picture of a prior's bands beside those of the fleet that was fitted, and how much they hold."""
+    """The bands of a prior and of the fitted fleet: picture and coverage."""
     from motorprior.pipeline.replay.calibration_bands import draw_prior_bands
 
     fleet = load_robot_fleet(robot, str(config.out / FLEET))
@@ -101,9 +100,9 @@ def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> 
     with progress.start(f"calibrate on {len(names)} real logs", searches(len(names), config.starts)) as task:
         found = calibrate(problem, config.starts, config.iterations, config.seed, task.advance)
     fleet = calibrated_fleet(problem, found)
-    write_fleet(config.out / FLEET, fleet, _sources(problem, found), _heading(names))
-    # Imported here: matplotlib would hold up every other command.
-    from motorprior.pipeline.replay.calibration_bands import draw_bands
+    heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(names)}; spread is between motors."
+    write_fleet(config.out / FLEET, fleet, _sources(problem, found), heading)
+    from motorprior.pipeline.replay.calibration_bands import draw_bands  # imports matplotlib
 
     with progress.start(f"{config.draws} draws of the fleet", len(names)) as task:
         picture, covered = draw_bands(problem, found.center, fleet, config.draws, config.seed, task)
@@ -111,29 +110,25 @@ def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> 
     write_results(config.out, _errors(problem, found) + covered + _constants(problem, found) + _motors(problem, found))
 
 
-def _heading(names: list[str]) -> str:
-    return f"Fitted by `motorprior calibrate` to the logs {', '.join(names)}; spread is between motors."
-
-
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
-    """Where each number comes from; a constant that the logs cannot tell is named so."""
+    """Source of each number."""
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
-    for name in problem.stated & sources.keys():
-        sources[name] += "; the logs state the gains that their motors had"
+    for name in problem.logged & sources.keys():
+        sources[name] += "; the logs contain the gains"
     logs = ", ".join(problem.replayers)
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
-        said = "identified" if is_identified(unknown, error) else f"not identified, near fleet {problem.fleet.name}"
-        apart = "" if unknown.name in found.motors.spread else f"; spread as in fleet {problem.fleet.name}"
-        sources[unknown.name] = f"{said}: replay of the logs {logs}{apart}"
+        result = "identified" if is_identifiable(unknown, error) else f"not identified, near fleet {problem.fleet.name}"
+        spread = "" if unknown.name in found.motors.spread else f"; spread as in fleet {problem.fleet.name}"
+        sources[unknown.name] = f"{result}: replay of the logs {logs}{spread}"
     return sources
 
 
 def _errors(problem: FleetProblem, found: Calibration) -> Results:
-    """Mean joint RMSE of every log, and their mean: before, fitted, fitted without that log, with a motor per joint."""
+    """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
     rows = []
     for name in problem.replayers:
         values = {
-            "start": problem.rmse(name, problem.belief.mean),
+            "start": problem.rmse(name, problem.prior.mean),
             "center": problem.rmse(name, found.center),
             "per_motor": problem.rmse(name, found.center, found.motors.offsets),
         }
@@ -147,10 +142,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> Results:
 
 
 def _constants(problem: FleetProblem, found: Calibration) -> Results:
-    """Fitted value of every constant, its standard errors before and after, and where the searches ended.
-
-    Errors and spreads are of the logarithm where the fleet's distribution is lognormal.
-    """
+    """Fitted value and standard errors of every constant, and all optima; of logarithms if lognormal."""
     rows, fleet = [], calibrated_fleet(problem, found)
     for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
         unit, name = problem.unit(unknown), unknown.name
@@ -161,7 +153,7 @@ def _constants(problem: FleetProblem, found: Calibration) -> Results:
             Result("calibrate_error", share, float(error), part=name),
             Result("calibrate_belief", share, unknown.deviation, part=name),
             Result("calibrate_spread", share, fleet.parameters[name].values["spread"], part=name),
-            Result("calibrate_identified", "1", float(is_identified(unknown, error)), part=name),
+            Result("calibrate_identified", "1", float(is_identifiable(unknown, error)), part=name),
         ]
     for place, optimum in enumerate(found.optima, start=1):
         rows.append(Result("calibrate_cost", "1", optimum.cost, model=f"optimum_{place}"))
@@ -172,7 +164,7 @@ def _constants(problem: FleetProblem, found: Calibration) -> Results:
 
 
 def _motors(problem: FleetProblem, found: Calibration) -> Results:
-    """What differs from motor to motor, per joint that moved: by constant, as `model`."""
+    """Constants that differ between motors, per joint that moved; `model` is the constant."""
     rows, each_motor = [], found.motors.offsets.reshape(len(problem.joints), len(problem.differing))
     for joint, offsets in zip(problem.joints, each_motor, strict=True):
         for place, offset in zip(problem.differing, offsets, strict=True):

@@ -1,4 +1,4 @@
-"""Logs inside the bands of a calibrated fleet, or of a prior of it: a picture, and the share of readings they hold."""
+"""Bands of a calibrated fleet, or of a prior of it, over the logs: picture and coverage."""
 
 from __future__ import annotations
 
@@ -17,16 +17,14 @@ from motorprior.pipeline.motor_choice import gains_for
 from motorprior.pipeline.progress import Task
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.replay import shown_joint
-from motorprior.report.plots_calibrate import Band, LogPanel, calibration
+from motorprior.report.plots_motor import Band, LogPanel, calibration
 from motorprior.report.plots_style import png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.transfer.fleet_problem import FleetProblem
-from motorprior.transfer.real_replay import Replayer
-from motorprior.transfer.stated_gains import at_stated_gains
+from motorprior.transfer.log_replay import Replayer, with_logged_gains
 
-LEVELS = (90, 50)
-"""Bands of a prior [%], the widest first; of a fleet the first."""
+LEVELS = (90, 50)  # bands of a prior [%]
 
 
 def draw_bands(
@@ -38,9 +36,9 @@ def draw_bands(
         problem: logs and robot.
         center: (unknowns,) of the fit.
         fleet: the fitted one.
-        draws: of all motors of the robot.
-        seed: of the draws.
-        task: told of every log.
+        draws: samples of the robot's motors.
+        seed: of the samples.
+        task: advances with every log.
 
     Returns:
         The picture, a PNG, and per log the share of the angles of moved joints within the bands.
@@ -59,17 +57,7 @@ def draw_bands(
 def draw_prior_bands(
     replayers: Mapping[str, Replayer], robot: Robot, fleet: Fleet, prior: MotorPrior, draws: int, seed: int, task: Task
 ) -> tuple[bytes, Results]:
-    """`draw_bands` of a prior: its LEVELS and its central motor, beside the fleet's 90 % as lines.
-
-    Args:
-        replayers: logs by name.
-        robot: that they are of.
-        fleet: the fitted one, from whose bench the prior is.
-        prior: of this robot.
-        draws: of all motors of the robot, of the fleet and of the prior.
-        seed: of the draws.
-        task: told of every log.
-    """
+    """`draw_bands` of a prior: its LEVELS and its central motor, with the fleet's 90 % band as lines."""
     from motorprior.identification.judging.coverage import band
 
     rng, panels, covered = np.random.default_rng(seed), [], []
@@ -91,7 +79,7 @@ def draw_prior_bands(
 
 
 def _conditions(prior: MotorPrior, log: MotorLog) -> dict[str, np.ndarray]:
-    """Of the log, as far as the prior knows what is usual."""
+    """Supply voltage and temperature of the log, relative to the prior's."""
     from motorprior.identification.training_data.windows import relative_conditions
 
     if not CONDITIONS.keys() & channels(log).keys():
@@ -101,7 +89,7 @@ def _conditions(prior: MotorPrior, log: MotorLog) -> dict[str, np.ndarray]:
 
 
 def _fleet_runs(replayer: Replayer, robot: Robot, fleet: Fleet, draws: int, rng: np.random.Generator) -> np.ndarray:
-    drawn = [at_stated_gains(fleet.sample(robot.num_joints, rng), replayer.prepared) for _ in range(draws)]
+    drawn = [with_logged_gains(fleet.sample(robot.num_joints, rng), replayer.prepared) for _ in range(draws)]
     return _runs(replayer, [motors.actuator() for motors in drawn])
 
 
@@ -117,7 +105,7 @@ def _inside(replayer: Replayer, low: np.ndarray, high: np.ndarray) -> float:
 
 
 def _panel(name: str, robot: Robot, replayer: Replayer, central: np.ndarray, bands: Sequence[Band]) -> LogPanel:
-    """Of the one joint that is shown of a log; angles and edges are (T, joints)."""
+    """Of the plotted joint of a log; angles and edges are (T, joints)."""
     log = replayer.prepared
     joint = shown_joint(robot, log)
     target, measured, center = (each[:, joint] for each in (log.position_target, log.joint_pos, central))

@@ -1,4 +1,4 @@
-"""The posture of every log of a robot: as an option says, as the log states, or as replays show."""
+"""The posture of every log of a robot: from an option, from the log, or from replays."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.progress import Progress
 from motorprior.robots.robot import Robot
+from motorprior.transfer.log_replay import Replayer, logged_gains_note, with_logged_gains
 from motorprior.transfer.posture import find_posture, with_posture
-from motorprior.transfer.real_replay import Replayer
-from motorprior.transfer.stated_gains import at_stated_gains, told_of_gains
 
 PostureName: TypeAlias = Literal["auto", "standing", "hung"]
 
@@ -25,15 +24,15 @@ def replayers_of(
     posture: PostureName,
     progress: Progress,
 ) -> dict[str, Replayer]:
-    """Every log, ready to be replayed in its posture, which is told to the user, as are the gains that it states.
+    """Every log with its posture, ready to replay; posture and logged gains are noted.
 
     Args:
         logs: by name, with every row.
-        prepared: the same, see `real_replay.prepare`.
-        robot: that they are of.
-        fleet: whose central motor decides where nothing is stated.
-        posture: of every log; ``auto`` to take what each log states, or to find it by replaying both ways.
-        progress: where to tell it.
+        prepared: the same, see `log_replay.prepare`.
+        robot: of the logs.
+        fleet: whose central motor is replayed to find an unknown posture.
+        posture: of every log; ``auto`` to use that in the log, or to find it by replaying both.
+        progress: receives the notes.
 
     Raises:
         ConfigError: a posture for a robot with a fixed base.
@@ -46,15 +45,15 @@ def replayers_of(
     center, found = fleet.center(robot.num_joints), {}
     for name, log in logs.items():
         if posture == "auto":
-            known = find_posture(log, prepared[name], robot, at_stated_gains(center, log).actuator())
+            known = find_posture(log, prepared[name], robot, with_logged_gains(center, log).actuator())
             chosen, evidence = known.name, known.evidence
         else:
-            chosen, evidence = posture, f"{posture}, as asked for"
+            chosen, evidence = posture, f"{posture}, as given"
         stated = posture == "auto" and log.posture is not None
         both = [each if stated else with_posture(each, chosen) for each in (log, prepared[name])]
         found[name] = Replayer(both[0], robot, both[1])
         left = int((~found[name].compared).sum())
-        progress.note(f"log {name}: {evidence}" + (f"; {left} rows from a fall on are left out" if left else ""))
-        if said := told_of_gains(log):
-            progress.note(f"log {name}: {said}")
+        progress.note(f"log {name}: {evidence}" + (f"; {left} rows after a fall are excluded" if left else ""))
+        if gains := logged_gains_note(log):
+            progress.note(f"log {name}: {gains}")
     return found

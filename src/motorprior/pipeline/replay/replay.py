@@ -26,14 +26,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
-from motorprior.transfer.stated_gains import at_stated_gains
+from motorprior.transfer.log_replay import LogReplay, Replayer, prepare, with_logged_gains
 
 TRACES = "traces.safetensors"
-_IMPORT_FIRST = (
-    "import the logs first with `motorprior logs import`, which is told what their columns mean "
-    "(docs/your-motors.md), and give the .parquet files that it writes"
-)
 
 
 @dataclass(frozen=True)
@@ -43,25 +38,24 @@ class Replay:
     logs: Path
     """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
     prior: Path
-    """Prior whose draws are replayed."""
+    """Prior to sample."""
     out: Path
     """Folder for figures.json and the traces of the report."""
     fleet: str | None = None
-    """Fleet whose central motor is replayed, and whose nominal gains the ideal PD gets. Of a log that states gains in
-    N·m/rad, both have these."""
+    """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace both."""
     draws: int = 20
-    """Draws of the robot's motors from the prior."""
+    """Samples of the robot's motors from the prior."""
     seed: int = 0
     """Draws the motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     posture: PostureName = "auto"
-    """How the robot's base was held: standing on its feet, or hung in the air. "auto" takes what a log states, or the
-    one in which the fleet's central motor replays it clearly better."""
+    """Posture of the robot: standing on its feet, or suspended ("hung"). "auto" uses that in the log, or the one in
+    which the fleet's central motor replays it clearly better."""
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
-    """Check and replay, or read what this very replay found.
+    """Check and replay, or read the results if the folder holds them already.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
@@ -83,7 +77,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
 
 
 def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]:
-    """A log, or every log of a folder, as it is; and by its short name without repeated measurements.
+    """A log, or all logs of a folder; and the same by name without repeated measurements.
 
     Raises:
         LogError: a log that cannot be read or replayed.
@@ -93,7 +87,10 @@ def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]
     except LogError as error:
         if error.argument != "columns":
             raise
-        raise LogError(error.problem, where=error.where, remedy=_IMPORT_FIRST) from error  # takes no map itself
+        remedy = (
+            "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the .parquet files"
+        )
+        raise LogError(error.problem, where=error.where, remedy=remedy) from error
     return folder, {name: prepare(log, robot, f"{path}, log {name}") for name, log in folder.logs.items()}
 
 
@@ -133,10 +130,10 @@ def _replay_models(
 ) -> dict[str, list[LogReplay]]:
     rng = np.random.default_rng(config.seed)
     count, log = robot.num_joints, replayer.prepared
-    drawn = [at_stated_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
+    drawn = [with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     models: dict[str, list[Actuator]] = {
-        "ideal_pd": [at_stated_gains(nominal_pd(fleet, count), log)],
-        "physical": [at_stated_gains(fleet.center(count), log).actuator()],
+        "ideal_pd": [with_logged_gains(nominal_pd(fleet, count), log)],
+        "physical": [with_logged_gains(fleet.center(count), log).actuator()],
         "physical_draws": [motors.actuator() for motors in drawn],
         prior.preset: [prior.sample(count, rng, gains_for(prior, robot, log)) for _ in range(config.draws)],
     }
@@ -149,7 +146,7 @@ def _replay_models(
 
 
 def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Results:
-    """Mean joint RMSE over excited joints, and per joint; draws by median, 5 % and 95 %."""
+    """Joint RMSE: the mean over excited joints, and each; of samples median, 5 % and 95 % quantile."""
     rows: list[Result] = []
     for model, runs in results.items():
         per_joint = np.array([run.rmse for run in runs])
@@ -166,7 +163,7 @@ def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Re
 
 
 def shown_joint(robot: Robot, log: MotorLog) -> int:
-    """The joint of a log that a picture shows: the first excited knee, or else the first excited joint."""
+    """The joint of a log to plot: the first excited knee, or else the first excited joint."""
     excited = excited_joints(log)
     last = {leg.joints[-1] for leg in robot.legs}
     knees = [joint for joint in excited if joint in last]
@@ -174,7 +171,7 @@ def shown_joint(robot: Robot, log: MotorLog) -> int:
 
 
 def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
-    """The shown joint of a log, for the report; draws as median and 90 % band."""
+    """The plotted joint of a log, for the report; samples as median and 90 % band."""
     joint = shown_joint(robot, log)
     traces = {
         f"{name}/joint": np.array(joint),

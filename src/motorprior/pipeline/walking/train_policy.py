@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet
@@ -16,14 +14,12 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, drawn_from, load_robot_fleet, nominal_pd
-from motorprior.pipeline.prior_file import doubts
+from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, load_robot_fleet, motor_sampler, nominal_pd
 from motorprior.pipeline.progress import WARNED, Progress
-from motorprior.pipeline.stage import threads_here
-from motorprior.pipeline.walking.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
-from motorprior.pipeline.walking.trained_policy import judge_faults, policy_of
-from motorprior.pipeline.walking.training import as_point
-from motorprior.pipeline.walking.walk import MOST_EPISODE_STEPS, MOST_UNITS, MOST_WORKERS
+from motorprior.pipeline.stage import usable_threads
+from motorprior.pipeline.walking.trained_policy import policy_of, report_faults
+from motorprior.pipeline.walking.training import Curve, as_point, executors
+from motorprior.pipeline.walking.walk import training_notes
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
@@ -56,85 +52,71 @@ def train_policy(
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.
-        motors: a prior, a posterior or a fleet to draw from; motors, the same in every episode; or a function that
-            draws them from a generator.
+        motors: a prior, a posterior or a fleet to draw from; fixed motors; or a function that draws them from a
+            generator.
         iterations: of the search, 32 episodes each, at most.
-        patience: stop after so many contests, one every 10 iterations, without a better policy; never if not given.
+        patience: stop after so many evaluations, one every 10 iterations, without a better policy; never if not given.
         seed: of the search and of the draws; same arguments, same bytes, whatever ``workers``.
         workers: episodes at a time; two, or as many as there are cores, if not given.
         episode_steps: control steps per episode; see `Walk.episode_steps`.
         gait: which leg steps when, see `locomotion.gaits`.
-        commands: what the robot is told to do; all that it is built for, and a little more, if not given.
-        randomization: what differs between episodes besides the motors: floor, masses, slope, sensors, pushes.
-        start: a policy to go on from; the gait itself if not given. What comes out is never worse on its own motors.
-        symmetric: the policy answers what it would observe in a mirror with the mirrored action: it cannot limp to
-            one side.
-        hidden_units: of the policy, an even number of a symmetric one; none for a linear one.
-        validation: a fleet, its name or its .toml file, on whose physical motors the contests are walked that decide
-            which policy is kept; on the motors of the training if not given. Not the fleet of a twin that is to judge
-            the policy.
+        commands: commanded speeds; the robot's whole range, and a little more, if not given.
+        randomization: of each episode besides the motors: floor, masses, slope, sensors, pushes.
+        start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
+        symmetric: mirrored observations give mirrored actions, so that the policy cannot limp to one side.
+        hidden_units: of the policy, an even number if it is symmetric; 0 for a linear one.
+        validation: a fleet, its name or its .toml file, on whose physical motors policies are evaluated to choose the
+            best; the motors of the training if not given. Not the fleet of a twin on which the policy is tested later.
         progress: where to report to.
 
     Returns:
-        The best policy on the way.
+        The best policy of all evaluations.
 
     Raises:
         ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start of another shape,
             or symmetry of a robot or a gait that has none.
         ArtifactError: a robot or a validation fleet that cannot be read.
-        SimulationFault: every episode broke down.
+        SimulationFault: every episode had one.
     """
-    told, robot = commands or Commands(), as_robot(robot)
+    commands, robot = commands or Commands(), as_robot(robot)
+    workers = min(2, os.cpu_count() or 1) if workers is None else workers
+    for name, value in (("iterations", iterations), ("episode_steps", episode_steps), ("workers", workers)):
+        require_count(name, value)
+    if patience is not None:
+        require_count("patience", patience)
+    require_count("hidden_units", hidden_units, 0)
+    require_seed(seed)
     if start is not None:
         start.require_robot(robot, "start")
         start.require_gait(gait, "start")
         robot = start.commanded(robot)
-    robot = told.on(robot)
-    workers = min(2, os.cpu_count() or 1) if workers is None else workers
-    for name, value, most in (
-        ("iterations", iterations, None), ("episode_steps", episode_steps, MOST_EPISODE_STEPS),
-        ("workers", workers, MOST_WORKERS), *([] if patience is None else [("patience", patience, None)]),
-    ):  # fmt: skip
-        require_count(name, value, 1, most)
-    require_count("hidden_units", hidden_units, 0, MOST_UNITS)
-    shape = PolicyShape.of(robot, gait, units_for(hidden_units, symmetric), symmetric)
-    require_seed(seed)
-    draw, physics_dt = drawn_from(motors, robot)
+    robot = commands.on(robot)
     prior = motors.prior if isinstance(motors, MotorPosterior) else motors
-    for line in doubts(prior, robot) if isinstance(prior, MotorPrior) else ():
+    for line in training_notes(robot, prior if isinstance(prior, MotorPrior) else None, validation):
         progress.note(line)
-    config = ArsConfig(seed=seed)
-    drawn = [(draw, physics_dt)]
-    if validation is not None:
-        drawn.append(validation_motors(validation, robot))
-        if is_of_the_twin(validation, robot):
-            progress.note(NO_JUDGE)
-    walk = WalkConfig(episode_steps, randomization=randomization, commands=told, gait=gait)
-    scenes = [Scene(robot, "mujoco", draw, physics_dt, walk) for draw, physics_dt in drawn]
-    search, champion = new_search(config, shape, start), Champion.none_yet(shape)
-    curve: list[dict[str, Any]] = []
+    config, shape = ArsConfig(seed=seed), PolicyShape.of(robot, gait, units_for(hidden_units, symmetric), symmetric)
+    walk = WalkConfig(episode_steps, randomization=randomization, commands=commands, gait=gait)
+    sources = [motors, *([] if validation is None else [load_robot_fleet(robot, validation)])]
+    scenes = [Scene(robot, "mujoco", *motor_sampler(source, robot), walk) for source in sources]
+    search, champion, curve = new_search(config, shape, start), Champion.none_yet(shape), Curve()
     with (
-        executors(scenes, threads_here(workers, progress)) as (executor, judge),
+        executors(scenes, usable_threads(workers, progress)) as (executor, evaluator),
         progress.start(f"train: {iterations} iterations", iterations) as task,
     ):
 
         def report(point: Iteration, best: Champion) -> None:
             curve.append(as_point(point))
-            off = point.mean_speed_error
-            task.advance(1, f"return {point.mean_return:.2f} m, off the speed by {off:.2f} m/s")
+            task.advance(1, f"return {point.mean_return:.2f} m, speed error {point.mean_speed_error:.2f} m/s")
 
-        champion = contest(search, shape, judge, champion)  # what nothing improves on is kept
-        champion = train(search, shape, executor, iterations, champion, report, judge, patience)
-    judge_faults(curve, 2 * config.num_directions, progress)
+        champion = contest(search, shape, evaluator, champion)  # the initial policy is kept if nothing improves on it
+        champion = train(search, shape, executor, iterations, champion, report, evaluator, patience)
+    report_faults(curve, 2 * config.num_directions, progress)
     provenance = {
         "motors": str(type(motors).__name__), "search": asdict(config), "task": asdict(TaskWeights()),
         "iterations": iterations, "patience": patience, "episode_steps": episode_steps, "engine": "mujoco",
-        "commands": asdict(told), "randomization": randomization.as_json(), "symmetric": symmetric,
+        "commands": asdict(commands), "randomization": randomization.as_json(), "symmetric": symmetric,
         "validation": None if validation is None else load_robot_fleet(robot, validation).name,
     }  # fmt: skip
-    return policy_of(robot, gait, champion, _nominal(robot, motors), provenance)
-
-
-def _nominal(robot: Robot, motors: MotorSource) -> IdealPd:
-    """The gains that the robot's own motors run with: a fleet's, or those that the robot is known for."""
-    return nominal_pd(motors, robot.num_joints) if isinstance(motors, Fleet) else MotorChoice().nominal(robot)
+    is_fleet = isinstance(motors, Fleet)
+    nominal = nominal_pd(motors, robot.num_joints) if is_fleet else MotorChoice().nominal(robot)
+    return policy_of(robot, gait, champion, nominal, provenance)

@@ -1,4 +1,4 @@
-"""What a training amounts to: whether its episodes were physics, and the policy that it found."""
+"""Results of a training: check that its episodes were valid, and make the policy."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from motorprior.robots.robot import Robot
 from motorprior.search.policy_search import Champion
 
 
-def judge_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
-    """Say which episodes of the training were no physics; each of them ended there, without reward.
+def report_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
+    """Note the simulation faults of a training; each ended its episode without reward.
 
     Args:
-        curve: of the training, see `as_point`.
-        episodes: of an iteration.
-        progress: where to report to.
+        curve: of the training, see `training.as_point`.
+        episodes: per iteration.
+        progress: receives the notes.
 
     Raises:
-        SimulationFault: all of them.
+        SimulationFault: every episode had one.
     """
     faults, total = sum((Counter(point.get("faults", {})) for point in curve), Counter()), len(curve) * episodes
     for name, count in faults.items():
         progress.note(f"{count} of {total} episodes ended early: {name}")
     if faults.total() == total:
         raise SimulationFault(
-            f"each of the {total} episodes broke down ({', '.join(faults)}): there is nothing to learn from",
-            remedy="the motors are too stiff or too strong for the physics step: give smaller gains, or a softer gear",
+            f"each of the {total} episodes had a simulation fault ({', '.join(faults)})",
+            remedy="the motors are too stiff or too strong for the physics step: use smaller gains or softer motors",
         )
 
 
 def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
-    """The champion as a policy.
+    """The best policy of a training.
 
     Args:
-        robot: that it commands.
+        robot: with the range of speeds that it was trained for.
         gait: that it was trained in.
-        champion: what training found.
-        nominal: the gains that its motors run with.
+        champion: the result of the search.
+        nominal: PD gains of the robot's motors.
         provenance: how it was trained.
     """
     arrays = champion.policy

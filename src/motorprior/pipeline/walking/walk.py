@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import os
-import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
+from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count
-from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.prior_file import doubts, load_prior
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
+from motorprior.pipeline.prior_file import load_prior, prior_notes
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.stage import description, digest, is_finished, locked, threads_here, working
-from motorprior.pipeline.walking.contests import NO_JUDGE, executors, is_of_the_twin, validation_motors
-from motorprior.pipeline.walking.earlier_training import tell_what_is_lost
+from motorprior.pipeline.stage import description, digest, is_finished, usable_threads, working
 from motorprior.pipeline.walking.motor_provenance import choice_as_json
-from motorprior.pipeline.walking.tensorboard import EVENTS, require_tensorboard, write_events
-from motorprior.pipeline.walking.trained_policy import judge_faults, policy_of
-from motorprior.pipeline.walking.training import CHECKPOINT, Checkpoint, Training
-from motorprior.pipeline.walking.walk_metrics import METRICS, Extent
+from motorprior.pipeline.walking.trained_policy import policy_of, report_faults
+from motorprior.pipeline.walking.training import CHECKPOINT, Training, executors
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -39,9 +37,6 @@ from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
 
 POLICY, CURVE = "policy.safetensors", "curve.json"
-MOST_WORKERS, MOST_UNITS = 1024, 256
-MOST_EPISODE_STEPS = 100_000
-"""Of control: half an hour at 50 Hz."""
 
 
 @dataclass(frozen=True)
@@ -53,43 +48,41 @@ class Walk:
     motors: MotorChoice = field(default_factory=MotorChoice)
     """The motors of every episode."""
     start: Path | None = None
-    """A policy in another folder to go on from, with other motors for example; without one it starts from the gait
-    itself. The range of its speeds is kept."""
+    """A policy in another folder to continue from, with other motors for example, within its range of speeds; the plain
+    gait if not given."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
-    """Stop after so many contests, one every 10 iterations, without a better policy; never if not given."""
+    """Stop after so many evaluations, one every 10 iterations, without a better policy; never if not given."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose physical motors the contests are walked that decide which policy is kept;
-    on the motors of the training if not given. Not the fleet of a twin that is to judge the policy."""
+    """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the best; the motors of
+    the training if not given. Not the fleet of a twin on which the policy is tested later."""
     episode_steps: int = 1000
-    """Control steps per episode. In a shorter one a policy does not meet what grows slowly as it walks on, for which it
-    may fall later."""
+    """Control steps per episode. Policies of short episodes may fall later, from errors that grow slowly."""
     gait: GaitName = "trot"
     """Which leg steps when."""
     commands: Commands = field(default_factory=Commands)
-    """What the robot is told to do; faster than it usually is, too."""
+    """Commanded speeds, also above the robot's usual range."""
     hidden_units: int = 0
-    """Hidden units of the policy, an even number of a symmetric one; none for a linear one."""
+    """Hidden units of the policy, an even number if it is symmetric; 0 for a linear one."""
     symmetric: bool = True
-    """The policy answers what it would observe in a mirror with the mirrored action: it cannot limp to one side."""
+    """Mirrored observations give mirrored actions, so that the policy cannot limp to one side."""
     search: ArsConfig = field(default_factory=ArsConfig)
     """Augmented random search."""
     task: TaskWeights = field(default_factory=TaskWeights)
     """Reward."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Episodes at a time, at most as many as there are cores; on a cluster, as the executor ray says. The result does
-    not depend on it."""
+    """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not depend on it."""
     engine: Engine = "mujoco"
-    """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses more cores."""
+    """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses several cores."""
     roughness: float = 0.0
-    """Height of the bumps of a rough ground [m]; PyBullet only. It ends 4 m from the start."""
+    """Height of the bumps of rough ground [m], up to 4 m from the start; PyBullet only."""
     randomization: Randomization = ROBUST
-    """What differs between episodes besides the motors: floor, masses, slope, sensors, pushes."""
+    """Randomization of each episode besides the motors: floor, masses, slope, sensors, pushes."""
     executor: Kind = "threads"
-    """One episode after the other, threads of this process, or Ray's processes; the result does not depend on it."""
+    """serial, threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None
-    """A running Ray cluster to join, with the executor ray; without one Ray starts on this machine only."""
+    """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""
     tensorboard: bool = False
     """Also write the learning curve for TensorBoard, into the folder tensorboard; needs the extra tensorboard."""
     robot: str = DEFAULT_ROBOT
@@ -97,74 +90,38 @@ class Walk:
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> bool:
-    """Train, resume, or, if the folder holds this very policy, do no more than to write events that are asked for.
-
-    What the folder holds of other settings is thrown away, which ``progress`` is told.
+    """Train or resume, unless the folder holds this very policy. A training of other settings there is replaced.
 
     Returns:
-        Whether it trained: False where the folder was finished.
+        Whether it trained: False if the folder was finished.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
-        SimulationFault: every episode broke down.
-        KeyboardInterrupt: after a checkpoint of the iterations that are complete.
+        SimulationFault: every episode had one.
+        KeyboardInterrupt: after a checkpoint of the complete iterations.
     """
     plan = _planned(config)
     if is_finished(config.out, plan.wanted):
-        if config.tensorboard:
-            write_events(config.out)
-        (config.out / CHECKPOINT).unlink(missing_ok=True)  # of a process that was killed at its very end
         return False
     require_executor(config.executor, config.ray_address)
-    for line in plan.doubts():
+    prior = None if config.motors.prior is None else load_prior(config.motors.prior, plan.robot)
+    for line in training_notes(plan.robot, prior, config.validation):
         progress.note(line)
-    scenes = plan.scenes()
-    with locked(config.out):
-        tell_what_is_lost(config.out, plan.wanted, progress)
-        with working(config.out, plan.wanted):
-            _train(plan, scenes, progress, name)
-        (config.out / CHECKPOINT).unlink(missing_ok=True)  # after the marker: a run killed before resumes from it
+    with working(config.out, plan.wanted):
+        _train(plan, progress, name)
+    (config.out / CHECKPOINT).unlink(missing_ok=True)  # after the marker: a run killed before resumes from it
     return True
 
 
-def require_possible(config: Walk) -> None:
-    """Raise the ConfigError or ArtifactError that `run_walk` would for its settings or files, and touch nothing."""
-    plan = _planned(config)
-    require_executor(config.executor, config.ray_address)
-    plan.scenes()
-
-
-def _train(plan: _Plan, scenes: list[Scene], progress: Progress, name: str) -> None:
-    """Train from the checkpoint, if there is one, and write what came out."""
-    config = plan.config
-    workers = config.workers if config.ray_address is not None else threads_here(config.workers, progress)
-    patient = config.patience is not None
-    extent = Extent(config.iterations, config.episode_steps, 2 * config.search.num_directions, may_end_early=patient)
-    checkpoint = Checkpoint(config.out, plan.wanted)
-    with executors(scenes, workers, config.executor, config.ray_address) as (executor, judge):
-        training = Training(
-            config.search, plan.shape, plan.start, executor, judge, extent, config.patience, checkpoint,
-            save=lambda best: _policy(plan, best).save(config.out / POLICY),
-            tensorboard=config.tensorboard,
-        )  # fmt: skip
-        champion, curve = training.run(progress, name)
-    try:
-        judge_faults(curve, extent.episodes, progress)
-    except SimulationFault:  # there is nothing to go on from
-        (config.out / CHECKPOINT).unlink(missing_ok=True)
-        (config.out / METRICS).unlink(missing_ok=True)
-        shutil.rmtree(config.out / EVENTS, ignore_errors=True)
-        raise
-    _policy(plan, champion).save(config.out / POLICY)
-    write_json(config.out / CURVE, curve)
-
-
-@dataclass(frozen=True)
-class _Motors:
-    """Motors of an episode as they were chosen, and what draws them."""
-
-    choice: MotorChoice
-    draws: DrawMotors
+def training_notes(robot: Robot, prior: MotorPrior | None, validation: Fleet | str | Path | None) -> list[str]:
+    """Notes on limits of the prior, and on a validation fleet that biases later evaluation on the twin."""
+    notes = [] if prior is None else prior_notes(prior, robot)
+    if validation is not None and robot.fleets and load_robot_fleet(robot, validation).name == robot.default_fleet:
+        notes.append(
+            "note: validation uses the fleet of the twin, so results on this twin are biased: evaluate the policy on "
+            "another fleet, or validate on another"
+        )
+    return notes
 
 
 @dataclass(frozen=True)
@@ -173,11 +130,10 @@ class _Plan:
 
     Attributes:
         config: the settings.
-        robot: told all speeds of the training.
+        robot: with the range of speeds of the training.
         shape: of the policy.
-        start: policy to go on from.
-        motors: of the training.
-        judges: motors of the contests, where they are others.
+        start: policy to continue from.
+        scenes: of the training, and of the evaluation if it has other motors.
         wanted: description of the stage.
     """
 
@@ -185,74 +141,80 @@ class _Plan:
     robot: Robot
     shape: PolicyShape
     start: Policy | None
-    motors: _Motors
-    judges: _Motors | None
-    wanted: dict
-
-    def doubts(self) -> list[str]:
-        """What a user should know of his prior and of his validation fleet."""
-        config, robot = self.config, self.robot
-        found = [] if config.motors.prior is None else doubts(load_prior(config.motors.prior, robot), robot)
-        return found + ([NO_JUDGE] if config.validation and is_of_the_twin(config.validation, robot) else [])
-
-    def scenes(self) -> list[Scene]:
-        """Of the candidates, and of the contests where they are walked on other motors.
-
-        Raises:
-            ConfigError: see `scene`.
-        """
-        motors = [self.motors, *([] if self.judges is None else [self.judges])]
-        return [scene(self.config, self.robot, each.draws, each.choice.physics_dt(self.robot)) for each in motors]
+    scenes: list[Scene]
+    wanted: dict[str, Any]
 
 
 def _planned(config: Walk) -> _Plan:
-    """Read what the settings name.
+    """Read the files that the settings name.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
     """
-    for name, least, most in (
-        ("iterations", 1, None), ("episode_steps", 1, MOST_EPISODE_STEPS), ("workers", 1, MOST_WORKERS),
-        ("hidden_units", 0, MOST_UNITS),
-    ):  # fmt: skip
-        require_count(name, getattr(config, name), least, most)
+    for name, least in (("iterations", 1), ("episode_steps", 1), ("workers", 1), ("hidden_units", 0)):
+        require_count(name, getattr(config, name), least)
     if config.patience is not None:
         require_count("patience", config.patience)
-    if config.tensorboard:
-        require_tensorboard()
-    units = units_for(config.hidden_units, config.symmetric)
-    _refuse_to_overwrite_the_start(config)
+    if config.start is not None and config.start.resolve() == (config.out / POLICY).resolve():
+        raise ConfigError(
+            f"start is {POLICY} of the folder out itself, which the training would overwrite", where=config.start,
+            remedy="give another folder as out", argument="out",
+        )  # fmt: skip
     robot = load_robot(config.robot)
-    start = _start(config, robot)
-    robot = config.commands.on(robot if start is None else start.commanded(robot))
-    motors = _Motors(config.motors, config.motors.drawer(robot))  # refuses what cannot be, before digests are made
-    judges = None
-    if config.validation is not None:
-        choice = MotorChoice("fleet", fleet=config.validation)
-        judges = _Motors(choice, validation_motors(config.validation, robot)[0])
-    settings = asdict(config)
-    for where in ("workers", "executor", "ray_address", "tensorboard"):  # the result does not depend on them
-        del settings[where]
-    inputs = [*config.motors.inputs(robot), *robot.files]
-    inputs += [config.start] if config.start is not None else []
-    inputs += judges.choice.inputs(robot) if judges is not None else []
+    start = None if config.start is None else Policy.load(config.start)
+    if start is not None:
+        start.require_robot(robot, config.start)
+        start.require_gait(config.gait, config.start)
+        robot = start.commanded(robot)
+    robot = config.commands.on(robot)
+    choices = [config.motors, *([] if config.validation is None else [_validation_choice(config.validation)])]
+    scenes = [scene(config, robot, choice.sampler(robot), choice.physics_dt(robot)) for choice in choices]
+    # The result does not depend on these.
+    not_settings = ("workers", "executor", "ray_address", "tensorboard")
+    settings = {name: value for name, value in asdict(config).items() if name not in not_settings}
+    inputs = [*config.motors.inputs(robot), *robot.files, *([] if config.start is None else [config.start])]
+    inputs += [file for choice in choices[1:] for file in choice.inputs(robot)]
+    units = units_for(config.hidden_units, config.symmetric)
     shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
-    wanted = description("walk", settings, inputs)
-    return _Plan(config, robot, shape, start, motors, judges, wanted)
+    return _Plan(config, robot, shape, start, scenes, description("walk", settings, inputs))
+
+
+def _validation_choice(fleet: str) -> MotorChoice:
+    return MotorChoice("fleet", fleet=fleet)
 
 
 def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> Scene:
-    """What a worker simulates on motors that are drawn so, at a step of ``physics_dt`` [s].
+    """The simulation of a worker, on motors from ``draws``, at a step of ``physics_dt`` [s].
 
     Raises:
-        ConfigError: the engine is not installed, or cannot do what is asked.
+        ConfigError: the engine is not installed, or lacks a feature that the settings need.
     """
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
     return Scene(robot, config.engine, draws, physics_dt, walk, Terrain(config.roughness))
 
 
+def _train(plan: _Plan, progress: Progress, name: str) -> None:
+    """Train from the checkpoint, if there is one, and write the policy."""
+    config = plan.config
+    workers = config.workers if config.ray_address is not None else usable_threads(config.workers, progress)
+
+    def save(best: Champion) -> None:
+        _policy(plan, best).save(config.out / POLICY)
+
+    training = Training(
+        config.search, plan.shape, plan.start, config.iterations, config.patience, config.episode_steps, config.out,
+        plan.wanted, save, config.tensorboard,
+    )  # fmt: skip
+    with executors(plan.scenes, workers, config.executor, config.ray_address) as (executor, evaluator):
+        champion, curve = training.run(executor, evaluator, progress, name)
+    report_faults(curve, 2 * config.search.num_directions, progress)
+    save(champion)
+    write_json(config.out / CURVE, curve)
+
+
 def _policy(plan: _Plan, champion: Champion) -> Policy:
     config = plan.config
+    validation = None if config.validation is None else _validation_choice(config.validation)
     provenance = {
         "motors": choice_as_json(config.motors, config.out),
         "search": asdict(config.search),
@@ -260,7 +222,7 @@ def _policy(plan: _Plan, champion: Champion) -> Policy:
         "start_sha256": None if config.start is None else digest(config.start),
         "iterations": config.iterations,
         "patience": config.patience,
-        "validation": None if plan.judges is None else choice_as_json(plan.judges.choice, config.out),
+        "validation": None if validation is None else choice_as_json(validation, config.out),
         "episode_steps": config.episode_steps,
         "engine": config.engine,
         "roughness": config.roughness,
@@ -269,26 +231,3 @@ def _policy(plan: _Plan, champion: Champion) -> Policy:
         "symmetric": config.symmetric,
     }
     return policy_of(plan.robot, config.gait, champion, config.motors.nominal(plan.robot), provenance)
-
-
-def _refuse_to_overwrite_the_start(config: Walk) -> None:
-    """Refuse to train into the folder of the policy to start from.
-
-    Raises:
-        ConfigError: it is the file that the training would write.
-    """
-    if config.start is not None and config.start.resolve() == (config.out / POLICY).resolve():
-        raise ConfigError(
-            f"start is {POLICY} of the folder out itself, which the training would overwrite", where=config.start,
-            remedy="give another folder as out", argument="out",
-        )  # fmt: skip
-
-
-def _start(config: Walk, robot: Robot) -> Policy | None:
-    """The policy to go on from, if there is one."""
-    if config.start is None:
-        return None
-    start = Policy.load(config.start)
-    start.require_robot(robot, config.start)
-    start.require_gait(config.gait, config.start)
-    return start

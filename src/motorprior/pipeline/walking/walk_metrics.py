@@ -1,99 +1,74 @@
-"""metrics.jsonl: how a training goes, a line per iteration, written as it happens; and the same in a few words."""
+"""metrics.jsonl, one line per iteration while a training runs, and the same for TensorBoard."""
 
+# pyright: reportMissingImports=false
+# tensorboardX is an extra.
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from motorprior.artifacts import parse_json, write_text
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.files import read_text
 
-METRICS = "metrics.jsonl"
-MAX_BYTES = 40_000_000
-"""Of a file; a line at a time is parsed, and seven numbers of it are kept."""
+METRICS, EVENTS = "metrics.jsonl", "tensorboard"
 _NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright", "speed_error")
 
 
-@dataclass(frozen=True)
-class Extent:
-    """How long a training is.
-
-    Attributes:
-        iterations: at most.
-        episode_steps: control steps of an episode at most.
-        episodes: of one iteration without contests.
-        may_end_early: whether it has a patience.
-    """
-
-    iterations: int
-    episode_steps: int
-    episodes: int
-    may_end_early: bool = False
-
-
 class Metrics:
-    """Lines about a training that is under way.
+    """Lines about a training in progress.
 
-    What is in the file follows from the learning curve alone, so that it is the same however often a training was
-    interrupted: a new process writes it anew from the curve of its checkpoint, which cuts what is ahead of that, and a
-    line that a killed process half wrote.
+    The file follows from the learning curve alone: a resumed training writes it again from its checkpoint, so
+    interruptions do not change it.
 
     Args:
         folder: of the walk.
         curve: points so far, see `training.as_point`.
-        extent: of the training.
-        also: called with every row, from the first one on.
+        episodes: per iteration.
+        episode_steps: control steps of an episode at most.
+        also: called with every row, from the first.
     """
 
     def __init__(
         self,
         folder: Path,
         curve: Sequence[dict[str, Any]],
-        extent: Extent,
-        also: Callable[[Mapping[str, Any]], None] | None = None,
+        episodes: int,
+        episode_steps: int,
+        also: Callable[[Mapping[str, Any]], None] = lambda row: None,
     ):
-        self._path, self._extent, self._also = folder / METRICS, extent, also or (lambda row: None)
-        self._began, self._before = time.monotonic(), len(curve)
+        self._path, self._episodes, self._episode_steps, self._also = folder / METRICS, episodes, episode_steps, also
         rows = [self._row(point) for point in curve]
         write_text(self._path, "".join(map(_line, rows)))
         for row in rows:
             self._also(row)
 
     def add(self, point: dict[str, Any]) -> str:
-        """Append a line; returns it in words. Time left and return come first, since a narrow terminal cuts the end."""
+        """Append a line; returns it in words."""
+        row = self._row(point)
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(_line(row := self._row(point)))
+            file.write(_line(row))
         self._also(row)
-        iterations = int(point["iteration"]) + 1
-        done, seconds = iterations - self._before, max(1e-9, time.monotonic() - self._began)
-        left = seconds / done * (self._extent.iterations - iterations)
-        rate = self._extent.episodes * done / seconds
-        upright, at_most = 100.0 * self._upright(point), "at most " if self._extent.may_end_early else ""
         return (
-            f"{at_most}{_time(left)} left, return {point['mean_return']:.2f} m, upright {upright:.0f} %, "
-            f"speed error {point['mean_speed_error']:.2f} m/s, {rate:.0f} episodes/s"
+            f"return {row['return_mean']:.2f} m, upright {100 * row['upright']:.0f} %, "
+            f"speed error {row['speed_error']:.2f} m/s"
         )
 
-    def _upright(self, point: dict[str, Any]) -> float:
-        return point["mean_steps"] / self._extent.episode_steps
-
     def _row(self, point: dict[str, Any]) -> dict[str, Any]:
-        """Return of the perturbed policies [m], share of the time upright [-], speed error [m/s], episodes so far."""
         return {
             "iteration": point["iteration"],
-            "episodes": self._extent.episodes * (int(point["iteration"]) + 1),
-            "return_mean": point["mean_return"],
+            "episodes": self._episodes * (int(point["iteration"]) + 1),  # so far
+            "return_mean": point["mean_return"],  # of the perturbed policies [m]
             "return_best": point["best_return"],
             "steps_mean": point["mean_steps"],
-            "upright": self._upright(point),
-            "speed_error": point["mean_speed_error"],
+            "upright": point["mean_steps"] / self._episode_steps,  # share of the time
+            "speed_error": point["mean_speed_error"],  # [m/s]
             "faults": dict(sorted(point["faults"].items())),
         }
 
@@ -110,18 +85,34 @@ def read_metrics(folder: Path) -> dict[str, np.ndarray]:
     """
     path = folder / METRICS
     try:
-        rows = [_numbers(parse_json(line)) for line in read_text(path, MAX_BYTES).splitlines()]
-        return {name: np.array([row[column] for row in rows]) for column, name in enumerate(_NUMBERS)}
+        rows = [parse_json(line) for line in read_text(path, 40_000_000).splitlines()]
+        return {name: np.array([row[name] for row in rows]) for name in _NUMBERS}
     except (ValueError, KeyError, TypeError) as error:
         raise ArtifactError(f"not the metrics of a training ({error})", where=path, remedy="train again") from error
 
 
-def _numbers(row: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[name] for name in _NUMBERS)
+@contextmanager
+def tensorboard_events(folder: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """A function that adds a row of metrics.jsonl to the TensorBoard events in ``folder``, which start anew.
 
+    Raises:
+        ConfigError: tensorboardX is not installed.
+    """
+    try:
+        import tensorboardX
+    except ImportError as error:
+        raise ConfigError(
+            "tensorboardX is not installed", remedy="pip install 'motorprior[tensorboard]'", argument="tensorboard"
+        ) from error
+    shutil.rmtree(folder, ignore_errors=True)
+    writer = tensorboardX.SummaryWriter(str(folder))
 
-def _time(seconds: float) -> str:
-    """Minutes and seconds, hours from the first one on."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+    def add(row: Mapping[str, Any]) -> None:
+        for name in ("return_mean", "return_best", "upright", "speed_error"):
+            writer.add_scalar(f"walk/{name}", row[name], row["iteration"])
+        writer.flush()
+
+    try:
+        yield add
+    finally:
+        writer.close()

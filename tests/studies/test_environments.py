@@ -1,4 +1,4 @@
-"""Twins of a study: whose motors, which draws, and that no training, bench or other study has them."""
+"""Test environments of a study have their own motors and seeds, of no training, bench or other study."""
 
 import numpy as np
 import pytest
@@ -10,33 +10,33 @@ from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
 from motorprior.simulation.rollout import WalkConfig
-from motorprior.transfer.places import TWINS, NumberedWalks, motors_of_robot, walk_seed
-from motorprior.transfer.study import STUDY_SEED
+from motorprior.studies.environments import ENVIRONMENTS, HeldOutWalks, motors_of_robot, walk_seed
+from motorprior.transfer.twin import EVALUATION_SEED
 
 STEPS, STUDY = 200, 4
 FLEET = load_fleet("pupper_v2")
 
 
-def numbered(twin: str = "fleet", only: int | None = None) -> NumberedWalks:
-    fleet = FLEET if TWINS[twin].population == "fleet" else load_fleet("foreign_direct")
-    return NumberedWalks(ROBOT, TWINS[twin], fleet, WalkConfig(STEPS, commands=Commands.steady(0.2)), STUDY, only)
+def walks_in(name: str = "fleet", only: int | None = None) -> HeldOutWalks:
+    fleet = FLEET if ENVIRONMENTS[name].population == "fleet" else load_fleet("foreign_direct")
+    return HeldOutWalks(ROBOT, ENVIRONMENTS[name], fleet, WalkConfig(STEPS, commands=Commands.steady(0.2)), STUDY, only)
 
 
 @pytest.mark.parametrize("study", range(6))
-def test_no_walk_has_the_seed_of_an_episode_of_training(study: int):
+def test_no_walk_has_a_training_seed(study: int):
     walked = {walk_seed(study, draw) for draw in range(64)}
     rounds = [(iteration, direction) for iteration in range(100) for direction in range(16)]
     rounds += [(CONTEST, draw) for draw in range(CONTEST_DRAWS)]
     trained = {episode_seed(SEEDS_APART * study + policy, *each) for policy in range(8) for each in rounds}
-    assert len(walked) == 64 and not walked & trained and not walked & set(range(STUDY_SEED, STUDY_SEED + 64))
+    assert len(walked) == 64 and not walked & trained and not walked & set(range(EVALUATION_SEED, EVALUATION_SEED + 64))
 
 
-def test_a_robot_has_the_same_motors_in_every_walk_and_another_has_others():
+def test_the_motors_of_a_robot_depend_on_its_number_and_study():
     one, same, other = (motors_of_robot(ROBOT, FLEET, STUDY, number) for number in (3, 3, 4))
     np.testing.assert_array_equal(one.kp, same.kp)  # pyright: ignore[reportAttributeAccessIssue]
     assert (one.kp != other.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
-    abroad = motors_of_robot(ROBOT, FLEET, STUDY + 1, 3)
-    assert (one.kp != abroad.kp).all(), "robot 3 of another study"  # pyright: ignore[reportAttributeAccessIssue]
+    elsewhere = motors_of_robot(ROBOT, FLEET, STUDY + 1, 3)
+    assert (one.kp != elsewhere.kp).all(), "robot 3 of another study"  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_robots_of_two_fleets_share_nothing():
@@ -45,7 +45,7 @@ def test_robots_of_two_fleets_share_nothing():
     assert (mixed.kp != foreign.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_what_is_not_known_of_the_center_is_the_same_for_a_robots_motors():
+def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
     """Means over robots of 100 motors vary by the center's uncertainty if it is drawn once, and hardly otherwise."""
     spread = FLEET.parameters["kp"].values
     means = {
@@ -58,12 +58,12 @@ def test_what_is_not_known_of_the_center_is_the_same_for_a_robots_motors():
     assert np.mean(within) == pytest.approx(spread["spread"], rel=0.1)
 
 
-def test_a_walk_depends_on_its_draw_alone_and_one_robot_can_walk_all():
+def test_a_walk_depends_on_its_draw_alone():
     policy = zero_policy(ROBOT.num_joints)
-    walks = numbered()
+    walks = walks_in()
     first, second, again = (walks.run(policy, draw).trace for draw in (0, 1, 0))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, second)
-    only = numbered(only=0)
+    only = walks_in(only=0)
     np.testing.assert_array_equal(only.run(policy, 0).trace, first)
     assert not np.array_equal(only.run(policy, 1).trace, second), "robot 0 in place of robot 1"

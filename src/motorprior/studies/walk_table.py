@@ -1,4 +1,4 @@
-"""Every walk of a study as one tidy table: place, training condition, seed, draw, measures."""
+"""Tidy table of the walks of a study: environment, training condition, seed, draw, measures."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ from motorprior.files import read_text
 KEYS = ("place", "condition", "seed", "draw")
 NUMBERS = frozenset({"seed", "draw"})
 MAX_TABLE = 100_000_000  # bytes
-OWN = "own"
-"""The place where a policy was trained."""
-OWN_ABROAD = "own_foreign"
-"""Likewise, of the policies that were trained for foreign motors."""
+OWN = "own"  # a policy's training simulation
+OWN_FOREIGN = "own_foreign"  # likewise, of policies for out-of-family motors
 
 
 @dataclass(frozen=True)
@@ -28,11 +26,11 @@ class WalkRow:
     """One walk.
 
     Attributes:
-        place: a twin, or OWN.
-        condition: name of what the policy was trained on.
+        place: environment, or OWN.
+        condition: of the training.
         seed: of the training.
-        draw: number of the draw of motors and conditions, the same for every policy at a place.
-        measures: name -> number; NaN where it cannot be told.
+        draw: number of the sample of motors and conditions, the same for every policy in an environment.
+        measures: name -> number; NaN if undefined.
     """
 
     place: str
@@ -44,49 +42,49 @@ class WalkRow:
 
 @dataclass(frozen=True)
 class WalkTable:
-    """Walks in the order in which they were measured."""
+    """Walks in order of measurement."""
 
     walks: tuple[WalkRow, ...] = ()
 
     @classmethod
     def of(cls, walks: Iterable[WalkRow]) -> WalkTable:
-        """The table of some walks."""
+        """Table of walks."""
         return cls(tuple(walks))
 
     def __len__(self) -> int:
         return len(self.walks)
 
     def distinct(self, key: str) -> list:
-        """The values of one of KEYS, each once: names in the order of the rows, numbers from the smallest."""
+        """Distinct values of one of KEYS: names in the order of the rows, numbers sorted."""
         found = list(dict.fromkeys(getattr(walk, key) for walk in self.walks))
         return sorted(found) if key in NUMBERS else found
 
     def measures(self) -> list[str]:
-        """Names of all measures, in the order of the rows."""
+        """Names of all measures."""
         return list(dict.fromkeys(name for walk in self.walks for name in walk.measures))
 
     def at(self, place: str, condition: str | None = None) -> WalkTable:
-        """The walks at a place, of one condition if it is given."""
+        """Walks in an environment, of one condition if given."""
         return WalkTable.of(walk for walk in self.walks if walk.place == place and condition in (None, walk.condition))
 
     def scores(self, place: str, condition: str, measure: str) -> np.ndarray:
-        """(seeds, draws) of one measure, both from the smallest number, whatever the order of the rows.
+        """(seeds, draws) of one measure, both sorted.
 
         Raises:
-            ArtifactError: not every policy walked every draw once.
+            ArtifactError: not one walk per seed and draw.
         """
         found = self.at(place, condition)
         seeds, draws = found.distinct("seed"), found.distinct("draw")
         values = {(walk.seed, walk.draw): walk.measures.get(measure, np.nan) for walk in found.walks}
         if len(values) != len(found) or len(values) != len(seeds) * len(draws):
             raise ArtifactError(
-                f"{condition} at {place}: {len(found)} walks, not one for each of {len(seeds)} seeds and "
+                f"{condition} in {place}: {len(found)} walks, not one for each of {len(seeds)} seeds and "
                 f"{len(draws)} draws", remedy=f"delete watched/{condition}_* in the study's folder and run it again",
             )  # fmt: skip
         return np.array([[values[seed, draw] for draw in draws] for seed in seeds]).reshape(len(seeds), len(draws))
 
     def save(self, path: Path) -> None:
-        """Write a CSV file, one row per walk; what cannot be told is left empty."""
+        """Write a CSV file, one row per walk; undefined measures are empty."""
         names, text = self.measures(), io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([*KEYS, *names])

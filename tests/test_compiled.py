@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import motorprior
-from motorprior.kernel_cache import kernel_folder, source_digest
+from motorprior.compiled import kernel_folder, source_digest
 
 SOURCE = Path(motorprior.__file__).parent
 

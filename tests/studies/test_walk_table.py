@@ -1,4 +1,4 @@
-"""A table of walks keeps every draw, in whatever order it was measured, and refuses what is damaged."""
+"""A table of walks is independent of the order of its rows and survives saving."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ArtifactError
-from motorprior.transfer.walk_table import OWN, WalkRow, WalkTable
+from motorprior.studies.walk_table import OWN, WalkRow, WalkTable
 
 
 def row(place: str, condition: str, seed: int, draw: int, speed: float, slip: float = 0.1) -> WalkRow:
     return WalkRow(place, condition, seed, draw, {"speed": speed, "slip": slip})
 
 
-def test_scores_are_by_seed_and_draw_whatever_the_order_of_the_rows():
+def test_scores_are_sorted_by_seed_and_draw():
     walks = [row("fleet", "prior", seed, draw, 10 * seed + draw) for seed in (7, 3) for draw in (2, 0, 1)]
     scores = WalkTable.of([*walks, row(OWN, "prior", 3, 0, 99.0), row("fleet", "pd", 3, 0, 98.0)]).scores
     np.testing.assert_array_equal(scores("fleet", "prior", "speed"), [[30, 31, 32], [70, 71, 72]])
@@ -28,17 +28,17 @@ def test_names_keep_the_order_of_the_rows_and_numbers_do_not():
 
 
 @pytest.mark.parametrize("missing", [0, 3])
-def test_a_policy_that_lacks_a_draw_is_refused(missing: int):
+def test_a_missing_walk_is_an_error(missing: int):
     walks = [row("fleet", "prior", seed, draw, 0.0) for seed in (0, 1) for draw in (0, 1)]
     del walks[missing]
-    with pytest.raises(ArtifactError, match=r"prior at fleet: 3 walks.*2 seeds and 2 draws"):
+    with pytest.raises(ArtifactError, match=r"prior in fleet: 3 walks.*2 seeds and 2 draws"):
         WalkTable.of(walks).scores("fleet", "prior", "speed")
 
 
-def test_a_saved_table_is_read_back_with_what_is_not_known(tmp_path: Path):
-    told = {"speed": 0.123456, "torque": float("nan")}
+def test_a_saved_table_is_read_back_with_undefined_measures(tmp_path: Path):
+    measures = {"speed": 0.123456, "torque": float("nan")}
     names = ("plain", 'with, comma and "quotes"', "of two\nlines")
-    table = WalkTable.of(WalkRow("own", name, 3, draw, told) for name in names for draw in range(2))
+    table = WalkTable.of(WalkRow("own", name, 3, draw, measures) for name in names for draw in range(2))
     table.save(tmp_path / "walks.csv")
     found = WalkTable.load(tmp_path / "walks.csv")
     assert [(w.place, w.condition, w.seed, w.draw) for w in found.walks] == [

@@ -1,0 +1,123 @@
+"""Control steps per second of compiled episodes, and the share of the physics engine in them.
+
+    python benchmarks/speed.py --prior runs/prior/prior.safetensors
+
+Zero-policy trots of the prior's robot. Every path runs in turn in one process; figures are medians of REPEATS rounds,
+per core. Only ratios within a run are comparable between machines.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.borrowed import borrowed
+from motorprior.compiled import njit
+from motorprior.locomotion.body import action_size
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gait_controller import GaitController
+from motorprior.locomotion.policy import zero_policy
+from motorprior.pipeline.motor_choice import load_robot_fleet, nominal_pd
+from motorprior.pipeline.prior_file import load_prior
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.mj_call import mj_step
+from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world_step import WorldArrays, physics_step
+
+STEPS, REPEATS = 500, 7
+TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that returns their seconds on one core
+
+
+@njit(cache=True, nogil=True)
+def recorded(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray) -> None:
+    """Fill drive (2, physics steps, joints) with the torque and damping that the engine gets for these targets."""
+    applied, row = world.applied[world.applied.shape[0] - targets.shape[1] :], 0
+    for step in range(targets.shape[0]):
+        for _ in range(world.substeps):
+            physics_step(world, motors, targets[step])
+            drive[0, row], drive[1, row] = applied, world.damping
+            row += 1
+
+
+@njit(cache=True, nogil=True)
+def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
+    """mj_step alone, with a recorded drive."""
+    world, drive = borrowed(world), borrowed(drive)
+    applied = world.applied[world.applied.shape[0] - drive.shape[2] :]
+    for row in range(drive.shape[1]):
+        applied[:] = drive[0, row]
+        world.damping[:] = drive[1, row]
+        mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
+
+
+def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
+    """(steps, joints) targets [rad] of the zero policy: the plain trot."""
+    controller, zero = GaitController(robot, robot.control_dt), np.zeros(action_size(robot.num_joints))
+    targets = np.zeros((steps, robot.num_joints))
+    for target in targets:
+        controller.follow(robot.require_legs().forward[1], 0.0)
+        target[:] = controller.command(zero)
+    return targets
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Seconds that a call takes."""
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
+    """Episodes on every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
+    zero, learned, paths = zero_policy(robot.num_joints), actuators["rollout"], {}
+    walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_legs().forward[1]))
+    for name, motors in actuators.items():
+        world = WorldConfig.of(robot, physics_dt=robot.physics_step(motors.kind.longest_step))
+        simulator = WalkSimulator(lambda rng, motors=motors: motors, world, walk)
+        paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
+    steps, world = paths["rollout"][0], World(WorldConfig.of(robot))
+    drive = np.zeros((2, steps * world.config.substeps, robot.num_joints))
+    recorded(world.arrays, world.reset(learned), zero_policy_targets(robot, steps), drive)
+
+    def engine_alone() -> float:
+        world.reset(learned)
+        return timed(lambda: mj_steps(world.arrays, drive))
+
+    return paths | {"mj_step": (steps, engine_alone)}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--prior", type=Path, required=True)
+    parser.add_argument("--robot", default=DEFAULT_ROBOT)
+    options = parser.parse_args()
+    robot = load_robot(options.robot)
+    fleet, prior = load_robot_fleet(robot), load_prior(options.prior, robot)
+    actuators: dict[str, Actuator] = {
+        "ideal_pd": nominal_pd(fleet, robot.num_joints),
+        "rollout": prior.sample(robot.num_joints, np.random.default_rng(0)),
+        "physical": fleet.center(robot.num_joints).actuator(),
+    }
+    seconds: dict[str, list[float]] = {}
+    paths = paths_of(robot, actuators)
+    for _ in range(REPEATS):
+        for name, (steps, run) in paths.items():
+            run()  # the other paths have emptied the caches
+            seconds.setdefault(name, []).append(run() / steps)
+    each = {name: np.array(values) for name, values in seconds.items()}
+    figures = {f"control_steps_per_s/{name}": float(np.median(1.0 / values)) for name, values in each.items()}
+    figures["mj_step_share"] = float(np.median(each["mj_step"] / each["rollout"]))
+    figures["learned_over_pd"] = float(np.median(each["rollout"] / each["ideal_pd"]))
+    print("\n".join(f"{name}: {value:,.3f}" for name, value in figures.items()))
+
+
+if __name__ == "__main__":
+    main()
