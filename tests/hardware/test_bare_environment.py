@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from policies import random_policy
 
-from motorprior.hardware.sign_conventions import backend_state
 from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.sign_conventions import backend_state
 from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, new_gait
@@ -109,5 +109,7 @@ def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
     still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
     assert np.all(
-        np.isfinite(PolicyMotion(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12))))
+        np.isfinite(
+            PolicyMotion(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12)))
+        )
     )

@@ -1,4 +1,4 @@
-"""How well a clock was kept is counted as it says."""
+"""Figures of the control loop's timing."""
 
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ ZEROS = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "
 
 
 class Clock:
-    """Time passes when somebody waits or works; also the robot that lives by it, and is always well."""
+    """A clock that advances with every wait and computation, and a robot without faults on it."""
 
     def __init__(self):
         self.now, self.pauses = 100.0, 0

@@ -5,11 +5,11 @@ import pytest
 from policies import as_file_content, random_policy
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.hardware.sign_conventions import backend_state, from_wire, quaternion, to_wire
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.motions import PolicyMotion
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import SafetyGate
+from motorprior.hardware.sign_conventions import backend_state, from_wire, to_wire
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
 from motorprior.locomotion.command import Commands
@@ -64,7 +64,11 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     fleet = load_fleet("pupper_v2")
     config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
     spy = Spy(MujocoBackend(lambda draw: fleet.sample(12, draw).actuator(), config))
-    env, motion, action = WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)), PolicyMotion(PUPPER_V2, policy), np.zeros(17)
+    env, motion, action = (
+        WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)),
+        PolicyMotion(PUPPER_V2, policy),
+        np.zeros(17),
+    )
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = ShownBody(spy.state)

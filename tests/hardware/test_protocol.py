@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import ProtocolError
-from motorprior.hardware.framing import command_frame, telemetry_frame
+from motorprior.hardware.framing import command_frame
 from motorprior.hardware.protocol import (
     Command,
     Telemetry,

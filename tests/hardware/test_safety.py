@@ -104,7 +104,7 @@ def test_one_tilted_frame_is_no_fall():
             tilt.check(telemetry(pitch=-1.0), time)
 
 
-def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
+def test_a_joint_that_follows_with_the_lag_of_its_gains_is_no_fault():
     """First-order lag kd/kp, and 0.2 rad of sag: a real motor."""
     tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
     for step in range(500):
@@ -115,7 +115,7 @@ def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
 
 @pytest.mark.parametrize(("kp", "kd"), [(10.0, 6.0), (60.0, 1.0)])
 def test_the_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: float):
-    """A soft joint that follows in its own time is well; a stiff one that follows like a soft one is not."""
+    """A soft joint that follows with its own lag is no fault; a stiff one that follows with this lag is."""
 
     def follows(lag: float) -> bool:
         tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
@@ -185,7 +185,7 @@ def test_a_pause_that_the_robot_survives_is_no_fault_and_several_in_a_row_are():
 
 
 @pytest.mark.parametrize(
-    ("bad", "well", "kind", "duration"),
+    ("bad", "good", "kind", "duration"),
     [
         ({"cur": np.full(12, -9.5)}, {"cur": np.full(12, 8.0)}, "current", LIMITS.current_time),
         ({"temp": np.full(12, 95.0)}, {"temp": np.full(12, 40.0)}, "temperature", LIMITS.warning_time),
@@ -193,11 +193,11 @@ def test_a_pause_that_the_robot_survives_is_no_fault_and_several_in_a_row_are():
     ],
 )
 def test_one_damaged_frame_is_no_overcurrent_no_heat_and_no_flat_battery(
-    bad: dict, well: dict, kind: str, duration: float
+    bad: dict, good: dict, kind: str, duration: float
 ):
     electrical = Electrical(PUPPER_V2, LIMITS)
     for step in range(100):
-        electrical.check(telemetry(**(bad if step % 3 == 0 else well)), 0.01 * step)
+        electrical.check(telemetry(**(bad if step % 3 == 0 else good)), 0.01 * step)
     with pytest.raises(RobotFault) as caught:
         for step in range(round(duration / 0.01) + 1):
             electrical.check(telemetry(**bad), 2.0 + 0.01 * step)
