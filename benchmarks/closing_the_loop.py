@@ -12,17 +12,12 @@ training, policies:
     adapted   `before`, trained on (`walk --start`) on the posterior of this robot's motors
     current   the same, but that the torque limits follow the gains (`MotorChoice.limit_follows_gain`), with --current
     advised   current where `adapt` calls motors weak, adapted elsewhere, with --current
-    anew      trained on that posterior from the beginning, with --anew
-All but the first are trained with the torque limit of every motor varied within `--torque-limit` [-], 1 to 1 unless
-told: a recording in the air hardly shows it.
-Each is told to walk straight on at `--max-speed`, `--walks` times for 10 s, with other noise of the sensors. Printed
-and written to figures_SPEED.json (with the two options to figures_SPEED_WEAR_WEAR_limit_LEAST_MOST.json): of each pair
-of robot and seed the median way [m], standing up and coming to rest included, in straight segments of a second, which a
-curve does not shorten, the median displacement from the start [m], which it does, and the share of the walks that a
-fault ended; over the pairs the medians (of the share the mean), and median, quartiles and sign of what a policy gains
-over the control; and for how many robots `adapt` found a motor unlike the prior's. Every kind of wear is of the same
-robots; of several, each one's figures are there, too, as WEAR/…. Finished trainings are kept; with other `--iterations`
-or `--further`, give another `--out`: theirs would be overwritten.
+Each walks straight on at `--max-speed`, `--walks` times for 10 s, with different sensor noise. Printed and written to
+figures_SPEED_WEAR.json: for each pair of robot and seed the median path [m] (in straight segments of a second), the
+median displacement from the start [m], and the share of walks that a fault ended; over the pairs the medians (of the
+share the mean), and median, quartiles and sign of a policy's gain over the control; and for how many robots `adapt`
+found an outlier. Of several kinds of wear, each one's figures are there, too, as WEAR/…. Finished trainings are kept;
+with other `--iterations` or `--further`, give another `--out`.
 """
 
 from __future__ import annotations
@@ -31,14 +26,14 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.exceptions import ConfigError, LogError, RobotFault
+from motorprior.exceptions import LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.locomotion.command import Commands
@@ -52,16 +47,13 @@ from motorprior.pipeline.weak_motors import advice_on_weak_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
-from motorprior.simulation.randomization import ROBUST
 from simulated_port import SimulatedPort, on_its_clock
 from worn_motors import WEAR
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 SECONDS = 10.0
-EPISODE_STEPS, HOLD = 500, 1.25
-"""Of trainings: control steps of an episode, and seconds that a command is held."""
+EPISODE_STEPS, HOLD = 500, 1.25  # of trainings: control steps of an episode, and seconds that a command is held
 CONTROL = "longer"
-SAME = (1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -114,33 +106,23 @@ def deploy(robot: VirtualRobot, policy: Path, life: int, speed: float) -> Outcom
 
 @dataclass(frozen=True)
 class Training:
-    """How to train: prior, seed, iterations from the beginning and further ones, highest commanded speed [m/s].
-
-    ``torque_limit`` are the least and the most factor on the limits of the motors in all but the first training [-].
-    """
+    """How to train: prior, seed, iterations from the beginning and further ones, highest commanded speed [m/s]."""
 
     prior: Path
     seed: int
     iterations: int
     further: int
     max_speed: float
-    torque_limit: tuple[float, float] = SAME
 
     def policy(
         self, folder: Path, kind: str, posterior: Path | None = None, start: Path | None = None, current: bool = False
     ) -> Path:
         """A policy in ``folder``, trained on the prior or a posterior, anew or from ``start``; the file."""
-        first = posterior is None and start is None
-        limits = SAME if first else self.torque_limit
-        out = folder / "_".join([kind, f"{self.max_speed:g}", str(self.seed), *words_of(limits)])
+        out = folder / f"{kind}_{self.max_speed:g}_{self.seed}"
         motors = MotorChoice(prior=self.prior, posterior=posterior, limit_follows_gain=current)
         iterations = self.iterations if start is None else self.further
-        told, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
-        randomization = replace(ROBUST, torque_limit=limits)
-        walk = Walk(
-            out, motors, start, iterations, episode_steps=EPISODE_STEPS, commands=told, search=search,
-            randomization=randomization,
-        )  # fmt: skip
+        speeds, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
+        walk = Walk(out, motors, start, iterations, episode_steps=EPISODE_STEPS, commands=speeds, search=search)
         run_walk(walk, Lines(sys.stderr), out.name)
         return out / POLICY
 
@@ -213,15 +195,10 @@ def by_wear(
     return every
 
 
-def words_of(torque_limit: tuple[float, float]) -> list[str]:
-    """In the names of files, of what varied the torque limit."""
-    return [] if torque_limit == SAME else ["limit", *(f"{factor:g}" for factor in torque_limit)]
-
-
-def figures_file(out: Path, max_speed: float, wear: Sequence[str], torque_limit: tuple[float, float] = SAME) -> Path:
-    """Where the figures are written."""
+def figures_file(out: Path, max_speed: float, wear: Sequence[str]) -> Path:
+    """Path of the figures."""
     kinds = [] if list(wear) == ["none"] else wear
-    return out / f"figures_{'_'.join([f'{max_speed:g}', *kinds, *words_of(torque_limit)])}.json"
+    return out / f"figures_{'_'.join([f'{max_speed:g}', *kinds])}.json"
 
 
 def main() -> None:
@@ -236,22 +213,16 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=200, help="of the training from the beginning")
     parser.add_argument("--further", type=int, default=100, help="of the training on")
     parser.add_argument("--max-speed", type=float, default=0.5, help="highest commanded speed [m/s]")
-    parser.add_argument("--anew", action="store_true", help="train from the beginning on every posterior, too")
     parser.add_argument("--current", action="store_true", help="train on posteriors with limits that follow, too")
     parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="of the robots' motors")
-    parser.add_argument("--torque-limit", nargs=2, type=float, default=SAME, help="least and most factor [-]")
     given = parser.parse_args()
-    kinds, limits = list(dict.fromkeys(given.wear)), (given.torque_limit[0], given.torque_limit[1])
-    try:
-        replace(ROBUST, torque_limit=limits)
-    except ConfigError as error:  # before anything is recorded
-        parser.error(str(error))
+    kinds = list(dict.fromkeys(given.wear))
     robots = [VirtualRobot(number, wear) for wear in kinds for number in range(given.robots)]
     known = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
     weak = [each for each in robots if given.current and has_weak_motors(given.prior, known[each][0])]
     pairs, rows = [], []
     for seed in range(given.seeds):
-        training = Training(given.prior, seed, given.iterations, given.further, given.max_speed, limits)
+        training = Training(given.prior, seed, given.iterations, given.further, given.max_speed)
         before = training.policy(given.out, "before")
         longer = training.policy(given.out, CONTROL, start=before)
         for robot in robots:
@@ -260,8 +231,6 @@ def main() -> None:
             policies["adapted"] = training.policy(folder, "adapted", posterior, before)
             if given.current:
                 policies["current"] = training.policy(folder, "current", posterior, before, current=True)
-            if given.anew:
-                policies["anew"] = training.policy(folder, "anew", posterior)
             found = walked(robot, policies, given.walks, given.max_speed)
             if given.current:
                 found["advised"] = found["current" if robot in weak else "adapted"]
@@ -272,8 +241,8 @@ def main() -> None:
                 pair = {"robot": robot.number, "wear": robot.wear, "unlike": known[robot][1], "seed": seed}
                 rows.append(pair | {"policy": name, "walks": [asdict(walk) for walk in walks]})
     figures = by_wear(pairs, {robot: unlike for robot, (_, unlike) in known.items()})
-    told = json.dumps({"figures": figures, "pairs": rows}, indent=1)
-    figures_file(given.out, given.max_speed, kinds, limits).write_text(told + "\n")
+    text = json.dumps({"figures": figures, "pairs": rows}, indent=1)
+    figures_file(given.out, given.max_speed, kinds).write_text(text + "\n")
     for key, value in figures.items():
         print(f"{key:40} {value:8.3f}")
 

@@ -20,9 +20,9 @@ import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
+from motorprior.bench.families import TrueMotors
 from motorprior.identification.judging.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
@@ -105,12 +105,12 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
 
 def tuned_pd(settings: Settings, family: str) -> dict[str, ModelOfMotors]:
     """One PD for all motors, fitted to the log of the bench."""
-    from motorprior.identification.baselines import tuned_pds
+    from motorprior.identification.baselines import pd_fit
 
     log = read_bench(settings.out / family / "bench")[0]
-    with PROGRESS.start(f"{family}: tune the PD", tuned_pds.TUNING) as task:
-        tuned = tuned_pds.tuned_pd(log, task.advance)
-    return {"tuned_pd": lambda index: tuned_pds.repeated(tuned, len(index))}
+    with PROGRESS.start(f"{family}: tune the PD", pd_fit.TUNING) as task:
+        tuned = pd_fit.tuned_pd(log, task.advance)
+    return {"tuned_pd": lambda index: pd_fit.repeated(tuned, len(index))}
 
 
 def errors(

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.actuator.actuator import multiplied
 from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.physical import scaled
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -69,7 +69,7 @@ def measure(path: Path) -> Results:
     rows: list[Result] = []
     for seconds in SECONDS:
         for name, change in CHANGES.items():
-            motors = multiplied(own, change)
+            motors = scaled(own, change)
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
             found = adapt_to(prior, path, log, name)

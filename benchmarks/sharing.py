@@ -21,7 +21,7 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.bench.facts import BenchFacts, read_bench
+from motorprior.bench.bench_folder import BenchSettings, read_bench
 from motorprior.bench.families import geared
 from motorprior.identification.judging.bench_fidelity import HELD_OUT, bench_errors
 from motorprior.pipeline.bench import Bench, run_bench
@@ -93,7 +93,7 @@ def measure(settings: Settings, case: Case) -> dict[str, float]:
     return read_json(folder / FIGURES)
 
 
-def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], facts: BenchFacts) -> dict[str, float]:
+def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], facts: BenchSettings) -> dict[str, float]:
     """Errors [rad] on held-out excitation, and correlations of constants with the truth."""
     motors, preset = facts.physical_motors(), HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
     models = {name: prior.training_motors for name, prior in priors.items()}

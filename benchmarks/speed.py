@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.borrowed import borrowed
+from motorprior.actuator.kernels import without_refcounts
 from motorprior.compiled import njit
 from motorprior.locomotion.body import action_size
 from motorprior.locomotion.command import Commands
@@ -49,7 +49,7 @@ def recorded(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, dr
 @njit(cache=True, nogil=True)
 def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
     """mj_step alone, with a recorded drive."""
-    world, drive = borrowed(world), borrowed(drive)
+    world, drive = without_refcounts(world), without_refcounts(drive)
     applied = world.applied[world.applied.shape[0] - drive.shape[2] :]
     for row in range(drive.shape[1]):
         applied[:] = drive[0, row]

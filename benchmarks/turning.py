@@ -12,7 +12,7 @@ from motorprior.locomotion.timetable import Timetable
 from motorprior.results import Result
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode
-from motorprior.transfer.gait_quality import WARM_UP, headings, completed, distance_along_heading
+from motorprior.transfer.gait_quality import WARM_UP, completed, distance_along_heading, headings
 
 TURNS = "commanded/"
 """Beginning of the names of these quantities."""

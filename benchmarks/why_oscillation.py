@@ -23,11 +23,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
+from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.facts import training_motors
+from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
 from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
@@ -38,43 +40,31 @@ from motorprior.signals import high_frequency_rms
 from motorprior.transfer.robot_fidelity import CUTOFF, robot_fidelity
 
 STEPS, MOTORS = 10_000, 32
-LOADS = np.geomspace(3e-4, 3e-2, 13)
-"""Load inertias of the sweep [kg·m²]."""
-LEG = (2e-4, 1.7e-3)
-"""Apparent inertias of the leg joints without motors, knee to abduction [kg·m²]."""
-FAST, SLOW = 0.002, 0.01
-"""[s]"""
+LOADS = np.geomspace(3e-4, 3e-2, 13)  # Load inertias of the sweep [kg·m²]
+LEG = (2e-4, 1.7e-3)  # Apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
+FAST, SLOW = 0.002, 0.01  # [s]
 WIDE, SINUSOIDS = bench_preset("rollout"), bench_preset("paper")
 PAPER, TORQUE = "the paper's recipe", "torque regression"
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to learn the same motors.
-
-    Attributes:
-        bench: that records them.
-        preset: recipe of identification.
-        color: in the picture.
-        changes: of the recipe.
-        armature: the engine knows each rotor's inertia; the torque is that on joint and rotor together.
-        damping: the engine knows each servo's velocity gain kd and integrates it implicitly.
-    """
+    """One way to learn the same motors."""
 
     bench: BenchPreset
-    preset: str
+    preset: str  # recipe of identification
     color: str
-    changes: dict[str, Any] = field(default_factory=dict)
-    armature: bool = False
-    damping: bool = False
+    changes: dict[str, Any] = field(default_factory=dict)  # of the recipe
+    armature: bool = False  # the engine has each rotor's inertia; the torque is that on joint and rotor together
+    damping: bool = False  # the engine has each servo's velocity gain kd and integrates it implicitly
 
 
 RED, BLUE = MODEL_COLORS["paper_wide"], MODEL_COLORS["rollout"]
+# The paper's recipe and single changes of it; both together are torque regression, and single changes of that; then
+# what closed-loop training can have besides
 VARIANTS = {
     PAPER: Variant(SINUSOIDS, "paper", MODEL_COLORS["paper"]),
-    "paper + 2 ms clock": Variant(
-        replace(SINUSOIDS, period=FAST), "paper", MODEL_COLORS["paper"], {"period": FAST}
-    ),
+    "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", MODEL_COLORS["paper"], {"period": FAST}),
     "paper + loads and impacts": Variant(
         replace(WIDE, period=SLOW, segment_steps=200, hold_steps=1), "paper", MODEL_COLORS["paper"]
     ),
@@ -86,33 +76,30 @@ VARIANTS = {
     "closed loop + armature": Variant(WIDE, "latent_network", MODEL_COLORS["one_network"]),
     "closed loop + physics": Variant(WIDE, "rollout", BLUE),
 }  # fmt: skip
-"""The paper's recipe and single changes of it; both together are torque regression, and single changes of that; then
-what closed-loop training can have besides."""
 
 
 @dataclass(frozen=True)
 class Settings:
     """Train every variant and look at its loop."""
 
-    out: Path
-    """Folder for why.json, why.png and table.md."""
-    fleet: str = "pupper_v2"
-    """Population of motors."""
-    seed: int = 0
-    """Seed of bench and training."""
-    adam_steps: int | None = None
-    """Adam steps; the presets' own number if not given."""
+    out: Path  # Folder for why.json, why.png and table.md
+    fleet: str = "pupper_v2"  # Population of motors
+    seed: int = 0  # Seed of bench and training
+    adam_steps: int | None = None  # Adam steps; the presets' own number if not given
 
 
 @dataclass(frozen=True)
 class Helped:
-    """Learned motors (`Actuator`) with an armature and a damping that the engine knows without having learned them."""
+    """Learned motors (`Actuator`) with a known armature and damping in the engine."""
 
     learned: LatentActuator
-    armature: np.ndarray
-    """(n,) [kg·m²]"""
-    damping: np.ndarray
-    """(n,) [N·m·s/rad]"""
+    armature: np.ndarray  # (n,) [kg·m²]
+    damping: np.ndarray  # (n,) [N·m·s/rad]
+
+    @property
+    def kind(self) -> ActuatorKind:
+        """The learned motors'."""
+        return self.learned.kind
 
     @property
     def num_motors(self) -> int:
@@ -174,10 +161,7 @@ def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tupl
 def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) -> np.ndarray:
     """(M, N, 2T) derivatives of the torque by errors [N·m/rad] and velocities [N·m·s/rad] of every tap.
 
-    Args:
-        network: that gives the torque.
-        mean: (M, Z) latents.
-        states: (M, N, 2T) scaled inputs of every motor from its log.
+    ``mean`` (M, Z) are latents, ``states`` (M, N, 2T) scaled inputs of every motor from its log.
     """
     step, inputs = 1e-3, 2 * len(network.taps)
     scale = np.repeat([network.error_scale, network.velocity_scale], len(network.taps))
@@ -240,7 +224,8 @@ def chatter(actuator, load: float, seed: int) -> float:
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Loops, chatter against load, and torque above 20 Hz in the robot."""
-    motors, every = training_motors(load_fleet(settings.fleet), MOTORS, settings.seed), np.arange(MOTORS)
+    motors = geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
+    every = np.arange(MOTORS)
     found: dict[str, Learned] = {}
     variants: dict[str, dict[str, Any]] = {}
     for name, variant in VARIANTS.items():

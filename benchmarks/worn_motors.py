@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from motorprior.actuator.actuator import multiplied
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.physical import MotorParameters, scaled
 
 WEAK, DAMAGED = 0.75, 0.4
 """What is left of the torque of each motor, and of the one that is damaged [-]."""
@@ -23,7 +22,7 @@ def weak(motors: MotorParameters, number: int) -> MotorParameters:
 
 def worn(motors: MotorParameters, number: int) -> MotorParameters:
     """Gears with more play and friction."""
-    return multiplied(motors, {"backlash": PLAY, "coulomb": FRICTION, "load_friction": FRICTION})
+    return scaled(motors, {"backlash": PLAY, "coulomb": FRICTION, "load_friction": FRICTION})
 
 
 def damaged(motors: MotorParameters, number: int) -> MotorParameters:
@@ -34,7 +33,7 @@ def damaged(motors: MotorParameters, number: int) -> MotorParameters:
 
 
 def _of_strength(motors: MotorParameters, left: np.ndarray) -> MotorParameters:
-    return multiplied(motors, dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), left))
+    return scaled(motors, dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), left))
 
 
 WEAR: dict[str, Callable[[MotorParameters, int], MotorParameters]] = {

@@ -27,7 +27,7 @@ import pytest  # noqa: E402
 from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_constants import parameters_of  # noqa: E402
 from motorprior.actuator.latent import LatentNetwork  # noqa: E402
-from motorprior.actuator.servo_terms import INITIAL, SIGNED  # noqa: E402
+from motorprior.actuator.optional_terms import INITIAL, SIGNED  # noqa: E402
 
 SMALL_SERVO = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,

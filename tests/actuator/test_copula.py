@@ -16,11 +16,6 @@ def test_the_scores_are_those_of_the_levels():
     np.testing.assert_allclose(SCORES, norm.ppf(LEVELS), atol=1e-4)
 
 
-def test_straight_quantiles_without_mixing_change_nothing():
-    straight = Copula(np.eye(4), np.repeat(SCORES[:, None], 4, axis=1))
-    np.testing.assert_allclose(straight.decoder_latents(Z), Z, atol=1e-12)
-
-
 def test_latents_pass_through_their_quantiles_and_rise_beyond_them():
     copula = Copula(np.eye(4), QUANTILES)
     np.testing.assert_allclose(copula.decoder_latents(np.repeat(SCORES[:, None], 4, axis=1)), QUANTILES, atol=1e-12)

@@ -7,9 +7,7 @@ import pytest
 
 from motorprior.actuator.actuator import Factors, with_factors
 from motorprior.actuator.friction_pd import FrictionPd
-from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.bench.fleet import load_fleet
 
 DT = 0.001
@@ -42,7 +40,6 @@ def test_of_a_pd_with_and_without_friction():
     ("fleet", "others"),
     [
         ("pupper_v2", {"stribeck_torque": FACTORS.coulomb}),
-        ("foreign_direct", {"static_torque": FACTORS.coulomb, "ki": FACTORS.kp}),
         ("foreign_servo", {"static_torque": FACTORS.coulomb, "ki": FACTORS.kp}),
     ],
 )
@@ -51,28 +48,3 @@ def test_of_true_motors(fleet, others):
     changed = FACTORS._asdict() | others
     other = replace(motors, **{name: getattr(motors, name) * factor for name, factor in changed.items()})
     same_parameters(with_factors(motors.actuator(), FACTORS), other.actuator())
-    for name in Factors._fields:
-        alone = Factors(ONE, ONE, ONE, ONE)._replace(**{name: getattr(FACTORS, name)})
-        moved = with_factors(motors.actuator(), alone).arrays(DT).parameters - motors.actuator().arrays(DT).parameters
-        assert np.abs(moved).max() > 0.0, name
-
-
-@pytest.mark.parametrize("stated", [None, np.array([[9.0] * 3, [0.8] * 3])])
-def test_of_a_grey_box(grey_network, stated):
-    constants = {"kp": 2.0, "kd_over_kp": 0.1, "coulomb": 0.06, "stribeck_torque": 0.01}
-    of_own = grey_network(spread=0.0, **constants)
-    latents = np.zeros((3, of_own.num_latents))
-    net = of_own if stated is None else replace(of_own, gain_unit="N·m/rad")
-    varied = with_factors(LatentActuator(net, latents, gains=stated), FACTORS)
-    for motor in (1, 2):
-        kp, kd, limit, dry = (factor[motor] for factor in FACTORS)
-        of_kp, of_kd = (1.0, 1.0) if stated is None else stated[:, motor]
-        told = grey_network(
-            spread=0.0, kp=2.0 * kp * of_kp, kd_over_kp=0.1 * kd * of_kd / (kp * of_kp), coulomb=0.06 * dry,
-            stribeck_torque=0.01 * dry,
-        )  # fmt: skip
-        told.motor.center[PARAMETERS.index("torque_limit")] += np.log(limit)
-        np.testing.assert_allclose(
-            varied.arrays(DT).parameters[:, motor], LatentActuator(told, latents).arrays(DT).parameters[:, motor],
-            rtol=1e-9,
-        )  # fmt: skip

@@ -7,19 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
-from numba.core.errors import TypingError
 
 from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_constants import LOG_REACH, LONGEST_DELAY, PARAMETERS
+from motorprior.actuator.geared_motor_constants import LONGEST_DELAY
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.bench import behaviour
 
 MOTORS = 8
 FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
 LIMP = {"kp": 0.0}
 """Without a law: kd is a share of kp."""
-STEPS_OF_PHYSICS = pytest.mark.parametrize("dt", [0.0005, 0.001, 0.002])
+STEPS_OF_PHYSICS = pytest.mark.parametrize("dt", [0.001, 0.002])
 
 
 @dataclass
@@ -106,7 +104,7 @@ STARTS = st.builds(State, values_of(-1, 1), values_of(-10, 10), values_of(-0.05,
 
 
 @STEPS_OF_PHYSICS
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(z=latents(), load=LOADS, start=STARTS)
 def test_rotor_and_joint_keep_their_momentum(grey_network, dt, z, load, start):
     motors = LatentActuator(grey_network(**FREE, **LIMP), z)
@@ -118,7 +116,7 @@ def test_rotor_and_joint_keep_their_momentum(grey_network, dt, z, load, start):
 
 @STEPS_OF_PHYSICS
 @pytest.mark.parametrize("friction", [FREE, {}], ids=["free", "with friction"])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(z=latents(), load=LOADS, start=STARTS)
 def test_an_unpowered_motor_adds_no_energy_whatever_the_start(grey_network, dt, friction, z, load, start):
     network: LatentNetwork = grey_network(**friction, **LIMP)
@@ -130,36 +128,6 @@ def test_an_unpowered_motor_adds_no_energy_whatever_the_start(grey_network, dt, 
     assert np.all(motion.energy <= motion.energy[0] + late + 1e-12)
     if not friction:
         assert np.all(motion.energy[-1] <= motion.energy[0] + 1e-12)
-
-
-@STEPS_OF_PHYSICS
-@pytest.mark.parametrize("law", [{}, LIMP], ids=["held", "unpowered"])
-@settings(max_examples=8, deadline=None)
-@given(
-    z=latents(),
-    amplitude=drawn(float, MOTORS, elements=st.floats(0.002, 1.0)),
-    cycle=drawn(float, MOTORS, elements=st.floats(0.05, 1.0)),
-)
-def test_a_motor_that_is_moved_over_cycles_delivers_no_work(grey_network, dt, law, z, amplitude, cycle):
-    network: LatentNetwork = grey_network(**law)
-    motors, steps = LatentActuator(network, z), round(1.5 / dt)
-    assert network.motor is not None
-    values = network.motor.decode(z)
-    target = values["encoder_zero"].copy()  # nothing is stored in the law's spring at the start
-    time = dt * np.arange(steps + 1)[:, None]
-    q = amplitude * np.minimum(time / 0.1, 1.0) * np.sin(2 * np.pi * time / cycle)
-    dq = np.diff(q, axis=0, prepend=0.0) / dt
-    arrays, torque, work, most = motors.arrays(dt), np.zeros(MOTORS), np.zeros(MOTORS), np.zeros(MOTORS)
-    reset_actuator(arrays, target, q[0].copy())
-    for step in range(steps):
-        step_actuator(arrays, dt, target, q[step].copy(), dq[step].copy(), torque)
-        force = torque - arrays.damping * dq[step + 1]  # what the engine applies
-        work += dt * force * 0.5 * (dq[step] + dq[step + 1])
-        most = np.maximum(most, work)
-    # of one step's travel, as above
-    late = 0.5 * values["gear_stiffness"] * (dt * np.abs(dq).max(axis=0)) ** 2
-    assert np.all(most <= late + 1e-12)
-    assert np.all(work <= 0.1 * late + 1e-12)
 
 
 def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey_network):
@@ -180,19 +148,6 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     moved = simulate(motors, dt, load, target, 1.5 * breakaway * ramp).rotor_pos[-1]
     expected = (1.5 * breakaway * (1 - values["load_friction"]) - values["coulomb"]) / values["kp"]
     assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
-
-
-def test_the_stall_torque_is_the_limit_less_friction(grey_network):
-    network: LatentNetwork = grey_network()
-    motors = LatentActuator(network, np.random.default_rng(6).uniform(-2, 2, (16, 3)))
-    assert network.motor is not None
-    values = network.motor.decode(motors.z)
-    friction = values["coulomb"] + values["stribeck_torque"]
-    expected = (values["torque_limit"] - friction) / (1.0 + values["load_friction"])
-    # the rotor arrives with some momentum, and stiction keeps it: up to 3 % more
-    ratio = behaviour.stall_torque(motors) / expected
-    assert np.all(ratio > 0.999) and np.all(ratio < 1.04)
-    assert np.ptp(expected) > 0.3
 
 
 def blocked(network: LatentNetwork, target: np.ndarray, dt: float) -> np.ndarray:
@@ -226,56 +181,3 @@ def test_a_command_arrives_after_its_delay(grey_network, dt):
     between = answer(2 * dt)  # half a step is the hold's own
     np.testing.assert_allclose(between, 0.5 * (answer(1.5 * dt) + answer(2.5 * dt)), atol=0.04 * np.max(prompt))
     np.testing.assert_array_equal(answer(10.0), answer(LONGEST_DELAY))
-
-
-def test_steps_of_1_and_2_ms_give_one_motion(grey_network):
-    motors = LatentActuator(grey_network(), np.random.default_rng(7).standard_normal((MOTORS, 3)))
-    load, moves = np.geomspace(3e-4, 3e-2, MOTORS), []
-    for dt in (0.001, 0.002):
-        time = dt * np.arange(round(2.0 / dt))[:, None]
-        target = np.broadcast_to(0.4 * np.sin(2 * np.pi * 1.5 * time), (len(time), MOTORS))
-        blow = np.where((time % 0.5 > 0.2) & (time % 0.5 < 0.22), 1.5, 0.0) * np.ones(MOTORS)
-        motion = simulate(motors, dt, load, target, blow)
-        moves.append(motion.q[:: round(0.002 / dt)])
-    difference = moves[0] - moves[1]
-    assert np.sqrt(np.mean(difference**2)) < 0.002 and np.abs(difference).max() < 0.02
-    assert np.std(moves[0]) > 0.15
-
-
-def test_latents_scale_the_constants_within_their_reach(grey_network):
-    network: LatentNetwork = grey_network(spread=0.5, encoder_zero=0.01)
-    motor = network.motor
-    assert motor is not None
-    center = motor.decode(np.zeros((1, 3)))
-    assert center["kp"][0] == pytest.approx(10.0) and center["encoder_zero"][0] == pytest.approx(0.01)
-    z = np.array([[0.5, -1.0, 0.2], [1e3, 1e3, 1e3], [-0.5, 1.0, -0.2]])
-    found = motor.decode(z)
-    for row, name in enumerate(PARAMETERS[:-1]):
-        if name != "delay":
-            expected = center[name] * np.exp(np.clip(z @ motor.slope[:, row], -LOG_REACH, LOG_REACH))
-            np.testing.assert_allclose(found[name], expected)
-            assert found[name][0] * found[name][2] == pytest.approx(center[name][0] ** 2)
-    assert np.all(found["delay"] <= LONGEST_DELAY)
-    assert np.min(found["encoder_zero"]) < 0.0 < np.max(found["encoder_zero"])
-
-
-def test_the_encoder_sits_on_the_rotor_and_has_a_zero_of_its_own(grey_network):
-    network: LatentNetwork = grey_network(
-        spread=0.0, encoder_zero=-0.03, backlash=0.1, coulomb=0.0, stribeck_torque=0.0
-    )
-    motors = LatentActuator(network, np.zeros((2, 3)))
-    arrays, measured, zero = motors.arrays(0.002), np.zeros(2), np.zeros(2)
-    reset_actuator(arrays, zero, zero)
-    measure_joint_pos(arrays, zero, measured)
-    np.testing.assert_allclose(measured, -0.03)
-    for _ in range(800):  # the law leads the encoder to 0; the joint stays, there is play
-        step_actuator(arrays, 0.002, zero, zero, zero, np.zeros(2))
-    measure_joint_pos(arrays, zero, measured)
-    np.testing.assert_allclose(measured, 0.0, atol=1e-4)
-    np.testing.assert_allclose(arrays.memory[1 + ROTOR_POS], 0.03, atol=1e-4)
-
-
-def test_arrays_with_gaps_are_refused_and_not_misread(grey_network):
-    arrays, gaps, zero = LatentActuator(grey_network(), np.zeros((2, 3))).arrays(0.002), np.zeros(4)[::2], np.zeros(2)
-    with pytest.raises(TypingError, match="contiguous"):
-        step_actuator(arrays, 0.002, zero, gaps, zero, np.zeros(2))

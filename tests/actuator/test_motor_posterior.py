@@ -1,4 +1,4 @@
-"""The posterior of particular motors: what it samples, and what its loader refuses."""
+"""The posterior of particular motors: its samples and its file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +9,7 @@ import pytest
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ConfigError
 
 
 def made_prior() -> MotorPrior:
@@ -48,10 +47,6 @@ def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_shar
     assert np.abs(share - 1.0).max() > 0.1 and plain.factors is None and following.factors is not None
     np.testing.assert_array_equal(following.z, plain.z)
     np.testing.assert_allclose(following.factors.torque_limit, share, rtol=1e-9)
-    for others in (following.factors.kp, following.factors.kd, following.factors.coulomb):
-        np.testing.assert_array_equal(others, 1.0)
-    with pytest.raises(ConfigError, match="no constants, so no limit can follow"):
-        posterior(1).sample(1, 0, limit_follows_gain=True)
 
 
 def test_a_round_trip_is_exact(tmp_path: Path):
@@ -62,48 +57,7 @@ def test_a_round_trip_is_exact(tmp_path: Path):
     assert (loaded.joint_names, loaded.surprise, loaded.seconds) == (("joint0", "joint1"), (0.5, 0.5), 10.0)
 
 
-@pytest.mark.parametrize(
-    ("tensors", "header", "word"),
-    [
-        ({}, {"kind": "motor prior"}, "motor prior"),
-        ({}, {"schema_version": 1}, "schema"),
-        ({}, {"extra": 1}, "extra"),
-        ({"covariance": np.zeros((2, 2, 2))}, {}, "positive definite"),
-        ({"covariance": np.eye(2)}, {}, r"covariance is float64\(2, 2\), wanted float64\(2, 2, 2\)"),
-        ({}, {"joint_names": ["one"]}, r"mean is float64\(2, 2\), wanted float64\(1, 2\)"),
-        ({}, {"surprise": [0.5]}, "not as many"),
-    ],
-)
-def test_a_loader_refuses_what_does_not_fit(tmp_path: Path, tensors: dict, header: dict, word: str):
-    path = tmp_path / "p.safetensors"
-    posterior(2).save(path)
-    good_tensors, good_header = read_tensors(path)
-    write_tensors(path, good_tensors | tensors, good_header | header)
-    with pytest.raises(ArtifactError, match=word):
-        MotorPosterior.load(path, PRIOR)
-
-
 def test_a_posterior_of_another_prior_is_refused(tmp_path: Path):
     posterior(2).save(tmp_path / "p.safetensors")
-    with pytest.raises(ConfigError, match="no posterior of this prior"):
+    with pytest.raises(ConfigError, match="another prior"):
         MotorPosterior.load(tmp_path / "p.safetensors", replace(PRIOR, preset="another"))
-
-
-def nearly_singular(rng: np.random.Generator) -> np.ndarray:
-    """(2, 2) of rank one but for its last bits; of many, some have eigenvalues above 0 and yet no Cholesky factor."""
-    a, ratio = rng.uniform(0.01, 1.0), rng.uniform(0.1, 10.0)
-    return a * np.array([[1.0, ratio], [ratio, ratio**2 * (1 + rng.uniform(-3e-16, 3e-16))]])
-
-
-def test_a_covariance_that_loads_can_be_drawn_from(tmp_path: Path):
-    path, rng, refusals = tmp_path / "p.safetensors", np.random.default_rng(0), 0
-    for _ in range(300):
-        replace(posterior(1), covariance=nearly_singular(rng)[None]).save(path)
-        try:
-            loaded = MotorPosterior.load(path, PRIOR)
-        except ArtifactError as error:
-            assert "positive definite" in error.problem and error.where == path and error.remedy
-            refusals += 1
-        else:
-            assert np.all(np.isfinite(loaded.sample(12, rng).z))
-    assert 0 < refusals < 300

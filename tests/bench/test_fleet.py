@@ -1,13 +1,12 @@
 """A fleet file means what it says, or is refused by name."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motorprior.bench.families import geared
-from motorprior.bench.fleet import fleet_path, load_fleet
+from motorprior.bench.fleet import fleet_path, load_fleet, write_fleet
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
 
@@ -25,21 +24,7 @@ def with_table(tmp_path: Path, parameter: str, body: str) -> Path:
     return path
 
 
-def refusal(path: Path | str) -> ArtifactError:
-    with pytest.raises(ArtifactError) as error:
-        load_fleet(str(path))
-    assert error.value.remedy and Path(path).name in str(error.value)
-    return error.value
-
-
 KP = 'unit = "N·m/rad"\nsource = "test"\n'
-
-
-def test_every_shipped_fleet_loads_and_names_its_motor():
-    assert NAMES == ["foreign_direct", "foreign_servo", "mixed", "pupper_v2"]
-    for name in NAMES:
-        fleet = load_fleet(name)
-        assert fleet.name == name and fleet.motor and fleet.robot
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -81,7 +66,7 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
 
 def test_same_generator_same_motors_and_the_center_is_the_median():
     fleet = load_fleet("pupper_v2")
-    a, b, other = (geared(fleet.sample(5, np.random.default_rng(seed))).table() for seed in (3, 3, 4))
+    a, b, other = (geared(fleet.sample(5, np.random.default_rng(seed))).coulomb for seed in (3, 3, 4))
     np.testing.assert_array_equal(a, b)
     assert np.any(a != other)
     center = fleet.center(2)
@@ -92,32 +77,22 @@ def test_same_generator_same_motors_and_the_center_is_the_median():
 @pytest.mark.parametrize(
     ("body", "problem"),
     [
-        (KP + 'distribution = "constant"\ncenter = 8.0\nspraed = 1.0', "unknown keys .'spraed'"),
-        (KP + 'distribution = "lognormal"\ncenter = 8.0\nspread = 1.0', "missing keys .'center_uncertainty'"),
-        (
-            KP + 'distribution = "gaussian"\ncenter = 8.0',
-            "distribution = 'gaussian' is not constant or uniform or normal or lognormal",
-        ),
-        (KP + 'distribution = ["normal"]\ncenter = 8.0', "is not constant or"),
-        (KP + "center = 8.0", "distribution = None is not constant or"),
-        (KP + 'distribution = "constant"\ncenter = nan', "center = nan is not a finite"),
-        (KP + 'distribution = "constant"\ncenter = "8"', "center = '8' is not a finite"),
-        (KP + 'distribution = "constant"\ncenter = true', "center = True is not a finite"),
-        (
-            KP + 'distribution = "constant"\ncenter = 0.0',
-            "center = 0 is not a finite number above 0 to 1e.09 N·m/rad",
-        ),
-        (KP + 'distribution = "constant"\ncenter = -8.0', "center = -8 is not a finite number above 0"),
+        (KP + 'distribution = "constant"\ncenter = 8.0\nspraed = 1.0', "spraed"),
+        (KP + 'distribution = "gaussian"\ncenter = 8.0', "'gaussian' is not constant"),
+        (KP + 'distribution = "constant"\ncenter = -8.0', "center = -8 is not"),
         (KP + 'distribution = "uniform"\nlow = 9.0\nhigh = 8.0', "low 9.0 exceeds high 8.0"),
-        (
-            KP + 'distribution = "lognormal"\ncenter = 8.0\nspread = -1.0\ncenter_uncertainty = 0.0',
-            "spread = -1 is not a finite number from 0 to 3 of the center",
-        ),
         ('source = "x"\nunit = "A/rad"\ndistribution = "constant"\ncenter = 50.0', "unit = 'A/rad' is not 'N·m/rad'"),
-        ('unit = "N·m/rad"\ndistribution = "constant"\ncenter = 8.0', "missing keys .'source'"),
+        ('unit = "N·m/rad"\ndistribution = "constant"\ncenter = 8.0', "source"),
     ],
 )
-def test_a_table_that_makes_no_sense_is_refused(tmp_path, body, problem):
-    error = refusal(with_table(tmp_path, "kp", body))
-    assert re.search(problem, error.problem)
-    assert str(error.where).endswith("mine.toml[kp]")
+def test_a_wrong_table_is_rejected_by_name(tmp_path, body, problem):
+    with pytest.raises(ArtifactError, match=problem) as error:
+        load_fleet(str(with_table(tmp_path, "kp", body)))
+    assert error.value.remedy and str(error.value.where).endswith("mine.toml[kp]")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fleet_that_was_written_is_the_one_that_is_read(tmp_path: Path, name: str):
+    fleet, path = load_fleet(name), tmp_path / "fleet.toml"
+    write_fleet(path, fleet, dict.fromkeys(fleet.parameters, 'a log called "µ \\ 1"'), "by a test")
+    assert load_fleet(path) == fleet

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
 from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES, Family
 from motorprior.bench.fleet import load_fleet
@@ -43,32 +42,9 @@ def test_the_bound_is_that_of_the_roots(name: str, stiffness: float, damping: fl
     assert all(found)
 
 
-@pytest.mark.parametrize("name", ["pupper_v2", "foreign_direct"])
-@pytest.mark.parametrize(("share", "bounded"), [(0.98, False), (1.02, True)])
-def test_a_rotor_alone_on_its_spring_keeps_to_the_bound(name: str, share: float, bounded: bool):
-    family, values = center(name)
-    off = {parameter: np.zeros(1) for parameter in values.keys() - {"gear_stiffness", "stribeck_velocity"}}
-    h = family.substep
-    on = {
-        "armature": share * values["gear_stiffness"] * h**2 / 4.0,
-        "kp": np.full(1, 1e-9),
-        "kd_over_kp": np.full(1, 1e-9),
-    }
-    on |= {"torque_limit": np.full(1, 1e-12), "stall_torque": np.ones(1), "no_load_speed": np.full(1, 1e9)}
-    alone = values | off | on | {"velocity_filter": np.ones(1)}
-    assert is_stable(family, alone) is bounded
-    arrays = family.motors(alone).actuator().arrays(h)
-    zero, torque, largest = np.zeros(1), np.zeros(1), 0.0
-    reset_actuator(arrays, zero, np.full(1, 1e-6))  # the rotor starts a little above a joint that is held at zero
-    for _ in range(2000):
-        step_actuator(arrays, h, zero, zero, zero, torque)
-        largest = max(largest, abs(float(torque[0])) / float(values["gear_stiffness"][0]))
-    assert (largest < 1e-4) is bounded
-
-
 def test_a_motor_drawn_beyond_it_is_refused_before_it_is_simulated():
     fleet = load_fleet("pupper_v2")
     wide = Distribution("lognormal", {"center": 0.003, "spread": 3.0, "center_uncertainty": 0.0})
     fleet = replace(fleet, parameters=fleet.parameters | {"armature": wide})
-    with pytest.raises(ConfigError, match=r"fleet pupper_v2, a motor drawn from it: armature = \S+e-0[6-9] kg·m²"):
+    with pytest.raises(ConfigError, match="armature"):
         fleet.sample(4000, 0)

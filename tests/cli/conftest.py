@@ -11,7 +11,7 @@ import pytest
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.console import Bar
 from motorprior.cli.main import main
 from motorprior.logs.formats.puppersim import csv_columns

@@ -5,14 +5,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.foreign import ForeignActuator, ForeignMotors
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.out_of_family import OutOfFamilyActuator, OutOfFamilyMotors
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -43,7 +43,7 @@ def physical(n):
 def foreign(n):
     """Without what depends on the absolute position, so that only differences count."""
     motors = load_fleet("foreign_direct").sample(n, np.random.default_rng(2))
-    assert isinstance(motors, ForeignMotors)
+    assert isinstance(motors, OutOfFamilyMotors)
     nothing, absolute = np.zeros(n), ("encoder_quantum", "encoder_zero", "cogging", "ripple", "position_friction")
     return replace(
         motors, torque_limit=np.full(n, LIMIT), heat_loss=nothing, **dict.fromkeys(absolute, nothing)
@@ -104,7 +104,7 @@ def only(actuator, motor):
     """One motor of several."""
     if isinstance(actuator, LatentActuator):
         return replace(actuator, z=actuator.z[[motor]])
-    if isinstance(actuator, PhysicalActuator | ForeignActuator):
+    if isinstance(actuator, PhysicalActuator | OutOfFamilyActuator):
         return actuator.motors.take(np.array([motor])).actuator()
     if isinstance(actuator, FrictionPd):
         return FrictionPd(only(actuator.pd, motor), actuator.coulomb[[motor]])
@@ -198,7 +198,7 @@ def static_band(actuator):
     if isinstance(actuator, PhysicalActuator):
         motors, left_over = actuator.motors, 0.0
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
-    elif isinstance(actuator, ForeignActuator):
+    elif isinstance(actuator, OutOfFamilyActuator):
         motors, left_over = actuator.motors, 0.0
         dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
     elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:

@@ -7,12 +7,12 @@ from numba import njit
 from policies import random_policy
 
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.foreign_step import FOREIGN
 from motorprior.actuator.friction_pd import FRICTION_PD
-from motorprior.actuator.grey_box import GREY_BOX
 from motorprior.actuator.ideal_pd import IDEAL_PD, IdealPd
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LATENT
+from motorprior.actuator.learned_kernels import GREY_BOX
+from motorprior.actuator.out_of_family import OUT_OF_FAMILY
 from motorprior.actuator.physical import PHYSICAL
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
@@ -47,7 +47,7 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 SPRING = ActuatorKind(
     "spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, longest_step=0.004
 )
-KINDS = (IDEAL_PD, FRICTION_PD, PHYSICAL, LATENT, GREY_BOX, FOREIGN, SPRING)
+KINDS = (IDEAL_PD, FRICTION_PD, PHYSICAL, LATENT, GREY_BOX, OUT_OF_FAMILY, SPRING)
 
 
 @dataclass(frozen=True)

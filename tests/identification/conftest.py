@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import Conditions
+from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import PRESETS, trial
 from motorprior.identification.training_data.windows import Measured, TrainingData

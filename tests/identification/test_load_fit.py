@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from swinging_bars import HANGS_AT, INERTIA, WEIGHT, Bars, swing
 
-from motorprior.exceptions import LogError
 from motorprior.identification.load_fit import FittedLoad, fit_loads, with_fitted_loads
 from motorprior.logs.motor_log import POSTURES
 
@@ -41,17 +40,3 @@ def test_the_log_carries_the_fitted_loads():
     np.testing.assert_allclose(log.load_stiffness, -WEIGHT * np.cos(log.joint_pos - HANGS_AT), atol=1e-12)
     assert log.joint_torque is None, "a motor's current is not the torque on the joint"
     assert log.posture is not None and np.all(log.posture == POSTURES.index("fixed"))
-
-
-def test_what_shows_no_load_is_refused():
-    log = swing(1.0).log
-    still = log.joint_pos.copy()
-    still[:, 1] = 0.3
-    refused = {
-        "no kp is stated": replace(log, stated_kp=None, stated_kd=None),
-        "in firmware units": replace(log, gain_unit="firmware"),
-        "joint right stood still": replace(log, joint_pos=still),
-    }
-    for words, other in refused.items():
-        with pytest.raises(LogError, match=words):
-            fit_loads(other)

@@ -11,11 +11,8 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.latents.grey_box_fit import adapt
-from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
-from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import KD, KP, TrainingData, training_data
+from motorprior.identification.training_data.windows import TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 Networks = Callable[..., LatentNetwork]
@@ -36,11 +33,6 @@ def told(grey_network: Networks) -> LatentNetwork:
     return replace(network, motor=replace(network.motor, slope=slope))
 
 
-def logged(decoder_data: Data, network: LatentNetwork, gains: np.ndarray, seed: int = 9) -> TrainingData:
-    """Their log at these gains (2, 1)."""
-    return decoder_data(network, Z, seed=seed, gains=np.broadcast_to(gains, (2, len(Z))))
-
-
 def test_motors_that_are_told_gains_move_like_motors_that_have_them(grey_network: Networks, told: LatentNetwork):
     kp, kd = SOFT[:, 0]
     own = replace(grey_network(kp=kp, kd_over_kp=kd / kp), motor=None)
@@ -50,7 +42,7 @@ def test_motors_that_are_told_gains_move_like_motors_that_have_them(grey_network
     own = replace(own, motor=replace(told.motor, center=center))
     given = LatentActuator(told, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
     np.testing.assert_allclose(given.parameters, LatentActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
-    with pytest.raises(ConfigError, match="stated gains"):
+    with pytest.raises(ConfigError, match="logged gains"):
         LatentActuator(told, Z).arrays(0.002)
 
 
@@ -62,22 +54,6 @@ def test_z_describes_the_motor_whatever_gains_and_load_it_works_with(decoder_dat
     for name, posterior in found.items():
         spread = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
         assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name
-
-
-def test_a_prior_that_ignored_the_gains_would_take_them_for_the_motor(decoder_data: Data, told: LatentNetwork):
-    data = logged(decoder_data, told, STIFF)
-    ignored = data.series.copy()
-    ignored[..., KP], ignored[..., KD] = SOFT[:, 0]
-    misled = adapt(told, replace(data, series=ignored), replace(PRESET, num_latents=3), 0.01, None)
-    assert np.abs(misled.mean - Z).max() > 1.0
-
-
-def test_a_fit_keeps_gains_that_are_stated_and_finds_the_rest(decoder_data: Data, told: LatentNetwork):
-    data = logged(decoder_data, told, STIFF)
-    runs = WindowRuns(data, PRESET)
-    fit = fit_fleet(without_residual(data.scales, PRESET), runs, (), True, 0, turns=TURNS[:5])
-    np.testing.assert_array_equal(fit.raw[:, INDEX], 0.0)
-    assert fit.loss.max() < 0.1
 
 
 def test_a_log_of_another_firmware_is_refused_and_one_that_says_nothing_is_not():

@@ -7,8 +7,8 @@ import numpy as np
 
 from motorprior.actuator.motors import Motors
 from motorprior.actuator.physical import MotorParameters
+from motorprior.bench.dynamometer import next_velocity
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.loaded_joint import next_velocity
 from motorprior.logs.motor_log import MotorLog
 
 INERTIA, WEIGHT, HANGS_AT = np.array([0.005, 0.012]), np.array([0.4, 0.7]), np.array([-0.4, 1.0])

@@ -14,8 +14,8 @@ from policies import random_policy
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.kernels import measure_joint_pos, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.torque_law import measure_joint_pos, step_actuator
 from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands

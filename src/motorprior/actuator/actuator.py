@@ -1,7 +1,7 @@
 """Interface of motors: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
 
 Every actuator model is data for compiled functions of its own. `Actuator.arrays` gives both;
-`torque_law.step_actuator` runs them. Shared conventions: error = position_target - joint_pos [rad];
+`kernels.step_actuator` runs them. Shared conventions: error = position_target - joint_pos [rad];
 a positive torque [N·m] accelerates the joint in its positive direction; ``armature`` [kg·m²] and
 ``damping`` [N·m·s/rad] belong to the physics engine, which integrates them implicitly, so that
 
@@ -12,19 +12,17 @@ An actuator may renew its damping every step (a gear that touches): engines read
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from motorprior.actuator.kind import ActuatorKind
+    from motorprior.actuator.kernels import ActuatorKind
 
 
-class Law(NamedTuple):
+class KernelTable(NamedTuple):
     """Addresses of the compiled functions of one kind of motors, in this process; see `ActuatorKind`."""
 
     reset: int
@@ -39,53 +37,16 @@ class ActuatorArrays(NamedTuple):
     Fields unused by a kind are empty. ``parameters`` and ``memory`` rows are named in that kind's module.
     """
 
-    law: Law
-    parameters: np.ndarray
-    """(rows, n) float64."""
-    memory: np.ndarray
-    """(rows, n) float64, state."""
-    clock: np.ndarray
-    """(2,) int64: steps since reset; steps per renewal (learned) or substeps per step (physical)."""
-    damping: np.ndarray
-    """(n,) float64: damping [N·m·s/rad] that the engine integrates implicitly in the coming step."""
-    weights: np.ndarray
-    """flat float32: the layers' matrices, row-major."""
-    inputs: np.ndarray
-    """(inputs,) int64: rows of the history that the network sees, counted from the newest."""
-    biases: np.ndarray
-    """(blocks, neurons of all layers, 16) float32; z is folded into the first layer's."""
-    history: np.ndarray
-    """(blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state."""
-    scratch: np.ndarray
-    """(blocks, neurons of all layers, 16) float32."""
-
-
-def require_step(physics_dt: float, longest: float = np.inf) -> None:
-    """Refuse an impossible physics step.
-
-    Raises:
-        ConfigError: not in (0, longest] [s].
-    """
-    if not (0.0 < physics_dt < np.inf and physics_dt <= longest * (1 + 1e-9)):
-        raise ConfigError(
-            f"physics step {physics_dt:g} s is not in (0, {longest:g}] s, the steps these motors can be simulated at",
-            remedy=f"use a positive step of at most {longest:g} s",
-        )
-
-
-def require_motors(actuator: object, count: int) -> None:
-    """Refuse all but an actuator of ``count`` motors: compiled code would read and write beyond its arrays.
-
-    Raises:
-        ConfigError: no actuator, or of another number.
-    """
-    given = getattr(actuator, "num_motors", None)
-    if given != count or not hasattr(actuator, "kind"):
-        text = f"{str(actuator)[:40]!r} is no prior, posterior, fleet, set of motors or function that draws one"
-        raise ConfigError(
-            text if given is None or given == count else f"motors: {given} for the {count} joints of the robot",
-            remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
-        )  # fmt: skip
+    kernels: KernelTable
+    parameters: np.ndarray  # (rows, n) float64
+    memory: np.ndarray  # (rows, n) float64, state
+    clock: np.ndarray  # (2,) int64: steps since reset; steps per renewal (learned) or substeps per step (physical)
+    damping: np.ndarray  # (n,) float64 [N·m·s/rad] that the engine integrates implicitly in the coming step
+    weights: np.ndarray  # flat float32: the layers' matrices, row-major
+    inputs: np.ndarray  # (inputs,) int64: rows of the history that the network sees, counted from the newest
+    biases: np.ndarray  # (blocks, neurons of all layers, 16) float32; z is folded into the first layer's
+    history: np.ndarray  # (blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state
+    scratch: np.ndarray  # (blocks, neurons of all layers, 16) float32
 
 
 def empty_arrays(
@@ -94,7 +55,7 @@ def empty_arrays(
     """Arrays of a kind that needs no network; ``damping`` (n,) is zero if not given."""
     nothing = np.zeros((0, 0, 16), np.float32)
     return ActuatorArrays(
-        law=kind.law,
+        kernels=kind.kernels,
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
         memory=np.zeros((memory_rows, parameters.shape[1])),
         clock=np.array([0, renewal], dtype=np.int64),
@@ -139,17 +100,33 @@ class Actuator(Protocol):
         ...
 
 
+def require_step(physics_dt: float, longest: float = np.inf) -> None:
+    """Raise `ConfigError` unless the physics step [s] is in (0, longest]."""
+    if not 0.0 < physics_dt <= longest * (1 + 1e-9):
+        raise ConfigError(
+            f"physics step {physics_dt:g} s is not in (0, {longest:g}] s, the steps these motors can be simulated at",
+            remedy=f"use a positive step of at most {longest:g} s",
+        )
+
+
+def require_motors(actuator: object, count: int) -> None:
+    """Raise `ConfigError` unless this is an actuator of ``count`` motors: compiled code would leave its arrays."""
+    given = getattr(actuator, "num_motors", None)
+    if given != count:
+        found = f"{type(actuator).__name__} is no set of motors" if given is None else f"{given} motors"
+        raise ConfigError(
+            f"motors: {found} for the {count} joints of the robot",
+            remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
+        )  # fmt: skip
+
+
 class Factors(NamedTuple):
     """What the constants of n motors are multiplied by, (n,) each [-]."""
 
     kp: np.ndarray
-    """gain"""
     kd: np.ndarray
-    """gain"""
     torque_limit: np.ndarray
-    """limit of the law's torque"""
-    coulomb: np.ndarray
-    """dry friction, that of standstill included, that of the load not"""
+    coulomb: np.ndarray  # dry friction, static included, that of the load not
 
     @classmethod
     def ones(cls, count: int) -> Factors:
@@ -162,11 +139,7 @@ class HasConstants(Protocol):
     """An actuator whose constants can be multiplied."""
 
     def with_factors(self, factors: Factors) -> Actuator:
-        """The same motors with their constants times these factors.
-
-        Raises:
-            ConfigError: a constant that is to change is missing, see `require_unchanged`, or was not told.
-        """
+        """The same motors with their constants times these factors; raises as `with_factors`."""
         ...
 
 
@@ -174,7 +147,7 @@ def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
     """The same motors with their constants times these factors.
 
     Raises:
-        ConfigError: a factor is not 1, and that constant is missing, or was not told.
+        ConfigError: a factor is not 1 and the motors lack that constant.
     """
     if isinstance(actuator, HasConstants) and any(np.any(factor != 1.0) for factor in factors):
         return actuator.with_factors(factors)
@@ -182,18 +155,9 @@ def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
     return actuator
 
 
-def multiplied(motors: Any, factors: Mapping[str, Any]) -> Any:
-    """The same motors, of a dataclass with a field (n,) per constant, with these constants times these factors [-]."""
-    return replace(motors, **{name: getattr(motors, name) * factor for name, factor in factors.items()})
-
-
-def require_unchanged(kind: ActuatorKind, factors: Factors, *lacking: str) -> None:
-    """Refuse factors on constants that motors of a kind lack.
-
-    Raises:
-        ConfigError: names the constant.
-    """
-    for name in lacking:
+def require_unchanged(kind: ActuatorKind, factors: Factors, *missing: str) -> None:
+    """Raise `ConfigError` if a factor on a constant that motors of this kind lack is not 1."""
+    for name in missing:
         if np.any(getattr(factors, name) != 1.0):
             raise ConfigError(
                 f"motors of the model {kind.name!r} ({kind.title}) have no {name} that could vary",

@@ -13,20 +13,14 @@ from typing import Any
 
 import numpy as np
 
+# Standard normal quantiles of LEVELS
 SCORES = np.array([-2.0537, -1.2816, -0.6745, -0.2533, 0.0, 0.2533, 0.6745, 1.2816, 2.0537])
-"""Standard normal quantiles of LEVELS."""
 LEVELS = (0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98)
 _STEPS = np.diff(SCORES)[:, None]
 
 
 def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
-    """(n, Z) latents of the decoder for z (n, Z): arrays of numpy or of JAX.
-
-    Args:
-        mixing: (Z, Z).
-        quantiles: (9, Z), ascending.
-        z: standard normal.
-    """
+    """(n, Z) latents of the decoder for z (n, Z), by numpy or JAX; mixing (Z, Z), quantiles (9, Z) ascending."""
     x = (z[:, :, None] * mixing).sum(axis=1)  # not @, whose rounding depends on the number of motors
     slopes = (quantiles[1:] - quantiles[:-1]) / _STEPS
     beyond = x[:, None, :] - SCORES[1:-1, None]
@@ -38,10 +32,8 @@ def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
 class Copula:
     """Numbers of `decoder_latents`; Z latents."""
 
-    mixing: np.ndarray
-    """(Z, Z), invertible"""
-    quantiles: np.ndarray
-    """(9, Z), ascending"""
+    mixing: np.ndarray  # (Z, Z), invertible
+    quantiles: np.ndarray  # (9, Z), ascending
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for z (n, Z)."""

@@ -23,14 +23,12 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors
 from motorprior.actuator.ideal_pd import IDEAL_PD_ROWS, KD, IdealPd, reset_pd, step_pd
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 
-SLOWEST = 0.1
-"""Speed [rad/s] above which friction is whole."""
+SLOWEST = 0.1  # Speed [rad/s] above which friction is whole
 _COULOMB, _ARMATURE, _STEEPEST = range(IDEAL_PD_ROWS, IDEAL_PD_ROWS + 3)
-_TINY = 1e-12
-"""Inertia of a rotor without any [kg·m²]."""
+_TINY = 1e-12  # Inertia of a rotor without any [kg·m²]
 
 
 @dataclass(frozen=True)
@@ -72,9 +70,9 @@ class FrictionPd:
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        law = self.pd.arrays(physics_dt)
-        rows = [law.parameters, self.coulomb, self.armature, self.armature / physics_dt]
-        return law._replace(law=FRICTION_PD.law, parameters=np.vstack(rows))
+        arrays = self.pd.arrays(physics_dt)
+        rows = [arrays.parameters, self.coulomb, self.armature, self.armature / physics_dt]
+        return arrays._replace(kernels=FRICTION_PD.kernels, parameters=np.vstack(rows))
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +84,6 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) torque for the engine [N·m] and ``arrays.damping``."""
     step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     for motor in range(torque.shape[0]):
         kd, coulomb = arrays.parameters[KD, motor], arrays.parameters[_COULOMB, motor]

@@ -1,7 +1,7 @@
 """The geared motor of a grey box, compiled: constants decoded from a latent z, state as rows of a memory.
 
     log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the motor's terms, kept within e^±LOG_REACH
-                                         of the centre; linear for those that may be negative (`servo_terms.SIGNED`)
+                                         of the centre; linear for those that may be negative (`optional_terms.SIGNED`)
 
 The formula of a step is that of `geared_motor_step`, traced into compiled code with one lane per motor.
 """
@@ -28,30 +28,26 @@ from motorprior.actuator.geared_motor_constants import (
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
-from motorprior.actuator.servo_terms import COLD, TERMS, Conditions
+from motorprior.actuator.optional_terms import COLD, TERMS, Conditions
 from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
-STIFFNESS = StepConstants._fields.index("gear_stiffness")
-"""Row of the table."""
+STIFFNESS = StepConstants._fields.index("gear_stiffness")  # Row of the table
 _DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(BASE_STATE)
 _REFERENCE = MotorState._fields.index("reference")
+# Rows of the memory: the state, the delayed target, the delay line
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
-"""Rows of the memory: the state, the delayed target, the delay line."""
 
 
 @dataclass(frozen=True)
 class GearedMotor:
     """Linear map from z to the logarithms of the constants; P parameters, Z latents."""
 
-    center: np.ndarray
-    """(P,)"""
-    slope: np.ndarray
-    """(Z, P)"""
-    terms: tuple[str, ...] = ()
-    """of `servo_terms`, in their order there"""
+    center: np.ndarray  # (P,)
+    slope: np.ndarray  # (Z, P)
+    terms: tuple[str, ...] = ()  # of `optional_terms`, in their order there
 
     def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z), under these conditions."""
@@ -89,13 +85,8 @@ def _listen(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.nda
 def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:
     """One physics step for ``width`` neighbouring motors.
 
-    Args:
-        builder: of the code (llvmlite).
-        width: number of motors.
-        columns: of table, memory, joint_pos, joint_vel, torque and damping: (address of the first motor's element in
-            the first row, bytes from row to row).
-        physics_dt: [s].
-        terms: that are computed.
+    ``columns`` of table, memory, joint_pos, joint_vel, torque and damping are (address of the first motor's element in
+    the first row, bytes from row to row).
     """
     table, memory, *vectors = columns
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
@@ -116,14 +107,11 @@ def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, te
 
 
 def _row(builder: Any, column: Any, row: int) -> Any:
-    """Address of a column's element in that row."""
     first, stride = column
     return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
 
 
 def _stepper(width: int, terms: tuple[str, ...]) -> Any:
-    """An intrinsic that steps ``width`` motors with these terms."""
-
     def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
         """From motor number ``first`` on; the arrays are those of `step_geared_motor`."""
         arrays = (table, memory, joint_pos, joint_vel, torque, damping)
@@ -171,17 +159,8 @@ def step_geared_motor(
 ) -> None:
     """Write (n,) torque [N·m] and damping [N·m·s/rad] for the physics step that begins now.
 
-    Args:
-        p: (rows, n) of `motor_table` for this step; more than BASE_CONSTANTS for motors with terms. All arrays are
-            contiguous.
-        memory: (rows, n) state.
-        now: steps since the reset.
-        physics_dt: [s].
-        position_target: (n,) [rad].
-        joint_pos: (n,) [rad].
-        joint_vel: (n,) [rad/s].
-        torque: (n,) overwritten.
-        damping: (n,) overwritten.
+    All arrays are contiguous: ``p`` (rows, n) of `motor_table` for this step, with more than BASE_CONSTANTS rows for
+    motors with optional terms, ``memory`` (rows, n) state, the others (n,); ``now`` counts steps since the reset.
     """
     _listen(p, memory, now, position_target)
     n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS

@@ -7,28 +7,30 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from motorprior.actuator.servo_terms import ABSENT, COLD, LARGEST_SHARE, SIGNED, Conditions, constants_of, under
+from motorprior.actuator.optional_terms import (
+    ABSENT,
+    COLD,
+    LARGEST_SHARE,
+    SIGNED,
+    Conditions,
+    at_conditions,
+    constants_of,
+)
 
+# Units as in `physical.MotorParameters`; kd_over_kp [s]
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
 )  # fmt: skip
-"""Units as in `physical.MotorParameters`; kd_over_kp [s]."""
+# Largest gear_stiffness·h²/armature: a stiffer gear is simulated as if it were only so stiff, or it would explode
 RESOLVED = 1.5
-"""Largest gear_stiffness·h²/armature: a stiffer gear is simulated as if it were only so stiff, or it would explode."""
-DAMPED = 1.0
-"""Largest gear_damping·h/armature: from 2 on a rotor so light swings up on what its joint gives back."""
-LONGEST_DELAY = 0.04
-"""[s]; a motor keeps its commands for so long."""
-LOG_REACH = 2.5
-"""A constant of a drawn motor is within a factor of 12 of the central motor's."""
-ZERO_SCALE = SIGNED["encoder_zero"]
-"""[rad]"""
-PER_STATED = "_per_stated"
-"""Ending of the name of a constant that is a multiple of a stated gain."""
+DAMPED = 1.0  # Largest gear_damping·h/armature: from 2 on a rotor so light swings up on what its joint gives back
+LONGEST_DELAY = 0.04  # [s]; a motor keeps its commands for so long
+LOG_REACH = 2.5  # A constant of a drawn motor is within a factor of 12 of the central motor's
+ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
+PER_LOGGED = "_per_stated"  # Ending of the name of a constant that is a multiple of a stated gain
 
-Values = Any
-"""Numbers of as many motors as are stepped at once, in the arithmetic's own type."""
+Values = Any  # Numbers of as many motors as are stepped at once, in the arithmetic's own type
 
 
 class StepConstants(NamedTuple):
@@ -36,25 +38,21 @@ class StepConstants(NamedTuple):
 
     kp: Values
     kd: Values
-    filter_gain: Values
-    """share of the way to its input that the filtered velocity goes in a step [-]"""
-    delay: Values
-    """[steps]"""
+    filter_gain: Values  # share of the way to its input that the filtered velocity goes in a step [-]
+    delay: Values  # [steps]
     torque_limit: Values
     armature: Values
     coulomb: Values
     stribeck_torque: Values
     viscous_damping: Values
     load_friction: Values
-    gear_stiffness: Values
-    """not above what a step resolves"""
+    gear_stiffness: Values  # not above what a step resolves
     half_backlash: Values
     gear_damping: Values
     encoder_zero: Values
-    mean_filter_gain: Values
-    """the same share, of the filtered velocity's mean over the step [-]"""
+    mean_filter_gain: Values  # the same share, of the filtered velocity's mean over the step [-]
+    # 1 where the law sees the joint, 0 where it sees the rotor; this and what follows only with terms
     output_encoder: Values = None
-    """1 where the law sees the joint, 0 where it sees the rotor; this and what follows only with terms"""
     profile_speed: Values = None
     profile_acceleration: Values = None
     dead_zone: Values = None
@@ -62,17 +60,14 @@ class StepConstants(NamedTuple):
     integral_limit: Values = None
     stall_torque: Values = None
     no_load_speed: Values = None
-    current_gain: Values = None
-    """share of the way to the law's torque that the current goes in a step [-]"""
-    mean_current_gain: Values = None
-    """the same share, of the current's mean over the step [-]"""
+    current_gain: Values = None  # share of the way to the law's torque that the current goes in a step [-]
+    mean_current_gain: Values = None  # the same share, of the current's mean over the step [-]
     asymmetry: Values = None
     bristle_stiffness: Values = None
     output_damping: Values = None
 
 
-BASE_CONSTANTS = StepConstants._fields.index("output_encoder")
-"""Number of fields that every motor has."""
+BASE_CONSTANTS = StepConstants._fields.index("output_encoder")  # Number of fields that every motor has
 
 
 def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
@@ -83,8 +78,8 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
 def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, Values]:
     """Constants by name, each (…), from the decoder's outputs (…, P); the array module ``xp`` is numpy or jax.numpy.
 
-    exp(raw) for every one but those of `servo_terms.SIGNED`; no delay is above LONGEST_DELAY. They are those ``under``
-    these conditions, each a number or (…).
+    exp(raw) for every one but those of `optional_terms.SIGNED`; no delay is above LONGEST_DELAY. They are those at
+    these ``conditions``, each a number or (…).
     """
     values = {
         name: SIGNED[name] * raw[..., row] if name in SIGNED else xp.exp(raw[..., row])
@@ -94,25 +89,20 @@ def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Condit
     for share in ("asymmetry", "heat_loss"):
         if share in values:
             values[share] = xp.clip(values[share], -LARGEST_SHARE, LARGEST_SHARE)
-    return under(conditions, values, xp)
+    return at_conditions(conditions, values, xp)
 
 
-def with_stated_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
-    """Constants by name of motors that were told the gains ``kp`` and ``kd``, of which the decoded ones are multiples.
+def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
+    """Constants by name of motors with these gains, of which the decoded ones are multiples.
 
-        kp = decoded kp·stated kp,   kd = decoded kp·decoded kd_over_kp·stated kd
-
-    If the stated gains are those of the motor, the decoded kp and kd_over_kp [-] are 1.
+    kp' = decoded kp·kp, kd' = decoded kp·decoded kd_over_kp·kd.
     """
     return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
 
 
 def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
-    """Constants by name of motors whose kp and kd_over_kp are multiples of stated gains, which then have names of it.
-
-    ``kp_per_stated`` and ``kd_over_kp_per_stated``: in units of no gain, or per unit of a firmware's gain.
-    """
-    return {f"{name}{PER_STATED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
+    """Constants by name; those that are multiples of logged gains are renamed, for example ``kp_per_stated``."""
+    return {f"{name}{PER_LOGGED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
 
 
 def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[str, ...] = ()) -> StepConstants:

@@ -20,7 +20,7 @@ The joint gets torque = τ_gear + d·dq and damping d = (gear_damping + h·gear_
 the engine to integrate implicitly: a stiff gear on a light shank then stays stable. What that takes from the joint is
 given back to the rotor one step later, so that momentum is kept.
 
-A motor may have further terms: a firmware's profile, an integral, a voltage limit and others (`servo_terms`).
+A motor may have further terms: a firmware's profile, an integral, a voltage limit and others (`optional_terms`).
 """
 
 from __future__ import annotations
@@ -29,31 +29,23 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motorprior.actuator.geared_motor_constants import StepConstants, Values
-from motorprior.actuator.servo_terms import profiled, within_voltage
+from motorprior.actuator.optional_terms import profiled, within_voltage
 
-EXTRA_DAMPING = 0.1
-"""Of the gear, so that a bare shank does not chatter [steps of its stiffness]."""
-STRIBECK_VELOCITY = 0.3
-"""[rad/s]"""
-_TINY = 1e-12
-"""Keeps the derivative of a root at 0 finite."""
+EXTRA_DAMPING = 0.1  # Of the gear, so that a bare shank does not chatter [steps of its stiffness]
+STRIBECK_VELOCITY = 0.3  # [rad/s]
+_TINY = 1e-12  # Keeps the derivative of a root at 0 finite
 
 
 class Arithmetic(NamedTuple):
     """What the operators of a kind of `Values` leave out."""
 
+    # (condition, yes, no), element by element; ``yes`` and ``no`` may be plain numbers
     where: Callable[[Any, Any, Any], Values]
-    """(condition, yes, no), element by element; ``yes`` and ``no`` may be plain numbers."""
-    indicator: Callable[[Any], Values]
-    """1 where the condition holds, 0 elsewhere."""
-    clip: Callable[[Values, Values], Values]
-    """(x, limit): x within ±limit."""
-    positive_part: Callable[[Values], Values]
-    """max(x, 0); what is not a number stays it."""
-    with_sign_of: Callable[[Values, Values], Values]
-    """(magnitude, other): the magnitude, with the sign of ``other``."""
-    sqrt: Callable[[Values], Values]
-    """Of numbers that are not negative."""
+    indicator: Callable[[Any], Values]  # 1 where the condition holds, 0 elsewhere
+    clip: Callable[[Values, Values], Values]  # (x, limit): x within ±limit
+    positive_part: Callable[[Values], Values]  # max(x, 0); what is not a number stays it
+    with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude, with the sign of ``other``
+    sqrt: Callable[[Values], Values]  # Of numbers that are not negative
 
 
 def array_arithmetic(xp: Any) -> Arithmetic:
@@ -77,24 +69,16 @@ class MotorState(NamedTuple):
     rotor_pos: Values
     rotor_vel: Values
     filtered_vel: Values
-    joint_vel: Values
-    """at the step before"""
-    damping: Values
-    """that the engine was given at the step before"""
-    reference: Values = None
-    """of the firmware's profile [rad]; this and what follows only with terms"""
-    reference_vel: Values = None
-    """[rad/s]"""
-    integral: Values = None
-    """[N·m]"""
-    current: Values = None
-    """torque of the motor behind its lag [N·m]"""
-    bristle: Values = None
-    """deflection of the bristle [rad]"""
+    joint_vel: Values  # at the step before
+    damping: Values  # that the engine was given at the step before
+    reference: Values = None  # of the firmware's profile [rad]; this and what follows only with terms
+    reference_vel: Values = None  # [rad/s]
+    integral: Values = None  # [N·m]
+    current: Values = None  # torque of the motor behind its lag [N·m]
+    bristle: Values = None  # deflection of the bristle [rad]
 
 
-BASE_STATE = MotorState._fields.index("reference")
-"""Number of fields that every motor has."""
+BASE_STATE = MotorState._fields.index("reference")  # Number of fields that every motor has
 
 
 def step(
@@ -107,7 +91,7 @@ def step(
     arithmetic: Arithmetic,
     terms: tuple[str, ...] = (),
 ) -> tuple[MotorState, Values, Values]:
-    """Advance motors by one step.
+    """Advance motors by one step of ``h`` [s].
 
     Args:
         p: constants for steps of this length.
@@ -117,7 +101,7 @@ def step(
         dq: joint velocity [rad/s].
         h: length of the step [s].
         arithmetic: of the values.
-        terms: of `servo_terms` that are computed.
+        terms: optional terms (`optional_terms`) that are computed.
 
     Returns:
         The state after the step, and for the engine torque [N·m] and damping [N·m·s/rad] of the joint.
@@ -198,8 +182,7 @@ class _Dry(NamedTuple):
 
     p: StepConstants
     bristle: Values
-    friction: Values
-    """largest force [N·m]"""
+    friction: Values  # largest force [N·m]
     h: Any
     arithmetic: Arithmetic
     terms: tuple[str, ...]

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
 _KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
-IDEAL_PD_ROWS = 4
-"""Of the parameters."""
+IDEAL_PD_ROWS = 4  # Of the parameters
 
 
 @dataclass(frozen=True)
@@ -43,13 +42,7 @@ class IdealPd:
 
     @classmethod
     def uniform(
-        cls,
-        num_motors: int,
-        kp: float,
-        kd: float,
-        torque_limit: float,
-        armature: float = 0.0,
-        delay: float = 0.0,
+        cls, num_motors: int, kp: float, kd: float, torque_limit: float, armature: float = 0.0, delay: float = 0.0
     ) -> IdealPd:
         """The same constants for every motor."""
         return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay)))
@@ -70,11 +63,7 @@ class IdealPd:
         return self.kd
 
     def with_factors(self, factors: Factors) -> IdealPd:
-        """See `HasConstants`.
-
-        Raises:
-            ConfigError: dry friction, of which there is none.
-        """
+        """See `with_factors`."""
         require_unchanged(self.kind, factors, "coulomb")
         limit = self.torque_limit * factors.torque_limit
         return replace(self, kp=self.kp * factors.kp, kd=self.kd * factors.kd, torque_limit=limit)
@@ -85,6 +74,25 @@ class IdealPd:
         ring = int(np.ceil(self.delay.max() / physics_dt)) + 2
         parameters = np.stack([self.kp, self.kd, self.delay / physics_dt, self.torque_limit])
         return empty_arrays(IDEAL_PD, parameters, ring, 1, self.kd)
+
+
+@dataclass(frozen=True)
+class GainScaledPd:
+    """A PD that was fitted to a log which states gains; it follows the gains that another log states."""
+
+    pd: IdealPd  # the motors at the median gains
+    logged: np.ndarray  # (2,) medians of the logged kp and kd, in the log's unit
+
+    def at(self, gains: np.ndarray) -> IdealPd:
+        """The motors (M,) at logged gains (2, M).
+
+            kp' = kp·gains[0] / logged[0],   kd' = kd·gains[1] / logged[1]
+
+        Where the median is 0 that gain stays as it is.
+        """
+        middle = self.logged[:, None]
+        kp, kd = np.where(middle > 0.0, gains / np.where(middle > 0.0, middle, 1.0), 1.0)
+        return replace(self.pd, kp=self.pd.kp * kp, kd=self.pd.kd * kd)
 
 
 @njit(cache=True, nogil=True)

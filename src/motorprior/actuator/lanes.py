@@ -59,13 +59,7 @@ def _softsign(builder, value):
 
 
 def _neurons(number, activation, picked=False):
-    """An intrinsic for ``number`` neurons.
-
-    Args:
-        number: at most as many as there are registers for their sums.
-        activation: builds the function of a 16-lane sum.
-        picked: input i is row ``rows[i]``, not row i.
-    """
+    """An intrinsic for ``number`` neurons; where ``picked``, input i is row ``rows[i]``, not row i."""
 
     def neurons(typingctx, weights, stride, inputs, rows, count, biases, outputs):
         """Integer addresses of w (row stride ``stride`` floats), x, rows, b, y; ``count`` inputs, at least one."""
@@ -118,15 +112,9 @@ _one_linear_neuron = _neurons(1, lambda builder, total: total)
 def first_layer(
     weights: np.ndarray, history: np.ndarray, newest: int, rows: np.ndarray, biases: np.ndarray, outputs: np.ndarray
 ) -> None:
-    """The softsign layer whose inputs are rows of a history, for 16 motors.
+    """As `softsign_layer`; inputs are ``rows`` (inputs,) int64 of a ``history`` (rows, 16), counted from ``newest``.
 
-    Args:
-        weights: flat float32; begins with the layer's matrix (inputs, neurons), row-major.
-        history: (rows, 16) float32.
-        newest: row that the numbers in ``rows`` count from.
-        rows: (inputs,) int64.
-        biases: (neurons, 16) float32, one bias per neuron and motor, z folded in.
-        outputs: (neurons, 16) float32, overwritten. ``neurons`` must be a multiple of 4.
+    The matrix is at the beginning of ``weights``; z is folded into the biases.
     """
     neurons, count, x = outputs.shape[0], rows.shape[0], history.ctypes.data + 4 * LANES * newest
     w, b, y = weights.ctypes.data, biases.ctypes.data, outputs.ctypes.data
@@ -139,14 +127,9 @@ def first_layer(
 def softsign_layer(
     weights: np.ndarray, offset: int, inputs: np.ndarray, biases: np.ndarray, outputs: np.ndarray
 ) -> None:
-    """One softsign layer for 16 motors.
+    """One softsign layer for 16 motors: inputs (inputs, 16), biases and outputs (neurons, 16), a multiple of 4.
 
-    Args:
-        weights: flat float32; the layer's matrix (inputs, neurons) starts at ``offset``, row-major.
-        offset: index of its first element.
-        inputs: (inputs, 16) float32.
-        biases: (neurons, 16) float32.
-        outputs: (neurons, 16) float32, overwritten. ``neurons`` must be a multiple of 4.
+    The layer's matrix (inputs, neurons) starts at ``offset`` of ``weights``, flat and row-major; all are float32.
     """
     neurons, count = outputs.shape[0], inputs.shape[0]
     w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data

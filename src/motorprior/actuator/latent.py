@@ -6,7 +6,7 @@
     armature = exp(a0 + aᵀz)                                  (zero for a network without one)
 
 A grey-box network also decodes the constants of a geared motor (`geared_motor`) from z. Its own torque is then only
-what the motor's physics leave over, added at the joint; the rotor's inertia is inside, and the engine gets none.
+the residual of the motor's physics, added at the joint; the rotor's inertia is inside, and the engine gets none.
 
 The torque is renewed every ``period`` and held in between. Per motor the network is folded once:
 b1 + V1ᵀz becomes that motor's bias.
@@ -21,20 +21,14 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors, require_step, require_unchanged
-from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
-from motorprior.actuator.geared_motor_constants import with_stated_gains
-from motorprior.actuator.grey_box import GREY_BOX
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.geared_motor_constants import with_logged_gains
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.lanes import LANES
-from motorprior.actuator.network_law import renew_torque, reset_network
-from motorprior.actuator.servo_terms import HALF_WARM, Conditions
-from motorprior.compiled import njit
+from motorprior.actuator.learned_kernels import GREY_BOX, LATENT
+from motorprior.actuator.optional_terms import HALF_WARM, Conditions
 from motorprior.exceptions import ConfigError
-
-_LINE = 64
-"""Bytes."""
 
 
 def _softsign(x: Any) -> Any:
@@ -42,12 +36,9 @@ def _softsign(x: Any) -> Any:
 
 
 def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
-    """(n,) torque / torque_scale of the network, before the clip: arrays of numpy or of JAX.
+    """(n,) torque / torque_scale before the clip, by numpy or JAX, for scaled inputs (n, 2T) and bias (n, H).
 
-    Args:
-        weights: ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
-        inputs: (n, 2T), scaled.
-        bias: (n, H) of the first layer.
+    ``weights`` are ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
     """
     first = _softsign(inputs @ weights["w1"] + bias)
     second = _softsign(first @ weights["w2"] + weights["b2"])
@@ -58,43 +49,27 @@ def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
 class LatentNetwork:
     """Weights and scales; shapes with T taps, Z latents, H neurons per layer (a multiple of 4)."""
 
-    w1: np.ndarray
-    """(2T, H): rows are T errors, then T velocities, in the order of ``taps``."""
-    v1: np.ndarray
-    """(Z, H)"""
-    b1: np.ndarray
-    """(H,)"""
-    w2: np.ndarray
-    """(H, H)"""
-    b2: np.ndarray
-    """(H,)"""
-    w3: np.ndarray
-    """(H,)"""
-    b3: np.ndarray
-    """() output bias"""
-    log_armature: np.ndarray
-    """() a0, log of [kg·m²]; -inf is written as no armature by ``has_armature``"""
-    armature_slope: np.ndarray
-    """(Z,) a"""
-    taps: tuple[int, ...]
-    """ages of the inputs in periods, ascending from 0"""
-    period: float
-    """[s]"""
-    error_scale: float
-    """[rad]"""
-    velocity_scale: float
-    """[rad/s]"""
-    torque_scale: float
-    """[N·m]"""
-    torque_limit: float
-    """[N·m]"""
+    w1: np.ndarray  # (2T, H): rows are T errors, then T velocities, in the order of ``taps``
+    v1: np.ndarray  # (Z, H)
+    b1: np.ndarray  # (H,)
+    w2: np.ndarray  # (H, H)
+    b2: np.ndarray  # (H,)
+    w3: np.ndarray  # (H,)
+    b3: np.ndarray  # () output bias
+    log_armature: np.ndarray  # () a0, log of [kg·m²]; -inf is written as no armature by ``has_armature``
+    armature_slope: np.ndarray  # (Z,) a
+    taps: tuple[int, ...]  # ages of the inputs in periods, ascending from 0
+    period: float  # [s]
+    error_scale: float  # [rad]
+    velocity_scale: float  # [rad/s]
+    torque_scale: float  # [N·m]
+    torque_limit: float  # [N·m]
     has_armature: bool
-    motor: GearedMotor | None = None
-    """the physical half of a grey box"""
-    copula: Copula | None = None
-    """from z ~ N(0, I) to the latents that all the above is a function of; None: z itself"""
+    motor: GearedMotor | None = None  # the physical half of a grey box
+    copula: Copula | None = None  # from z ~ N(0, I) to the latents that all the above is a function of; None: z itself
+    # of the logged gains (`MotorLog`) that the motor's kp and kd_over_kp are multiples of; "" if they are its
+    # own
     gain_unit: str = ""
-    """of the stated gains (`MotorLog`) that the motor's kp and kd_over_kp are multiples of; "" if they are its own"""
 
     @property
     def num_latents(self) -> int:
@@ -111,9 +86,9 @@ class LatentNetwork:
         return z if self.copula is None else self.copula.decoder_latents(z)
 
     def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name, of a grey box; of one that warms, those of a cold motor.
+        """(n,) physical constants by name of a grey box, at usual conditions; of one that warms, when cold.
 
-        Where gains are stated, kp and kd_over_kp are multiples of these (`with_stated_gains`).
+        Where gains are logged, kp and kd_over_kp are multiples of these (`with_logged_gains`).
         """
         assert self.motor is not None
         return self.motor.decode(self.decoder_latents(z))
@@ -148,17 +123,14 @@ class LatentNetwork:
 
 @dataclass(frozen=True)
 class LatentActuator:
-    """n learned motors: one network, one z (n, Z) each, what they work under, and the gains they are told.
+    """n learned motors of one network."""
 
-    ``gains`` (2, n) are stated kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own
-    gains, or None. ``factors`` are on the constants of a grey box, besides.
-    """
-
-    network: LatentNetwork
-    z: np.ndarray
-    conditions: Conditions = HALF_WARM
+    network: LatentNetwork  # shared by all motors
+    z: np.ndarray  # (n, Z)
+    conditions: Conditions = HALF_WARM  # supply, temperature and warmth
+    # (2, n) kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own gains
     gains: np.ndarray | None = None
-    factors: Factors | None = None
+    factors: Factors | None = None  # on the constants of a grey box
 
     @property
     def kind(self) -> ActuatorKind:
@@ -181,49 +153,37 @@ class LatentActuator:
         return np.zeros(self.num_motors)
 
     def with_factors(self, factors: Factors) -> LatentActuator:
-        """See `HasConstants`; of a grey box only.
-
-        A servo's integral gain, kp·integral_rate, follows kp; what the residual network adds stays.
-
-        Raises:
-            ConfigError: a network, which has no constants, or motors that are not told the gains they need.
-        """
+        """See `with_factors`; of a grey box only. The integral gain, kp·integral_rate, follows kp."""
         if self.network.motor is None:
             require_unchanged(self.kind, factors, *Factors._fields)
-        self._require_stated_gains()
+        self._require_gains()
         before = self.factors
         return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))
 
-    def _require_stated_gains(self) -> None:
-        """Refuse motors that were learned with stated gains and are told none.
-
-        Raises:
-            ConfigError: names the unit.
-        """
+    def _require_gains(self) -> None:
         if self.network.gain_unit and self.gains is None:
             raise ConfigError(
-                f"these motors were learned with stated gains [{self.network.gain_unit}]",
-                remedy="say which gains they have", argument="gains",
+                f"these motors were learned with logged gains [{self.network.gain_unit}]",
+                remedy="give the gains that they have", argument="gains",
             )  # fmt: skip
 
-    def _told(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Decoded constants (n,) by name, with the gains and the factors."""
+    def _scaled(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if self.gains is not None:
-            values = with_stated_gains(values, *self.gains)
+            values = with_logged_gains(values, *self.gains)
         if self.factors is None:
             return values
         kp, kd, torque_limit, coulomb = self.factors
         others = {"torque_limit": torque_limit, "coulomb": coulomb, "stribeck_torque": coulomb}
-        return with_stated_gains(values, kp, kd) | {name: values[name] * factor for name, factor in others.items()}
+        return with_logged_gains(values, kp, kd) | {name: values[name] * factor for name, factor in others.items()}
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`.
 
         Raises:
-            ConfigError: ``physics_dt`` does not divide the network's period, or gains are wanted and not given.
+            ConfigError: ``physics_dt`` does not divide the network's period, or gains are missing.
         """
         require_step(physics_dt)
-        self._require_stated_gains()
+        self._require_gains()
         net = self.network
         renewal = round(net.period / physics_dt)
         if renewal < 1 or abs(renewal * physics_dt - net.period) > 1e-9:
@@ -239,35 +199,30 @@ class LatentActuator:
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
-            values = self._told(net.motor.decode(latents[: self.num_motors], self.conditions))
+            values = self._scaled(net.motor.decode(latents[: self.num_motors], self.conditions))
             parameters = np.concatenate([parameters, motor_table(values, physics_dt, net.motor.terms)])
             rows = 1 + memory_rows(physics_dt)
         return ActuatorArrays(
-            law=self.kind.law,
+            kernels=self.kind.kernels,
             parameters=parameters,
             memory=np.zeros((rows, self.num_motors)),
             clock=np.array([0, renewal], dtype=np.int64),
             damping=np.zeros(self.num_motors),
-            weights=_on_lines(_flat_weights(net)),
+            weights=_cache_aligned(np.concatenate([net.w1.ravel(), net.w2.ravel(), net.w3]).astype(np.float32)),
             inputs=np.concatenate([ring - np.array(net.taps), 3 * ring - np.array(net.taps)]),
-            biases=_on_lines(_folded_biases(net, latents, blocks)),
-            history=_on_lines(np.zeros((blocks, 4 * ring, LANES), np.float32)),
-            scratch=_on_lines(np.zeros((blocks, 2 * neurons + 1, LANES), np.float32)),
+            biases=_cache_aligned(_folded_biases(net, latents, blocks)),
+            history=_cache_aligned(np.zeros((blocks, 4 * ring, LANES), np.float32)),
+            scratch=_cache_aligned(np.zeros((blocks, 2 * neurons + 1, LANES), np.float32)),
         )
 
 
-def _on_lines(array: np.ndarray) -> np.ndarray:
+def _cache_aligned(array: np.ndarray) -> np.ndarray:
     """A contiguous copy that begins on a cache line: sixteen lanes of float32 then fill one, and no more."""
-    memory = np.empty(array.nbytes + _LINE, np.uint8)
-    first = -memory.ctypes.data % _LINE
+    memory = np.empty(array.nbytes + 64, np.uint8)
+    first = -memory.ctypes.data % 64
     copy = memory[first : first + array.nbytes].view(array.dtype).reshape(array.shape)
     copy[...] = array
     return copy
-
-
-def _flat_weights(net: LatentNetwork) -> np.ndarray:
-    """W1, W2, w3."""
-    return np.concatenate([net.w1.ravel(), net.w2.ravel(), net.w3]).astype(np.float32)
 
 
 def _folded_biases(net: LatentNetwork, latents: np.ndarray, blocks: int) -> np.ndarray:
@@ -277,21 +232,3 @@ def _folded_biases(net: LatentNetwork, latents: np.ndarray, blocks: int) -> np.n
     last = np.broadcast_to(float(net.b3), (len(latents), 1))
     every = np.concatenate([first, second, last], axis=1).astype(np.float32)
     return np.ascontiguousarray(every.reshape(blocks, LANES, -1).transpose(0, 2, 1))
-
-
-@njit(cache=True, nogil=True)
-def _step(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
-    """Write (n,) torque [N·m], renewed every ``period`` and held in between."""
-    arrays = borrowed(arrays)
-    renew_torque(arrays, position_target, joint_pos, joint_vel)
-    torque[:] = arrays.memory[0]
-
-
-LATENT = ActuatorKind("latent", "latent network", reset=reset_network, step=_step)

@@ -1,8 +1,9 @@
-"""The motor prior: a distribution of motors as a file. z ~ N(0, I) gives a motor, μ_i gives training motor i."""
+"""The motor prior, a distribution of motors as a file: z ~ N(0, I) gives a motor, μ_i gives training motor i."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,30 +14,23 @@ from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.prior_bounds import LARGEST_SLOPE, check_central_motor, check_metrics
-from motorprior.actuator.servo_terms import TERMS, in_order
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import generator_of, require_count, require_number
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import GAIN_UNITS
-from motorprior.schema import TABLE, TEXT, TRUTH, Field, Header, Tensor, check_tensors, exactly, many, number, one_of
+from motorprior.schema import TABLE, TEXT, TRUTH, Header, Tensor, check_tensors, exactly, integer, many, number, one_of
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
-_OLDEST_TAP = 10_000
-"""Periods; every motor keeps so much history."""
-
-
-def _are_taps(taps: object) -> bool:
-    """Whether this is what a history can be made of."""
-    if not isinstance(taps, list) or any(type(tap) is not int for tap in taps):
-        return False
-    return bool(taps) and taps[0] == 0 and taps[-1] <= _OLDEST_TAP and sorted(set(taps)) == taps
-
-
+# beginning of the name of a metric: a limit that the logs do not identify; its value is the largest that a motor was
+# given [N·m], [rad/s]
+UNIDENTIFIED = "not_shown_"
+# metric: number of motors whose logs do not identify the scale of all torques
+UNKNOWN_TORQUE_SCALE = "unknown_torque_size"
 _HEADER = Header(
     "motor prior",
     5,
@@ -46,8 +40,8 @@ _HEADER = Header(
         "input_order": exactly(INPUT_ORDER),
         "motor_parameters": many(TEXT),
         "motor_terms": many(one_of(*TERMS)),
-        **dict.fromkeys(("period", *_SCALES), number(1e-9, 1e9)),
-        "taps": Field(f"integers that ascend from 0 to {_OLDEST_TAP} at most", _are_taps),
+        **dict.fromkeys(("period", *_SCALES), number(above=0.0)),
+        "taps": many(integer(0, 10_000), least=1),
         **dict.fromkeys(("has_armature", "grey_box", "standardised"), TRUTH),
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
         "joint_names": many(TEXT),
@@ -59,34 +53,21 @@ _HEADER = Header(
     "identify",
 )
 SCHEMA_VERSION = _HEADER.version
-_LARGEST, _LARGEST_LOGARITHM = 1e4, 30.0
-"""Of a weight, and of what is exponentiated."""
-_LARGEST_CENTER = 600.0
-"""Of what `check_central_motor` can exponentiate; it knows the bounds of every constant."""
 _WEIGHTS = {
-    "b1": Tensor(("neurons",), _LARGEST),
-    "w1": Tensor(("inputs", "neurons"), _LARGEST),
-    "v1": Tensor(("latents", "neurons"), _LARGEST),
-    "w2": Tensor(("neurons", "neurons"), _LARGEST),
-    "b2": Tensor(("neurons",), _LARGEST),
-    "w3": Tensor(("neurons",), _LARGEST),
-    "b3": Tensor((), _LARGEST),
-    "log_armature": Tensor((), _LARGEST_LOGARITHM),
-    "armature_slope": Tensor(("latents",), LARGEST_SLOPE),
+    "b1": Tensor(("neurons",)),
+    "w1": Tensor(("inputs", "neurons")),
+    "v1": Tensor(("latents", "neurons")),
+    "w2": Tensor(("neurons", "neurons")),
+    "b2": Tensor(("neurons",)),
+    "w3": Tensor(("neurons",)),
+    "b3": Tensor(()),
+    "log_armature": Tensor(()),
+    "armature_slope": Tensor(("latents",)),
 }
-_MOTORS = {
-    "mean": Tensor(("motors", "latents"), _LARGEST),
-    "log_var": Tensor(("motors", "latents"), _LARGEST_LOGARITHM),
-}
-_GAINS = {"gains": Tensor((2, "motors"), 1e6)}
-_GREY_BOX = {
-    "motor_center": Tensor(("constants",), _LARGEST_CENTER),
-    "motor_slope": Tensor(("latents", "constants"), LARGEST_SLOPE),
-}
-_COPULA = {
-    "mixing": Tensor(("latents", "latents"), _LARGEST),
-    "quantiles": Tensor((len(SCORES), "latents"), _LARGEST),
-}
+_MOTORS = {"mean": Tensor(("motors", "latents")), "log_var": Tensor(("motors", "latents"))}
+_GAINS = {"gains": Tensor((2, "motors"))}
+_GREY_BOX = {"motor_center": Tensor(("constants",)), "motor_slope": Tensor(("latents", "constants"))}
+_COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SCORES), "latents"))}
 
 
 @dataclass(frozen=True)
@@ -104,7 +85,7 @@ class MotorPrior:
             the log's source; recipe and seed.
         metrics: figures of the training.
         joint_names: of the training motors, if they drove the joints of a robot; none of a bench.
-        gains: (2, M) stated kp and kd of the training motors, None if the network's ``gain_unit`` is "".
+        gains: (2, M) logged kp and kd of the training motors, None if the network's ``gain_unit`` is "".
     """
 
     network: LatentNetwork
@@ -126,21 +107,19 @@ class MotorPrior:
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
-            gains: (2, count) stated kp and kd, ignored where none count. If not given, those of the training motors: of
-                as many, each one's in its place, otherwise their medians.
-            spread: 0 for the mean motor alone, more than 1 for more different motors than there are [-].
+            gains: (2, count) kp and kd in the network's ``gain_unit``, ignored where that is "". If not given, those of
+                the training motors: in their order if they are as many, otherwise their medians.
+            spread: factor on the standard deviation of z [-]; 0 draws the mean motor.
 
         Raises:
-            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, ``spread`` negative or not finite, or
-                ``gains`` are not so many positive numbers.
+            ConfigError: an argument out of range.
         """
         require_count("count", count)
         require_number("spread", spread)
         z = spread * generator_of(seed).standard_normal((count, self.network.num_latents))
-        return LatentActuator(self.network, z, gains=self._told(count, gains))
+        return LatentActuator(self.network, z, gains=self._gains(count, gains))
 
-    def _told(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:
-        """(2, count) gains, or None where none count."""
+    def _gains(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:
             return None
         if gains is None:
@@ -165,11 +144,7 @@ class MotorPrior:
         return np.isin(joint_names, self.joint_names)
 
     def require(self, robot: str, physics_dt: float) -> None:
-        """Refuse a use the prior was not made for.
-
-        Raises:
-            ConfigError: another robot, or a physics step that does not divide its period.
-        """
+        """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
         if self.robot != robot:
             raise ConfigError(
                 f"the prior is of robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
@@ -177,11 +152,7 @@ class MotorPrior:
         self.training_motors(np.array([0])).arrays(physics_dt)
 
     def save(self, path: str | Path) -> None:
-        """Write one safetensors file, atomically.
-
-        Raises:
-            ArtifactError: it cannot be written there.
-        """
+        """Write one safetensors file, atomically."""
         write_tensors(Path(path), *self._contents())
 
     def sha256(self) -> str:
@@ -213,8 +184,7 @@ class MotorPrior:
         """Read a prior.
 
         Raises:
-            ArtifactError: not a motor prior, another schema, unknown or missing keys, shapes that do not fit,
-                or weights beyond any sensible size.
+            ArtifactError: not a motor prior, another schema, unknown or missing keys, or shapes that do not fit.
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
@@ -233,59 +203,50 @@ class MotorPrior:
         return cls(network, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
 
 
-def are_gains(gains: np.ndarray) -> bool:
-    """Whether (2, n) numbers can be stated kp and kd: finite, kp positive, kd not negative."""
-    return bool(np.isfinite(gains).all() and np.all(gains[0] > 0.0) and np.all(gains[1] >= 0.0))
+def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
+    """Name -> value of the limits that the logs of a prior with these metrics do not identify."""
+    return {name.removeprefix(UNIDENTIFIED): value for name, value in metrics.items() if name.startswith(UNIDENTIFIED)}
+
+
+def limit_text(name: str, value: float) -> str:
+    """For example "torque limit of 20 N·m"."""
+    return f"{name.replace('_', ' ')} of {value:.3g} {'N·m' if name == 'torque_limit' else 'rad/s'}"
 
 
 def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
-    """(2, count) stated kp and kd.
-
-    Raises:
-        ConfigError: not of this shape, not finite, kp not positive or kd negative.
-    """
+    """(2, count) kp and kd; raises `ConfigError` for another shape, and unless kp > 0 and kd >= 0."""
     gains = np.asarray(gains, dtype=np.float64)
     if gains.shape != (2, count):
         problem = f"gains of shape {gains.shape}, wanted (2, {count}): kp and kd of every motor"
         raise ConfigError(problem, remedy="give one column per motor", argument="gains")
-    if not are_gains(gains):
-        worst = gains[:, int(np.argmin(np.where(np.isfinite(gains), gains, -np.inf).min(axis=0)))].tolist()
+    wrong = ~(np.isfinite(gains).all(axis=0) & (gains[0] > 0.0) & (gains[1] >= 0.0))
+    if wrong.any():
+        worst = gains[:, int(wrong.argmax())].tolist()
         raise ConfigError(f"kp and kd {worst} are no gains", remedy="give kp > 0 and kd >= 0", argument="gains")
     return gains
 
 
+def check_gain_units(gains: np.ndarray, where: str | Path) -> None:
+    """Raise `LogError` if the median of logged gains (2, M) cannot be in N·m/rad and N·m·s/rad."""
+    kp, ratio = float(np.median(gains[0])), float(np.median(gains[1] / gains[0]))
+    if not 1e-3 <= kp <= 1e3 or ratio > 10.0:
+        raise LogError(
+            f"logged gains: median kp = {kp:.4g} N·m/rad, median kd/kp = {ratio:.4g} s; expected 0.001 to 1000 N·m/rad "
+            "and at most 10 s",
+            where=where,
+            remedy='log them in N·m/rad and N·m·s/rad, or set gain = "firmware" in the column map',
+        )
+
+
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
-    """Metrics within bounds, tensors as declared, and what no declaration of one entry can say."""
-    check_metrics(header["metrics"], path)
     wanted = _MOTORS | _WEIGHTS
     wanted |= (_GREY_BOX if header["grey_box"] else {}) | (_COPULA if header["standardised"] else {})
     wanted |= _GAINS if header["gain_unit"] else {}
     names = parameters_of(tuple(header["motor_terms"]))
     known = {"inputs": 2 * len(header["taps"]), "constants": len(names)}
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
-    if header["grey_box"]:
-        check_central_motor(tensors["motor_center"], names, path, tensors.get("gains"))
-    wrong = {
-        "grey_box and has_armature are both true: the rotor would count twice": header["grey_box"]
-        and header["has_armature"],
-        "standardised is true, but it has no latents": header["standardised"] and sizes["latents"] == 0,
-        "quantiles that do not rise, or a singular mixing": header["standardised"] and not _is_copula(tensors),
-        "it has 0 training motors": sizes["motors"] == 0,
-        "joint_names are not as many as its motors": header["joint_names"]
-        and len(header["joint_names"]) != sizes["motors"],
-        "gains are not positive": header["gain_unit"] and not are_gains(tensors["gains"]),
-        "gain_unit without a motor": header["gain_unit"] and not header["grey_box"],
-        "motor_terms are not in their order, or motor_parameters are not theirs": header["motor_terms"]
-        != list(in_order(header["motor_terms"]))
-        or header["motor_parameters"] != list(names),
-        f"{sizes['neurons']} neurons per layer is not a multiple of 4": sizes["neurons"] % 4,
-        "it has neither a network nor a motor": not sizes["neurons"] and not header["grey_box"],
-    }
-    for problem, is_so in wrong.items():
-        if is_so:
-            raise ArtifactError(problem, where=path, remedy=_REMEDY)
-
-
-def _is_copula(tensors: dict[str, np.ndarray]) -> bool:
-    mixing = tensors["mixing"]
-    return bool(np.all(np.diff(tensors["quantiles"], axis=0) > 0) and np.linalg.matrix_rank(mixing) == len(mixing))
+    # compiled code runs four neurons at a time
+    lists_fit = header["motor_parameters"] == list(names) and header["taps"] == sorted(header["taps"])
+    if sizes["neurons"] % 4 or sizes["motors"] == 0 or not lists_fit:
+        problem = f"{sizes['neurons']} neurons, {sizes['motors']} motors, motor_parameters or taps do not fit"
+        raise ArtifactError(problem, where=path, remedy=_REMEDY)

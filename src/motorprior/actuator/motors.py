@@ -1,17 +1,16 @@
-"""Motors that run: the compiled actuators, one physics step at a time, for a simulator of one's own."""
+"""Step motors from Python: the compiled actuators, one physics step at a time, for a simulator of your own."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bounds import require_finite
-from motorprior.exceptions import ConfigError
 
 
 class Motors:
-    """n motors in motion.
+    """n motors with their state.
 
     A step gives a torque and a damping, for the simulator to integrate implicitly: with inertia J, step h and
     everything else that acts on the joint, τ_other, its new velocity dq' solves
@@ -25,29 +24,20 @@ class Motors:
     Args:
         actuator: n motors, for example of `MotorPrior.sample`.
         dt: physics step [s].
-        joint_pos: (n,) where they stand at rest in the beginning [rad].
+        joint_pos: (n,) initial angles, at rest [rad].
         position_target: (n,) targets before the first step [rad]; ``joint_pos`` if not given.
 
     Raises:
-        ConfigError: no motors, a step that these cannot be simulated at, or arrays that do not fit.
+        ConfigError: a step that these cannot be simulated at, or arrays that do not fit.
     """
 
     def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
-        if getattr(actuator, "num_motors", None) is None:
-            raise ConfigError(
-                f"{type(actuator).__name__} is no set of motors", remedy="draw some, as with MotorPrior.sample",
-                argument="actuator",
-            )  # fmt: skip
         self._shape, self._dt = (actuator.num_motors,), dt
         self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
         self.reset(joint_pos, position_target)
 
     def reset(self, joint_pos: np.ndarray, position_target: np.ndarray | None = None) -> None:
-        """Begin again: rotors at rest at ``joint_pos`` (n,) [rad], and everything else as in the class.
-
-        Raises:
-            ConfigError: arrays that do not fit.
-        """
+        """Begin again with rotors at rest at ``joint_pos`` (n,) [rad]; arguments as in the class."""
         start = require_finite("joint_pos", joint_pos, self._shape)
         before = start if position_target is None else require_finite("position_target", position_target, self._shape)
         reset_actuator(self._arrays, before, start)
@@ -62,19 +52,11 @@ class Motors:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torque [N·m] and damping [N·m·s/rad], each (n,), for the physics step that begins now; see the class.
 
-        Args:
-            position_target: (n,) [rad]; error = position_target - joint_pos.
-            joint_pos: (n,) [rad].
-            joint_vel: (n,) [rad/s].
-
-        Raises:
-            ConfigError: an array of another shape, or a number that is not finite.
+        All arguments are (n,), [rad] and [rad/s]; raises `ConfigError` for another shape or what is not finite.
         """
         target = require_finite("position_target", position_target, self._shape)
-        pos, vel = (
-            require_finite(name, value, self._shape)
-            for name, value in (("joint_pos", joint_pos), ("joint_vel", joint_vel))
-        )
+        pos = require_finite("joint_pos", joint_pos, self._shape)
+        vel = require_finite("joint_vel", joint_vel, self._shape)
         torque = np.zeros(self._shape)
         step_actuator(self._arrays, self._dt, target, pos, vel, torque)
         return torque, self._arrays.damping.copy()

@@ -19,66 +19,48 @@ puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, multiplied, require_step
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
-SUBSTEP = 0.00025
-"""Longest substep [s]: a tenth of the fastest gear oscillation."""
-LONGEST_STEP = 0.001
-"""Longest physics step [s] at which gear and a bare shank, coupled once per step, stay stable."""
+SUBSTEP = 0.00025  # Longest substep [s]: a tenth of the fastest gear oscillation
+LONGEST_STEP = 0.001  # Longest physics step [s] at which gear and a bare shank, coupled once per step, stay stable
 
 (
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
     _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS, _GEAR_DAMPING, _ZERO,
 ) = range(17)  # fmt: skip
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)
-"""Rows of the memory; the delay line follows."""
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # Rows of the memory; the delay line follows
 
 
 @dataclass(frozen=True)
 class MotorParameters:
     """n physical motors; every field has shape (n,)."""
 
-    kp: np.ndarray
-    """[N·m/rad]"""
-    kd: np.ndarray
-    """[N·m·s/rad]"""
-    delay: np.ndarray
-    """command latency [s]"""
-    velocity_filter: np.ndarray
-    """time constant [s]"""
-    torque_limit: np.ndarray
-    """current limit times torque constant [N·m]"""
-    stall_torque: np.ndarray
-    """voltage-limited torque at rest [N·m]"""
-    no_load_speed: np.ndarray
-    """[rad/s]"""
-    armature: np.ndarray
-    """rotor inertia reflected to the output [kg·m²]"""
-    coulomb: np.ndarray
-    """[N·m]"""
-    stribeck_torque: np.ndarray
-    """static friction above Coulomb's [N·m]"""
-    stribeck_velocity: np.ndarray
-    """[rad/s]"""
-    viscous_damping: np.ndarray
-    """[N·m·s/rad]"""
-    load_friction: np.ndarray
-    """friction per transmitted torque [-]"""
-    backlash: np.ndarray
-    """full play [rad]"""
-    gear_stiffness: np.ndarray
-    """[N·m/rad]"""
-    gear_damping: np.ndarray
-    """[N·m·s/rad]"""
-    encoder_zero: np.ndarray
-    """encoder reading at true zero [rad]"""
+    kp: np.ndarray  # [N·m/rad]
+    kd: np.ndarray  # [N·m·s/rad]
+    delay: np.ndarray  # command latency [s]
+    velocity_filter: np.ndarray  # time constant [s]
+    torque_limit: np.ndarray  # current limit times torque constant [N·m]
+    stall_torque: np.ndarray  # voltage-limited torque at rest [N·m]
+    no_load_speed: np.ndarray  # [rad/s]
+    armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
+    coulomb: np.ndarray  # [N·m]
+    stribeck_torque: np.ndarray  # static friction above Coulomb's [N·m]
+    stribeck_velocity: np.ndarray  # [rad/s]
+    viscous_damping: np.ndarray  # [N·m·s/rad]
+    load_friction: np.ndarray  # friction per transmitted torque [-]
+    backlash: np.ndarray  # full play [rad]
+    gear_stiffness: np.ndarray  # [N·m/rad]
+    gear_damping: np.ndarray  # [N·m·s/rad]
+    encoder_zero: np.ndarray  # encoder reading at true zero [rad]
 
     def __len__(self) -> int:
         """Number of motors."""
@@ -89,22 +71,18 @@ class MotorParameters:
         return MotorParameters(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
     def actuator(self) -> PhysicalActuator:
-        """See `TrueMotors.actuator`."""
+        """The motors, ready to be simulated."""
         return PhysicalActuator(self)
 
     def after(self, seconds: float) -> MotorParameters:
-        """Themselves: work changes nothing."""
+        """The motors after so many seconds [s] of work: the same."""
         return self
 
     def logged(
         self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `TrueMotors.logged`: what is there, without noise."""
+        """What instruments record of (steps, n) angles [rad], velocities and torques: the truth, without noise."""
         return joint_pos, joint_vel, torque
-
-    def table(self) -> np.ndarray:
-        """(17, n) in the order of the fields."""
-        return np.stack([getattr(self, field.name) for field in fields(self)])
 
 
 @dataclass(frozen=True)
@@ -135,17 +113,22 @@ class PhysicalActuator:
 
     def with_factors(self, factors: Factors) -> PhysicalActuator:
         """See `HasConstants`."""
-        return PhysicalActuator(multiplied(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
+        return PhysicalActuator(scaled(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, LONGEST_STEP)
-        table = self.motors.table()
+        table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)])
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
         table[_DELAY] /= physics_dt
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
         return empty_arrays(PHYSICAL, table, _LINE + ring, substeps)
+
+
+def scaled(motors: Any, factors: Mapping[str, Any]) -> Any:
+    """The same motors, of a dataclass with a field (n,) per constant, with these constants times these factors [-]."""
+    return replace(motors, **{name: getattr(motors, name) * factor for name, factor in factors.items()})
 
 
 @njit(cache=True, nogil=True)
@@ -181,7 +164,6 @@ def _gear(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _rub(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
-    """Rotor velocity after dry friction."""
     ratio = rotor_vel / p[_STRIBECK_VELOCITY, motor]
     friction = p[_COULOMB, motor] + p[_LOAD_FRICTION, motor] * abs(gear)
     friction += p[_STRIBECK_TORQUE, motor] * math.exp(-ratio * ratio)
@@ -198,7 +180,6 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) mean gear torque [N·m] over the coming step; the target holds between steps."""
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
     newest, h = write_line(memory, _LINE, now, position_target), physics_dt / substeps
@@ -223,7 +204,6 @@ def _step(
 
 @njit(cache=True, nogil=True)
 def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) encoder angle [rad]: rotor position plus encoder zero."""
     for motor in range(out.shape[0]):
         out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]
 

@@ -15,8 +15,7 @@ from numba.core import cgutils
 from motorprior.actuator.geared_motor_step import Arithmetic
 
 _FLOAT = ir.DoubleType()
-BYTES = 8
-"""Of a float64."""
+BYTES = 8  # Of a float64
 
 
 class Vector:
@@ -100,7 +99,6 @@ class Vector:
 
 
 def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
-    """Lane by lane, ``yes`` where the comparison holds and ``no`` elsewhere."""
     builder, width = condition.builder, condition.value.type.count
 
     def value(operand: Vector | float) -> Any:

@@ -26,84 +26,50 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import Response, Trial, run
 
-PERIOD = 0.002
-"""Sample period of all trials [s]."""
-LOAD_INERTIA = 0.003
-"""Inertia of a leg [kg·m²]."""
+PERIOD = 0.002  # sample period of all trials [s]
+LOAD_INERTIA = 0.003  # inertia of a leg [kg·m²]
+# inertia of a leg with its share of the standing robot [kg·m²], at which motors begin to overshoot
 HEAVY_INERTIA = 0.03
-"""Inertia of a leg with its share of the standing robot [kg·m²], at which motors begin to overshoot."""
-PRESS = 0.05
-"""Torque that keeps the gear pressed to one side, below the friction of most motors [N·m]."""
-FREQUENCIES = (1, 2, 4, 8)
-"""Frequencies of the sines [Hz]; whole cycles fit into SINE_WINDOW."""
-AMPLITUDE = 0.15
-"""Amplitude of the sines [rad]."""
-SINE_SETTLE = 1.0
-"""Time of a sine before the evaluation [s]."""
-SINE_WINDOW = 1.0
-"""Time of a sine that is evaluated [s]."""
-UNMOVED_GAIN = 1e-3
-"""Gain below which the phase is undefined [-]."""
-STEP = 0.3
-"""Height of the step [rad]."""
-STEP_SETTLE = 0.3
-"""Time before the step [s]."""
-STEP_DURATION = 1.2
-"""Time after the step [s]."""
-STEP_FINAL = 0.1
-"""Time at the end of a step whose mean is the final displacement [s]."""
-CREEP_SPEED = 0.04
-"""Speed of the creeping target [rad/s]."""
-CREEP_REACH = 0.2
-"""Largest angle of the creeping target, which goes from -CREEP_REACH to +CREEP_REACH and back [rad]."""
-CREEP_WINDOW = 0.03
-"""Largest |target| at which the hysteresis is evaluated [rad]."""
-GIVE = 0.01
-"""Displacement that counts as breakaway [rad]."""
-RAMP_SETTLE = 0.5
-"""Time before the torque ramp [s]."""
-RAMP_RATE = 0.2
-"""Slope of the torque ramp [N·m/s]."""
-RAMP_TOP = 1.5
-"""Largest torque of the ramp [N·m]."""
-STALL_ERROR = 0.6
-"""Position error at the stall [rad]."""
-STALL_INERTIA = 1e5
-"""Inertia that blocks the joint [kg·m²]."""
-STALL_LEAD = 1.5
-"""Time in which the target moves to STALL_ERROR [s]."""
-STALL_HOLD = 0.3
-"""Time for which STALL_ERROR is held [s]."""
-STALL_FINAL = 0.1
-"""Time at the end over which the torque is averaged [s]."""
-FAST_STEP = 1.2
-"""Height of the step for the peak speed [rad]."""
-FAST_INERTIA = 3e-4
-"""Inertia of a nearly bare joint [kg·m²]."""
-FAST_DURATION = 0.8
-"""Time after the step for the peak speed [s]."""
-SPEED_WINDOW = 0.02
-"""Time over which the speed is averaged [s]."""
+PRESS = 0.05  # torque that keeps the gear pressed to one side, below the friction of most motors [N·m]
+FREQUENCIES = (1, 2, 4, 8)  # frequencies of the sines [Hz]; whole cycles fit into SINE_WINDOW
+AMPLITUDE = 0.15  # amplitude of the sines [rad]
+SINE_SETTLE = 1.0  # time of a sine before the evaluation [s]
+SINE_WINDOW = 1.0  # time of a sine that is evaluated [s]
+UNMOVED_GAIN = 1e-3  # gain below which the phase is undefined [-]
+STEP = 0.3  # height of the step [rad]
+STEP_SETTLE = 0.3  # time before the step [s]
+STEP_DURATION = 1.2  # time after the step [s]
+STEP_FINAL = 0.1  # time at the end of a step whose mean is the final displacement [s]
+CREEP_SPEED = 0.04  # speed of the creeping target [rad/s]
+CREEP_REACH = 0.2  # largest angle of the creeping target, which goes from -CREEP_REACH to +CREEP_REACH and back [rad]
+CREEP_WINDOW = 0.03  # largest |target| at which the hysteresis is evaluated [rad]
+GIVE = 0.01  # displacement that counts as breakaway [rad]
+RAMP_SETTLE = 0.5  # time before the torque ramp [s]
+RAMP_RATE = 0.2  # slope of the torque ramp [N·m/s]
+RAMP_TOP = 1.5  # largest torque of the ramp [N·m]
+STALL_ERROR = 0.6  # position error at the stall [rad]
+STALL_INERTIA = 1e5  # inertia that blocks the joint [kg·m²]
+STALL_LEAD = 1.5  # time in which the target moves to STALL_ERROR [s]
+STALL_HOLD = 0.3  # time for which STALL_ERROR is held [s]
+STALL_FINAL = 0.1  # time at the end over which the torque is averaged [s]
+FAST_STEP = 1.2  # height of the step for the peak speed [rad]
+FAST_INERTIA = 3e-4  # inertia of a nearly bare joint [kg·m²]
+FAST_DURATION = 0.8  # time after the step for the peak speed [s]
+SPEED_WINDOW = 0.02  # time over which the speed is averaged [s]
+# Resolution of each feature, in the unit of the feature
 RESOLUTION = {
     "gain": 1e-3, "lag": 2e-4, "rise time": 1e-3, "overshoot": 5e-3,
     "dead band": 2e-4, "breakaway": 2e-3, "stall torque": 2e-3, "peak speed": 0.02,
 }  # fmt: skip
-"""Resolution of each feature, in the unit of the feature."""
 
 
 @dataclass(frozen=True)
 class Behaviours:
-    """F features of n motors.
+    """F features of n motors."""
 
-    Attributes:
-        names: F names.
-        units: F units.
-        values: (n, F), finite, multiples of RESOLUTION.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: np.ndarray
+    names: tuple[str, ...]  # F names
+    units: tuple[str, ...]  # F units
+    values: np.ndarray  # (n, F), finite, multiples of RESOLUTION
 
 
 def behaviours(actuator: Actuator) -> Behaviours:

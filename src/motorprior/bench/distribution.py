@@ -1,11 +1,10 @@
-"""The distribution of one constant over a fleet: what a file says, which motors it draws, and what is refused."""
+"""The distribution of one constant over a fleet, as a table in a file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,7 @@ from motorprior.exceptions import ArtifactError
 from motorprior.schema import TEXT, Field, Schema, number, one_of, require
 
 _LARGEST = 1e9
-_LARGEST_LOG_SPREAD = 3.0
-"""A lognormal parameter varies by a factor of exp(3) = 20."""
+_LARGEST_LOG_SPREAD = 3.0  # A lognormal parameter varies by a factor of exp(3) = 20
 _KEYS = {
     "constant": ("center",),
     "uniform": ("low", "high", "shared"),
@@ -48,13 +46,6 @@ class Distribution:
             return 0.5 * (self.values["low"] + self.values["high"])
         return self.values["center"]
 
-    @property
-    def is_zero(self) -> bool:
-        """Whether it draws 0 and nothing else."""
-        if self.kind == "lognormal":
-            return self.center == 0.0
-        return not any(self.values.get(key) for key in ("center", "low", "high", "spread", "center_uncertainty"))
-
     def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
         """(count,) draws, see `Fleet.sample`."""
         if self.kind == "constant":
@@ -81,7 +72,6 @@ class Distribution:
 
 
 def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
-    """Bounds of the numbers of parameter ``name`` for a distribution of this kind."""
     (least, most), unit, positive = bounds_of(name, family), family.units[name], name in family.positive
     unit = "" if unit == "1" else unit
     center = number(least, most, above=0.0 if positive else -inf, unit=unit)
@@ -109,14 +99,10 @@ def distribution_of(
     schema.check(table, where)
     values = {key: float(table[key]) for key in numbers if key in table}
     if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
-        raise ArtifactError(
-            "a normal distribution can draw values that are not above 0", where=where,
-            remedy="give a minimum above 0, or use lognormal",
-        )  # fmt: skip
+        problem = "a normal distribution can draw values that are not above 0"
+        raise ArtifactError(problem, where=where, remedy="give a minimum above 0, or use lognormal")
     if kind == "uniform" and values["low"] > values["high"]:
         raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
-    if name in family.switches and (kind != "constant" or values["center"] not in (0.0, 1.0)):
-        raise ArtifactError("it is a switch", where=where, remedy="give a constant of 0 or 1")
     return Distribution(str(kind), values)
 
 
@@ -124,25 +110,3 @@ def bounds_of(name: str, family: Family) -> tuple[float, float]:
     """Least and largest value of a parameter [SI]; draws beyond are put there."""
     most = family.largest.get(name, _LARGEST)
     return -most if name in family.signed else 0.0, most
-
-
-def require_companions(parameters: Mapping[str, Distribution], family: Family, where: str | Path, remedy: str) -> None:
-    """Refuse a constant that does nothing without another, which is off.
-
-    Args:
-        parameters: of a fleet.
-        family: of its motors.
-        where: what they are of, for the message.
-        remedy: what else to look at.
-
-    Raises:
-        ArtifactError: names both.
-    """
-    on = {name for name, found in parameters.items() if not found.is_zero}
-    for name, companions in family.companions:
-        if name in on and not on & set(companions):
-            wanted = " or ".join(f"[{each}]" for each in companions)
-            raise ArtifactError(
-                f"{name} does nothing without {wanted}", where=f"{where}[{name}]",
-                remedy=f"give {wanted}, or leave {name} out; {remedy}",
-            )  # fmt: skip

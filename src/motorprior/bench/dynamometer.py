@@ -1,60 +1,53 @@
-"""Virtual dynamometer: joints with known loads, driven by physical or learned motors.
-
-The step of the joint is that of `loaded_joint`.
-"""
+"""Virtual dynamometer: joints with known loads, driven by physical or learned motors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.bench.loaded_joint import next_velocity
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
+
+
+def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: Any, dt: Any) -> Any:
+    """Joint velocity [rad/s] after a step of semi-implicit Euler with implicit damping, as MuJoCo's; also for JAX.
+
+        dq' = (dq + dt·(torque + external)/inertia) / (1 + dt·damping/inertia),   then q' = q + dt·dq'
+
+    ``torque`` is the motor's without its damping, ``external`` that of the load [N·m]; ``inertia`` is that of load and
+    armature [kg·m²], ``damping`` the motor's [N·m·s/rad].
+    """
+    return (dq + dt * (torque + external) / inertia) / (1.0 + dt * damping / inertia)
+
 
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Commands and loads for n joints.
+    """Commands and loads for n joints."""
 
-    Attributes:
-        position_target: (steps, n) [rad].
-        external_torque: (steps, n) [N·m] on the joint.
-        load_inertia: (n,) [kg·m²], without the motor's own.
-        dt: sample period of the trial [s].
-        joint_pos: (n,) where the joints begin [rad]; at their first target if not given.
-        joint_vel: (n,) their velocities there [rad/s]; at rest if not given.
-        load_stiffness: (steps, n) torque on the joint per its own angle, beside external_torque [N·m/rad]; none if not
-            given.
-    """
-
-    position_target: np.ndarray
-    external_torque: np.ndarray
-    load_inertia: np.ndarray
-    dt: float
-    joint_pos: np.ndarray | None = None
-    joint_vel: np.ndarray | None = None
+    position_target: np.ndarray  # (steps, n) [rad]
+    external_torque: np.ndarray  # (steps, n) [N·m] on the joint
+    load_inertia: np.ndarray  # (n,) [kg·m²], without the motor's own
+    dt: float  # sample period of the trial [s]
+    joint_pos: np.ndarray | None = None  # (n,) initial angles [rad]; the first target if not given
+    joint_vel: np.ndarray | None = None  # (n,) initial velocities [rad/s]; 0 if not given
+    # (steps, n) further torque on the joint per its own angle [N·m/rad]; none if not given
     load_stiffness: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Response:
-    """Response of n motors to a trial.
+    """Response of n motors to a trial."""
 
-    Attributes:
-        joint_pos: (steps, n) [rad].
-        joint_vel: (steps, n) [rad/s].
-        joint_torque: (steps, n) mean over the following step [N·m].
-        encoder_pos: (steps, n) readings of the motors' encoders [rad], which sit on the rotor if the model has one.
-    """
-
-    joint_pos: np.ndarray
-    joint_vel: np.ndarray
-    joint_torque: np.ndarray
+    joint_pos: np.ndarray  # (steps, n) [rad]
+    joint_vel: np.ndarray  # (steps, n) [rad/s]
+    joint_torque: np.ndarray  # (steps, n) mean over the following step [N·m]
+    # (steps, n) readings of the motors' encoders [rad], which sit on the rotor if the model has one
     encoder_pos: np.ndarray
 
 

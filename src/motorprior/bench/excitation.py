@@ -1,6 +1,6 @@
 """Excitations: position targets and external torques from which motors are identified.
 
-Each function returns (steps,) targets [rad] unless it says torques; EXCITATIONS lists the excitations of a bench.
+Each function returns (steps,) targets [rad], or torques where stated. EXCITATIONS lists the excitations of a bench.
 """
 
 from __future__ import annotations
@@ -12,23 +12,16 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 
+# Function (generator, steps, sample period [s]) -> (steps,) signal
 Signal = Callable[[np.random.Generator, int, float], np.ndarray]
-"""Function (generator, steps, sample period [s]) -> (steps,) signal."""
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """Excitation of a motor on the bench.
+    """Excitation of a motor on the bench."""
 
-    Attributes:
-        name: name in presets.
-        target: position targets [rad].
-        external_torque: external torque on the joint [N·m]; 0 if None.
-    """
-
-    name: str
-    target: Signal
-    external_torque: Signal | None = None
+    target: Signal  # position targets [rad]
+    external_torque: Signal | None = None  # on the joint [N·m]; 0 if None
 
 
 def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:
@@ -84,14 +77,11 @@ def chirp(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return 0.5 / np.maximum(1.0, frequency) * np.sin(2 * np.pi * np.cumsum(frequency) * dt)
 
 
-_SINES = 12
-
-
 def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """Sum of sines from 0.2 to 8 Hz with random phases, equal speed amplitudes above 1 Hz, rms 0.25 rad."""
-    frequency = np.geomspace(0.2, 8.0, _SINES) * rng.uniform(0.95, 1.05, _SINES)
+    frequency = np.geomspace(0.2, 8.0, 12) * rng.uniform(0.95, 1.05, 12)
     amplitude = 1.0 / np.maximum(1.0, frequency)
-    phase = rng.uniform(0, 2 * np.pi, _SINES)
+    phase = rng.uniform(0, 2 * np.pi, 12)
     total = amplitude @ np.sin(2 * np.pi * frequency[:, None] * np.arange(steps) * dt + phase[:, None])
     return 0.25 * total / np.sqrt(0.5 * np.sum(amplitude**2))
 
@@ -135,23 +125,18 @@ def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return torque
 
 
-EXCITATIONS = (
-    Excitation("sine", sine),
-    Excitation("held_steps", held_steps),
-    Excitation("gait", gait),
-    Excitation("impacts", gait, external_torque=impacts),
-    Excitation("creep", creep, external_torque=pushes),
-    Excitation("chirp", chirp),
-)
+EXCITATIONS = {
+    "sine": Excitation(sine),
+    "held_steps": Excitation(held_steps),
+    "gait": Excitation(gait),
+    "impacts": Excitation(gait, impacts),
+    "creep": Excitation(creep, pushes),
+    "chirp": Excitation(chirp),
+}
 
 
 def excitation_named(name: str) -> Excitation:
-    """The excitation of that name.
-
-    Raises:
-        ConfigError: unknown name.
-    """
-    for each in EXCITATIONS:
-        if each.name == name:
-            return each
-    raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {', '.join(e.name for e in EXCITATIONS)}")
+    """The excitation of that name; raises `ConfigError` if there is none."""
+    if name not in EXCITATIONS:
+        raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {', '.join(EXCITATIONS)}")
+    return EXCITATIONS[name]

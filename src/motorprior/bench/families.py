@@ -8,50 +8,32 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.foreign import ForeignMotors
-from motorprior.actuator.foreign_step import FOREIGN as FOREIGN_KIND
-from motorprior.actuator.foreign_step import SUBSTEP as FOREIGN_SUBSTEP
-from motorprior.actuator.kind import ActuatorKind
-from motorprior.actuator.physical import PHYSICAL, SUBSTEP, MotorParameters
-from motorprior.actuator.true_motors import TrueMotors
+from motorprior.actuator import out_of_family, physical
+from motorprior.actuator.kernels import ActuatorKind
+from motorprior.actuator.out_of_family import OutOfFamilyMotors
+from motorprior.actuator.physical import MotorParameters
 from motorprior.exceptions import ConfigError
+
+TrueMotors = MotorParameters | OutOfFamilyMotors
 
 
 @dataclass(frozen=True)
 class Family:
-    """Motors of the same equations.
+    """Motors of the same equations."""
 
-    Attributes:
-        name: in a fleet's file and in bench.json.
-        motor: what such a motor has, for readers.
-        kind: of the actuator.
-        make: the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd.
-        units: of the parameters, in the order in which a sample draws them.
-        positive: parameters above 0.
-        largest: upper bounds, of parameters that have one of their own.
-        signed: parameters that may be negative.
-        substep: longest substep of the rotor [s].
-        stiffness: parameters [N·m/rad] of springs between the rotor and what holds it.
-        damping: parameters [N·m·s/rad] that damp the rotor by its velocity before the substep.
-        optional: parameters that may be left out, which then are 0: their term is off.
-        companions: parameters that do nothing unless one of others is on, and these.
-        switches: parameters that are 0 or 1 in all motors of a fleet.
-    """
-
-    name: str
-    motor: str
-    kind: ActuatorKind
+    name: str  # in a fleet's file and in bench.json
+    motor: str  # what such a motor has, for readers
+    kind: ActuatorKind  # of the actuator
+    # the motors' constructor; its fields are the parameters, with kd_over_kp in place of kd
     make: Callable[..., TrueMotors]
-    units: Mapping[str, str]
-    positive: frozenset[str]
-    largest: Mapping[str, float]
-    signed: frozenset[str]
-    substep: float
-    stiffness: tuple[str, ...]
-    damping: tuple[str, ...]
-    optional: frozenset[str] = frozenset()
-    companions: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    switches: frozenset[str] = frozenset()
+    units: Mapping[str, str]  # of the parameters, in the order in which a sample draws them
+    positive: frozenset[str]  # parameters above 0
+    largest: Mapping[str, float]  # upper bounds, of parameters that have one of their own
+    signed: frozenset[str]  # parameters that may be negative
+    substep: float  # longest substep of the rotor [s]
+    stiffness: tuple[str, ...]  # parameters [N·m/rad] of springs between the rotor and what holds it
+    damping: tuple[str, ...]  # parameters [N·m·s/rad] that damp the rotor by its velocity before the substep
+    optional: frozenset[str] = frozenset()  # parameters that may be left out, which then are 0: their term is off
 
     def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
         """The motors of these parameters, (n,) each."""
@@ -60,19 +42,13 @@ class Family:
         return self.make(**{name: known.get(name, missing) for name in (*self.units, "kd") if name != "kd_over_kp"})
 
     def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
-        """Refuse motors whose rotor cannot be simulated on its gear.
+        """Raise `ConfigError` unless the rotor of every motor can be simulated on its gear.
 
         In substeps of h the speed of a rotor of armature J, on springs of stiffness k in all and with damping d, is
         renewed by the torques before the substep, its angle by the speed after it. In contact that is stable if and
         only if 2·d·h + k·h² < 4·J: Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J. Where a gear hardens,
-        c·s³ at twist s, k is that at the torque limit: k·s + c·s³ = torque_limit, and 3·c·s² is added to it.
-
-        Args:
-            values: (n,) of every parameter.
-            where: what they are of, for the message.
-
-        Raises:
-            ConfigError: names the parameters and the bound of each.
+        c·s³ at twist s, k is that at the torque limit: k·s + c·s³ = torque_limit, and 3·c·s² is added to it. ``values``
+        are (n,) each.
         """
         h, armature = self.substep, values["armature"]
         stiffness = self._sum(self.stiffness, values) + _hardened(values)
@@ -80,28 +56,12 @@ class Family:
         least = (2.0 * damping * h + stiffness * h * h) / 4.0
         if not (armature > least).all():
             worst = int(np.argmin(armature / least))
-            springs, dampers = self._those_on(self.stiffness, values), self._those_on(self.damping, values)
-            raise self._unstable(armature[worst], stiffness[worst], damping[worst], springs, dampers, where)
-
-    def _unstable(
-        self, armature: float, stiffness: float, damping: float, springs: str, dampers: str, where: str | Path
-    ) -> ConfigError:
-        h = self.substep
-        least = (2.0 * damping * h + stiffness * h * h) / 4.0
-        bounds = {
-            f"{springs} below {{:.3g}} N·m/rad": (4.0 * armature - 2.0 * damping * h) / h**2,
-            f"{dampers} below {{:.3g}} N·m·s/rad": (4.0 * armature - stiffness * h * h) / (2.0 * h),
-        }
-        others = [f"or {text.format(bound)}" for text, bound in bounds.items() if bound > 0]
-        return ConfigError(
-            f"armature = {armature:.3g} kg·m² cannot carry {springs} = {stiffness:.3g} N·m/rad and {dampers} = "
-            f"{damping:.3g} N·m·s/rad in steps of {1e3 * h:g} ms",
-            where=where, remedy=", ".join((f"give armature above {least:.3g} kg·m²", *others)),
-        )  # fmt: skip
-
-    def _those_on(self, names: tuple[str, ...], values: Mapping[str, np.ndarray]) -> str:
-        """Those of the parameters that some motor has, for a message; the first in any case."""
-        return " + ".join(name for name in names if name == names[0] or np.any(values.get(name, 0.0)))
+            raise ConfigError(
+                f"armature = {armature[worst]:.3g} kg·m² cannot be simulated with {' + '.join(self.stiffness)} = "
+                f"{stiffness[worst]:.3g} N·m/rad and {' + '.join(self.damping)} = {damping[worst]:.3g} N·m·s/rad in "
+                f"steps of {1e3 * h:g} ms",
+                where=where, remedy=f"give armature above {least[worst]:.3g} kg·m², or a softer, less damped gear",
+            )  # fmt: skip
 
     def _sum(self, names: tuple[str, ...], values: Mapping[str, np.ndarray]) -> np.ndarray:
         return sum((values[name] for name in names if name in values), np.zeros(len(values["armature"])))
@@ -118,30 +78,18 @@ def _hardened(values: Mapping[str, np.ndarray]) -> np.ndarray:
     return 3.0 * cubic * twist**2
 
 
+# Motors of `actuator.physical`; the family of a fleet that names none
 GEARED = Family(
     name="geared",
     motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
     "limit, a delay and a velocity filter; its encoder sits on the rotor.",
-    kind=PHYSICAL,
+    kind=physical.PHYSICAL,
     make=MotorParameters,
     units={
-        "kp": "N·m/rad",
-        "kd_over_kp": "s",
-        "delay": "s",
-        "velocity_filter": "s",
-        "torque_limit": "N·m",
-        "stall_torque": "N·m",
-        "no_load_speed": "rad/s",
-        "armature": "kg·m²",
-        "coulomb": "N·m",
-        "stribeck_torque": "N·m",
-        "stribeck_velocity": "rad/s",
-        "viscous_damping": "N·m·s/rad",
-        "load_friction": "1",
-        "backlash": "rad",
-        "gear_stiffness": "N·m/rad",
-        "gear_damping": "N·m·s/rad",
-        "encoder_zero": "rad",
+        "kp": "N·m/rad", "kd_over_kp": "s", "delay": "s", "velocity_filter": "s", "torque_limit": "N·m",
+        "stall_torque": "N·m", "no_load_speed": "rad/s", "armature": "kg·m²", "coulomb": "N·m",
+        "stribeck_torque": "N·m", "stribeck_velocity": "rad/s", "viscous_damping": "N·m·s/rad", "load_friction": "1",
+        "backlash": "rad", "gear_stiffness": "N·m/rad", "gear_damping": "N·m·s/rad", "encoder_zero": "rad",
     },
     positive=frozenset(
         {
@@ -151,13 +99,12 @@ GEARED = Family(
     ),
     largest={"delay": 1.0, "velocity_filter": 1.0, "load_friction": 1.0},  # a delay takes memory; above 1 a gear locks
     signed=frozenset({"encoder_zero"}),
-    substep=SUBSTEP,
+    substep=physical.SUBSTEP,
     stiffness=("gear_stiffness",),
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
-"""Motors of `actuator.physical`; the family of a fleet that names none."""
 
-_FOREIGN_UNITS = {
+_OUT_OF_FAMILY_UNITS = {
     "kp": "N·m/rad", "kd_over_kp": "s", "torque_limit": "N·m",
     "delay": "s", "servo_period": "s", "profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad",
     "ki": "N·m/(rad·s)", "integral_limit": "N·m",
@@ -174,42 +121,31 @@ _FOREIGN_UNITS = {
     "log_position_noise": "rad", "log_position_quantum": "rad", "log_velocity_filter": "s",
     "log_velocity_noise": "rad/s", "log_torque_noise": "N·m",
 }  # fmt: skip
-_FOREIGN_NEEDS = frozenset({"kp", "torque_limit", "armature", "gear_stiffness"})
+_REQUIRED = frozenset({"kp", "torque_limit", "armature", "gear_stiffness"})
 _SHARES: tuple[str, ...] = (
     "output_encoder", "sag", "heat_loss", "warmth", "ripple", "load_friction", "asymmetry", "position_friction",
 )  # fmt: skip
-_COMPANIONS = (
-    ("ki", ("integral_limit",)), ("integral_limit", ("ki",)),
-    ("ripple", ("ripple_order",)), ("cogging", ("cogging_order",)), ("position_friction", ("position_order",)),
-    ("heat_loss", ("heat_time", "warmth")), ("sag", ("stall_torque",)), ("no_load_speed", ("stall_torque",)),
-    *((name, ("bristle_stiffness",)) for name in ("coulomb", "static_torque", "load_friction", "bristle_damping")),
-    *((name, ("coulomb", "static_torque")) for name in ("asymmetry", "position_friction")),
-    ("static_torque", ("stribeck_velocity",)), ("bristle_damping", ("stribeck_velocity",)),
-    ("slider_stiffness", ("slider_torque",)), ("slider_torque", ("slider_stiffness",)),
-)  # fmt: skip
 
-FOREIGN = Family(
+# Motors of `actuator.out_of_family`, most of whose equations no learned decoder has
+OUT_OF_FAMILY = Family(
     name="foreign",
-    motor="The foreign motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a gear "
-    "that hardens and has play and hysteresis; most of its equations are in no learned model.",
-    kind=FOREIGN_KIND,
-    make=ForeignMotors,
-    units=_FOREIGN_UNITS,
-    positive=_FOREIGN_NEEDS,
+    motor="The out-of-family motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a "
+    "gear that hardens and has play and hysteresis; most of its equations are in no learned model.",
+    kind=out_of_family.OUT_OF_FAMILY,
+    make=OutOfFamilyMotors,
+    units=_OUT_OF_FAMILY_UNITS,
+    positive=_REQUIRED,
     largest=dict.fromkeys((*_SHARES, "delay", "servo_period", "velocity_filter"), 1.0),
     signed=frozenset({"encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase"}),
-    substep=FOREIGN_SUBSTEP,
+    substep=out_of_family.SUBSTEP,
     stiffness=("gear_stiffness", "slider_stiffness", "bristle_stiffness"),
     damping=("gear_damping", "bristle_damping"),
-    optional=frozenset(_FOREIGN_UNITS) - _FOREIGN_NEEDS - {"kd_over_kp"},
-    companions=_COMPANIONS,
-    switches=frozenset({"output_encoder"}),
+    optional=frozenset(_OUT_OF_FAMILY_UNITS) - _REQUIRED - {"kd_over_kp"},
 )
-"""Motors of `actuator.foreign`, most of whose equations no learned decoder has."""
 
-FAMILIES = {family.name: family for family in (GEARED, FOREIGN)}
+FAMILIES = {family.name: family for family in (GEARED, OUT_OF_FAMILY)}
+# Of the parameters of all families
 UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
-"""Of the parameters of all families."""
 
 
 def geared(motors: TrueMotors) -> MotorParameters:

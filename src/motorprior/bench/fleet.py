@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.kind import ActuatorKind
-from motorprior.actuator.true_motors import TrueMotors
-from motorprior.bench.distribution import Distribution, bounds_of, distribution_of, require_companions
-from motorprior.bench.families import FAMILIES, GEARED, Family
+from motorprior.actuator.kernels import ActuatorKind
+from motorprior.artifacts import write_text
+from motorprior.bench.distribution import Distribution, bounds_of, distribution_of
+from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
 from motorprior.files import read_toml
@@ -44,11 +45,11 @@ class Fleet:
         Args:
             count: number of motors.
             seed: of the draw; a generator goes on from where it is.
-            of_one_robot: what is not known of the fleet's center, and what a robot's motors have in common of a range,
-                is the same for all of them; otherwise it is drawn for every motor, and averages out over a robot.
+            of_one_robot: the uncertainty of the fleet's center, and the shared part of a uniform range, are the same
+                for all motors; otherwise they are drawn for every motor.
 
         Raises:
-            ConfigError: ``count`` is no positive whole number, ``seed`` no seed, or a motor cannot be simulated.
+            ConfigError: an argument out of range, or a motor that cannot be simulated.
         """
         require_count("count", count)
         rng, family = generator_of(seed), FAMILIES[self.family]
@@ -75,36 +76,28 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     Args:
         name_or_path: name of a shipped fleet, one of `Robot.fleets`, or the path of a .toml file.
 
-    Returns:
-        A distribution per constant of a motor, in SI units.
-
     Raises:
-        ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, a value out of range, or a
-            constant without another that it needs.
+        ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
         ConfigError: its central motor cannot be simulated, see `Family.require_stable`.
     """
     path = fleet_path(name_or_path)
     data = read_toml(path, _COMPARE)
-    family = family_named(data.pop("family", GEARED.name), path, _COMPARE)
+    name = data.pop("family", GEARED.name)
+    require("family", name, one_of(*FAMILIES), path, _COMPARE)
+    family = FAMILIES[name]
     tables = dict.fromkeys(family.units, TABLE)
     Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | tables, _COMPARE, family.optional).check(data, path)
-    said = {name: {"unit": exactly(unit), "source": TEXT} for name, unit in family.units.items()}
-    parameters = {
-        name: distribution_of(data[name], "distribution", said[name], name, family, f"{path}[{name}]", _COMPARE)
-        for name in family.units
-        if name in data
-    }
-    require_companions(parameters, family, path, _COMPARE)
+    parameters = {}
+    for name, unit in family.units.items():
+        if name in data:
+            others, where = {"unit": exactly(unit), "source": TEXT}, f"{path}[{name}]"
+            parameters[name] = distribution_of(data[name], "distribution", others, name, family, where, _COMPARE)
     family.require_stable({name: np.array([d.center]) for name, d in parameters.items()}, f"{path}, its central motor")
     return Fleet(**{key: data[key] for key in _TEXT_KEYS}, parameters=parameters, family=family.name)
 
 
 def fleet_path(name_or_path: str | Path) -> Path:
-    """The file of a fleet.
-
-    Raises:
-        ArtifactError: there is none.
-    """
+    """The file of a fleet; raises `ArtifactError` if there is none."""
     path, shipped = Path(name_or_path), {name: file for robot in SHIPPED for name, file in robot.fleets}
     if path.suffix != ".toml":
         path = Path(shipped.get(str(name_or_path), name_or_path))
@@ -114,24 +107,10 @@ def fleet_path(name_or_path: str | Path) -> Path:
     return path
 
 
-def family_named(name: Any, where: str | Path | None, remedy: str) -> Family:
-    """The family of that name.
-
-    Raises:
-        ArtifactError: there is none.
-    """
-    require("family", name, one_of(*FAMILIES), where, remedy)
-    return FAMILIES[name]
-
-
 def fleet_of(
     name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str, family: Family = GEARED
 ) -> Fleet:
-    """The fleet that `Fleet.summary` describes.
-
-    Raises:
-        ArtifactError: unknown or missing parameters or keys, or a value out of range.
-    """
+    """The fleet that `Fleet.summary` describes; raises `ArtifactError` for wrong keys or values out of range."""
     remedy = "record the bench again"
     Schema(dict.fromkeys(family.units, TABLE), remedy, family.optional, "parameters").check(parameters, where)
     made = {
@@ -142,3 +121,19 @@ def fleet_of(
         if parameter in parameters
     }
     return Fleet(name, motor, robot, made, family.name)
+
+
+def write_fleet(path: Path, fleet: Fleet, sources: Mapping[str, str], heading: str) -> None:
+    """Write every parameter with its unit and its source to a .toml file, below a line of ``heading``."""
+    texts = {"name": fleet.name, "motor": fleet.motor, "robot": fleet.robot, "family": fleet.family}
+    lines = [f"# {heading}", *(f"{key} = {_text(value)}" for key, value in texts.items())]
+    for name, distribution in fleet.parameters.items():
+        lines += ["", f"[{name}]", f"unit = {_text(FAMILIES[fleet.family].units[name])}"]
+        lines += [f"distribution = {_text(distribution.kind)}"]
+        lines += [f"{key} = {value!r}" for key, value in distribution.values.items()]
+        lines += [f"source = {_text(sources[name])}"]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False)  # a JSON string without ASCII escapes is a TOML basic string

@@ -15,37 +15,27 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.excitation import excitation_named, held
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-BENCH = "bench"
-"""What a bench's log calls the robot of its motors."""
+BENCH = "bench"  # What a bench's log calls the robot of its motors
 
 
 @dataclass(frozen=True)
 class BenchPreset:
-    """How a bench excites its motors.
+    """How a bench excites its motors."""
 
-    Attributes:
-        period: sample period of the log [s].
-        segment_steps: samples per contiguous recording.
-        load_inertia: (low, high) of the log-uniform load inertia [kg·m²].
-        kinds: names in `excitation.EXCITATIONS`, one per segment in turn.
-        hold_steps: number of samples for which every second excitation holds a target.
-        torque: factor on the external torques [-].
-    """
-
-    period: float
-    segment_steps: int
-    load_inertia: tuple[float, float]
-    kinds: tuple[str, ...]
-    hold_steps: int
-    torque: float = 1.0
+    period: float  # sample period of the log [s]
+    segment_steps: int  # samples per contiguous recording
+    load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
+    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS`, one per segment in turn
+    hold_steps: int  # number of samples for which every second excitation holds a target
+    torque: float = 1.0  # factor on the external torques [-]
 
     def for_robot(self, robot: Robot) -> BenchPreset:
         """The same preset, scaled to the loads and torques of ``robot``.
@@ -57,16 +47,13 @@ class BenchPreset:
         return replace(self, load_inertia=loads, torque=robot.reference_torque)
 
 
+# Smallest and largest load inertia of the robot for which the presets are written [kg·m²]
 REFERENCE_LOAD = (1e-4, 3e-2)
-"""Smallest and largest load inertia of the robot for which the presets are written [kg·m²]."""
+# Tags of the random streams of a bench's excitation, and of the noise of its instruments
 EXCITATION_STREAM, INSTRUMENTS_STREAM = 13, 47
-"""Tags of the random streams of a bench's excitation, and of the noise of its instruments."""
-FLUNG = 1.5
-"""Distance [rad] from its command beyond which a joint counts as flung by a push."""
-HALVINGS = 4
-"""How often a push that flings a joint is made smaller."""
-FASTEST = 1e3
-"""Speed [rad/s] beyond which a simulation counts as diverged, far above any motor's."""
+FLUNG = 1.5  # Distance [rad] from its command beyond which a joint counts as flung by a push
+HALVINGS = 4  # How often a push that flings a joint is made smaller
+FASTEST = 1e3  # Speed [rad/s] beyond which a simulation counts as diverged, far above any motor's
 PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
     "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "creep"), 5),
@@ -76,22 +63,14 @@ PRESETS["narrow"] = replace(PRESETS["rollout"], load_inertia=PRESETS["paper"].lo
 
 
 def bench_preset(name: str) -> BenchPreset:
-    """The preset of that name.
-
-    Raises:
-        ConfigError: unknown name.
-    """
+    """The preset of that name; raises `ConfigError` if there is none."""
     if name not in PRESETS:
         raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
     return PRESETS[name]
 
 
 def preset_of_period(period: float) -> BenchPreset:
-    """The preset that samples every ``period`` [s].
-
-    Raises:
-        ConfigError: none does.
-    """
+    """The preset that samples every ``period`` [s]; raises `ConfigError` if none does."""
     for preset in PRESETS.values():
         if preset.period == period:
             return preset
@@ -99,11 +78,7 @@ def preset_of_period(period: float) -> BenchPreset:
 
 
 def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
-    """A trial of one excitation for ``motors`` motors, each with its own signal and load.
-
-    Raises:
-        ConfigError: no excitation is named ``kind``.
-    """
+    """A trial of one excitation for ``motors`` motors, each with its own signal and load."""
     chosen = excitation_named(kind)
     targets = [chosen.target(rng, steps, preset.period) for _ in range(motors)]
     if hold:
@@ -121,14 +96,11 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
     """Record ``steps`` samples of every motor.
 
     The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest, with motors
-    that have worked since the log's start. A push on a joint that is then flung is made smaller, to a sixteenth at
-    most.
+    that have worked since the log's start. A push that flings a joint is halved, four times at most.
 
     Raises:
-        ConfigError: fewer than 2 steps, or a motor whose gear is too stiff for its load.
+        ConfigError: a motor whose gear is too stiff for its load.
     """
-    if steps < 2:
-        raise ConfigError(f"{steps} steps is below 2", remedy="record at least 2 steps")
     parts, count = [], len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]
     for segment, (first, last) in enumerate(pairwise(bounds)):
@@ -137,20 +109,16 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
         round_, slot = divmod(segment, len(preset.kinds))
         hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
         part = trial(rng, kind, last - first, count, preset, hold)
-        part, response = _held_back(motors, motors.after(first * preset.period).actuator(), part)
+        part, response = _with_limited_pushes(motors, motors.after(first * preset.period).actuator(), part)
         instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
-        parts.append((part, _logged(motors, instruments, preset.period, response)))
+        true = response.joint_pos, response.joint_vel, response.joint_torque
+        pos, vel, torque = motors.logged(instruments, preset.period, *true)
+        parts.append((part, replace(response, joint_pos=pos, joint_vel=vel, joint_torque=torque)))
     return _as_log(parts, preset, fleet, seed)
 
 
-def _held_back(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Trial, Response]:
-    """The trial and its response, with half of the push on every joint that it flings, HALVINGS times at most.
-
-    A joint that is flung tells little of its motor, and a bench has stops.
-
-    Raises:
-        ConfigError: the simulation of a motor diverged.
-    """
+def _with_limited_pushes(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Trial, Response]:
+    # a joint that is flung identifies little of its motor, and a bench has stops
     response = _bounded(motors, part, run(actuator, part))
     for _ in range(HALVINGS):
         away = np.abs(response.joint_pos - part.position_target).max(axis=0)
@@ -162,17 +130,7 @@ def _held_back(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Tri
     return part, response
 
 
-def _logged(motors: TrueMotors, rng: np.random.Generator, period: float, true: Response) -> Response:
-    pos, vel, torque = motors.logged(rng, period, true.joint_pos, true.joint_vel, true.joint_torque)
-    return replace(true, joint_pos=pos, joint_vel=vel, joint_torque=torque)
-
-
 def _bounded(motors: TrueMotors, part: Trial, response: Response) -> Response:
-    """The response, unless the simulation of a motor diverged.
-
-    Raises:
-        ConfigError: names the motor, its gear and its load.
-    """
     broken = np.flatnonzero(~(np.abs(response.joint_vel) < FASTEST).all(axis=0))  # not a number is not below it
     if broken.size:
         motor = int(broken[0])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tyro
 
-from motorprior.actuator.geared_motor_constants import PER_STATED
+from motorprior.actuator.geared_motor_constants import PER_LOGGED
 from motorprior.cli.console import TERMINAL, table
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
@@ -43,6 +43,6 @@ def _show(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dic
             for name, values in constants.items()
         ]
         units = "SI units"
-        if any(name.endswith(PER_STATED) for name in constants):
-            units += f"; …{PER_STATED}: per unit of the firmware's gain in the log"
+        if any(name.endswith(PER_LOGGED) for name in constants):
+            units += f"; …{PER_LOGGED}: per unit of the firmware's gain in the log"
         table(f"Constants of these motors [{units}]", ["constant", "minimum", "median", "maximum"], described)

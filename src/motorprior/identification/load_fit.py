@@ -1,16 +1,16 @@
-"""An unknown load, fitted together with its motor: a rigid body on the joint, on a base that stands still.
+"""An unknown load, fitted together with its motor: a rigid body on the joint of a robot with a fixed base.
 
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
 with the joint's angle q. Free runs of the grey box have three latents more than constants, ln(J/J₀), s/g and c/g, with
-g = SAG·kp, around a regression of the stated proportional law,
+g = 0.2 rad·kp, around a regression of the logged proportional law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-A log of angles and commands says nothing about how large a torque is, so the gains have to be stated in N·m/rad. Nor
-does it tell the inertia of a load from the armature of a rotor without play: their sum is found, and what is believed
-of the two beforehand divides it. The deviations say so. They are Laplace's, and count the whole log as one
-observation: what is left of its errors is mostly what the model lacks, which is alike in every window.
+A log of angles and commands does not identify the scale of torques, so the gains have to be logged in N·m/rad. Nor does
+it separate the inertia of a load from the armature of a rotor without play: their sum is identified, and the prior
+divides it. The standard deviations show this. They are Laplace's, and count the whole log as one observation, since
+residuals mostly come from missing physics, which is the same in every window.
 """
 
 from __future__ import annotations
@@ -22,15 +22,14 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import in_order
+from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.grey_box_fit import inverse_precision
-from motorprior.identification.loss import POSITION_SCALE
-from motorprior.identification.physics.fleet_fit import held_constants
+from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.term_selection import VARIES, same_conditions
-from motorprior.identification.physics.window_runs import Segment, WindowRuns
+from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_what_is_stated
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import (
@@ -42,58 +41,39 @@ from motorprior.identification.training_data.windows import (
     TARGET,
     VEL,
     TrainingData,
-    some_stretches,
-    that_fits,
+    subsampled,
     training_data,
+    with_window_that_fits,
 )
 from motorprior.logs.doctor.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
-RECIPE = PRESETS["pace_long_runs"]
-"""Of the free runs: a second long, no term of a servo's firmware but what the log states."""
-SAG = 0.2
-"""g over kp [rad]."""
+RECIPE = PRESETS["pace_long_runs"]  # runs of a second, no optional terms but those that the log states
+# random searches of a joint's fit, rounds after each, and most rounds after the best: there are several optima
 STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
-"""Random searches of a joint's fit, rounds after each, and most rounds after the best of them: limits and gears that
-touch leave more than one optimum."""
-MOST_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS
-"""Per joint."""
-_LOAD = 3
-"""Latents of the load; they come last."""
-_ROWS = 30_000
-"""About the most rows that are fitted."""
+MOST_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # per joint
+_SAG = 0.2  # g over kp [rad]
+_LOAD = 3  # latents of the load; they come last
+_ROWS = 30_000  # about the most rows that are fitted
 _SEARCH, _AROUND, _DRAWS, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
-_QUIET, _LITTLE = 3, 0.01
-"""Rounds in a row, each of which lowers the loss by a smaller share, that end a fit."""
-_DEVIATIONS = 1.0, 2.0, 1.0
-"""Believed of a constant's latent, of ln(J/J₀), and of s/g and c/g."""
-_HOPED, _BROKEN = 0.01, 1e6
-"""Loss after a fit, over that before; loss of a motor that cannot be simulated."""
-_LANES = 32
-"""Loads that are simulated at a time; every one has rows of its own."""
+_PATIENCE, _LEAST_GAIN = 3, 0.01  # rounds in a row that lower the loss by a smaller share end a fit
+_STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # of the prior of a latent, of ln(J/J₀), and of s/g and c/g
+_HOPED, _DIVERGED = 0.01, 1e6  # loss after a fit, over that before; loss of a simulation that diverges
+_LANES = 32  # loads that are simulated at a time; each has its own rows
 _STREAM = 61
 
 
 @dataclass(frozen=True)
 class FittedLoad:
-    """Load of a joint.
+    """Load of a joint."""
 
-    Attributes:
-        inertia: J [kg·m²].
-        inertia_deviation: standard deviation of ln J [-].
-        armature_deviation: that of the logarithm of the motor's armature [-].
-        gravity: (2,) s and c [N·m].
-        gravity_covariance: (2, 2) theirs [N²·m²].
-        error: root mean square error of position that is left [rad].
-    """
-
-    inertia: float
-    inertia_deviation: float
-    armature_deviation: float
-    gravity: np.ndarray
-    gravity_covariance: np.ndarray
-    error: float
+    inertia: float  # J [kg·m²]
+    inertia_deviation: float  # standard deviation of ln J [-]
+    armature_deviation: float  # that of the logarithm of the motor's armature [-]
+    gravity: np.ndarray  # (2,) s and c [N·m]
+    gravity_covariance: np.ndarray  # (2, 2) theirs [N²·m²]
+    error: float  # root mean square of the residual position error [rad]
 
 
 class _LoadedRuns(WindowRuns):
@@ -106,7 +86,7 @@ class _LoadedRuns(WindowRuns):
 
     def __init__(self, data: TrainingData, preset: Preset):
         super().__init__(data, preset)
-        self.start, self.unit = _regression(self), SAG * float(self.gains[0, 0])
+        self.start, self.unit = _regression(self), _SAG * float(self.gains[0, 0])
 
     def load(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of latents z (L, Z)."""
@@ -122,7 +102,6 @@ class _LoadedRuns(WindowRuns):
 
 
 def _carry(rows: np.ndarray, inertia: np.ndarray, gravity: np.ndarray) -> None:
-    """Give rows (steps, channels of `windows`, lanes) the loads (lanes,) and (2, lanes)."""
     torque, stiffness = _pull(rows[:, POS], gravity)
     rows[:, INERTIA], rows[:, STIFFNESS] = inertia, stiffness
     rows[:, EXTERNAL] = torque - stiffness * rows[:, POS]
@@ -149,15 +128,11 @@ def _regression(runs: WindowRuns) -> np.ndarray:
 
 
 def require_torque(log: MotorLog) -> None:
-    """Refuse a log that does not say how large a torque is.
-
-    Raises:
-        LogError: no gains, or in units of the firmware.
-    """
+    """Raise `LogError` unless the log has kp in N·m/rad, which sets the scale of torques."""
     if log.stated_kp is None or log.gain_unit != PHYSICAL_GAINS:
-        has = "no kp is stated" if log.stated_kp is None else "its kp is in firmware units"
+        has = "no kp" if log.stated_kp is None else "kp in firmware units"
         raise LogError(
-            f"{has}, so nothing says how large a torque is, and no load can be fitted", where=log.source,
+            f"{has}: without kp in {PHYSICAL_GAINS} a load cannot be fitted", where=log.source,
             remedy=f"in the column map, set gain = '{PHYSICAL_GAINS}' in [units], and kp of every joint in that unit",
         )  # fmt: skip
 
@@ -166,18 +141,16 @@ def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple
     """Fit the load of every joint of a log, each by itself.
 
     Args:
-        log: with gains stated in N·m/rad, at the period of RECIPE; its own loads and torques do not count.
-        report: called after every round, of which there are MOST_ROUNDS per joint at most.
+        log: with gains in N·m/rad, at the period of RECIPE; its own loads and torques are ignored.
+        report: called after every round, MOST_ROUNDS times per joint at most.
 
     Raises:
-        LogError: without such gains, at another period, too short for a window, or of a joint that stood still or
-            that no motor can be simulated for.
+        LogError: without such gains, at another period, too short for a window, of a static joint or of one that no
+            motor can be simulated for.
     """
     require_torque(log)
     if still := joints_at_rest(log):
-        raise LogError(
-            f"joint {still[0]} stood still, which shows no load", where=log.source, remedy="leave it out of the map"
-        )
+        raise LogError(f"joint {still[0]} does not move", where=log.source, remedy="leave it out of the map")
     return tuple(_fit_joint(log.joint(index), report) for index in range(log.num_joints))
 
 
@@ -186,88 +159,84 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(
         log, load_inertia=nothing + 1.0, external_torque=nothing, load_stiffness=None, joint_torque=None
     )  # a torque computed from a current is not the torque on the joint
-    preset = with_what_is_stated(that_fits(RECIPE, log), log)
-    data = some_stretches(training_data(bare, preset, log.source), preset, _ROWS)
+    preset = with_what_is_stated(with_window_that_fits(RECIPE, log), log)
+    data = subsampled(training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
     terms = _terms(runs)
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
-    belief, held = _believed(runs), np.append(held_constants(terms, runs), [False] * _LOAD)
-    found = _search(fit, belief, held, report)
-    if not found.loss[0] < _BROKEN:
+    prior, fixed = _load_prior(runs), np.append(fixed_constants(terms, runs), [False] * _LOAD)
+    found = _search(fit, prior, fixed, report)
+    if not found.loss[0] < _DIVERGED:
         raise LogError(
             f"no motor can be simulated that moves like joint {log.joint_names[0]}", where=log.source,
             remedy="check the log, its signs and its gains",
         )  # fmt: skip
-    return _finished(fit, runs, found, np.where(held, 0.0, belief.precision**-0.5)[0])
+    return _finished(fit, runs, found, np.where(fixed, 0.0, prior.precision**-0.5)[0])
 
 
 def _terms(runs: _LoadedRuns) -> tuple[str, ...]:
-    """What the log states, and what it shows of conditions that differ."""
     same = same_conditions(runs)
     return in_order([*runs.preset.stated_terms, *(name for name in VARIES if name not in same)])
 
 
-def _believed(runs: _LoadedRuns) -> Belief:
-    """(1, Z) before the log: half of the regression's inertia is the load's."""
-    constants, (of_constant, of_inertia, of_gravity) = len(parameters_of(_terms(runs))), _DEVIATIONS
+def _load_prior(runs: _LoadedRuns) -> GaussianPrior:
+    constants = len(parameters_of(_terms(runs)))
     mean = np.zeros((1, constants + _LOAD))
     mean[0, -_LOAD:] = np.log(0.5), *runs.start[1:] / runs.unit
-    deviation = np.array([of_constant] * constants + [of_inertia, of_gravity, of_gravity])
-    return Belief(mean, deviation[None] ** -2.0)
+    std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
+    return GaussianPrior(mean, std[None] ** -2.0)
 
 
-def _search(fit: MotorFit, belief: Belief, held: np.ndarray, report: Callable[[], None]) -> Fit:
-    """Of several starts the one with the least loss, fitted on."""
-    tried = [_Search(fit, belief, held, start, report) for start in range(STARTS)]
-    begun = [(search, search.rounds(search.begin(), FIRST_ROUNDS)) for search in tried]
-    search, best = min(begun, key=lambda one: float(one[1].loss[0]))
+def _search(fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
+    tried = [_Search(fit, prior, fixed, start, report) for start in range(STARTS)]
+    started = [(search, search.rounds(search.begin(), FIRST_ROUNDS)) for search in tried]
+    search, best = min(started, key=lambda one: float(one[1].loss[0]))
     return search.rounds(best, ROUNDS)
 
 
 class _Search:
-    """A random search around what is believed, then rounds of Gauss-Newton steps from the best and from others."""
+    """A random search around the prior, then rounds of Gauss-Newton steps from the best and from others."""
 
-    def __init__(self, fit: MotorFit, belief: Belief, held: np.ndarray, start: int, report: Callable[[], None]):
-        self._fit, self._belief, self._held, self._report = fit, belief, held, report
+    def __init__(self, fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, start: int, report: Callable[[], None]):
+        self._fit, self._prior, self._fixed, self._report = fit, prior, fixed, report
         self._rng = np.random.default_rng([_STREAM, start])
 
-    def _beside(self, loss: np.ndarray) -> Belief:
-        """The belief where a window of this mean loss (1,) counts as one observation."""
+    def _weighted(self, loss: np.ndarray) -> GaussianPrior:
         weight = loss / self._fit.windows
-        return Belief(self._belief.mean, weight * self._belief.precision).holding(self._held)
+        return GaussianPrior(self._prior.mean, weight * self._prior.precision).fixing(self._fixed)
 
     def _others(self, z: np.ndarray, radius: float) -> np.ndarray:
-        """(1, _DRAWS, Z) z (1, Z), and others in which a random half of what is not held is drawn around it."""
-        drawn = (self._rng.random((1, _DRAWS, z.shape[1])) < 0.5) & ~self._held
+        """(1, _DRAWS, Z) z (1, Z), and others in which a random half of what is free is drawn around it."""
+        drawn = (self._rng.random((1, _DRAWS, z.shape[1])) < 0.5) & ~self._fixed
         drawn[:, 0] = False
         return z[:, None] + np.where(drawn, radius * self._rng.standard_normal(drawn.shape), 0.0)
 
     def begin(self) -> Fit:
         """The best of the random search, polished."""
-        best = np.where(self._held, 0.0, self._belief.mean)
-        weighed = self._beside(_HOPED * self._fit.losses(best))
+        best = np.where(self._fixed, 0.0, self._prior.mean)
+        weighted = self._weighted(_HOPED * self._fit.losses(best))
         for radius in _SEARCH:
-            best = self._fit.best_of(self._others(best, radius), weighed)
-        return self._fit.polish(best, weighed, _STEPS, WIDE)
+            best = self._fit.best_of(self._others(best, radius), weighted)
+        return self._fit.polish(best, weighted, _STEPS, WIDE)
 
     def rounds(self, found: Fit, most: int) -> Fit:
-        """At most so many rounds; fewer where they no longer help."""
-        quiet = 0
+        """At most so many rounds."""
+        idle = 0
         for index in range(most):
-            weighed, reach, before = self._beside(found.loss), (WIDE, NARROW)[index % 2], found.loss
-            found = replace(found, energy=found.loss + weighed.energy(found.z))
-            again = self._fit.polish(found.z, weighed, _STEPS, reach)
-            other = self._fit.best_of(self._others(again.z, _AROUND), weighed)
-            found = again.better(self._fit.polish(other, weighed, _STEPS, reach))
+            weighted, reach, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
+            found = replace(found, energy=found.loss + weighted.energy(found.z))
+            again = self._fit.polish(found.z, weighted, _STEPS, reach)
+            other = self._fit.best_of(self._others(again.z, _AROUND), weighted)
+            found = again.better(self._fit.polish(other, weighted, _STEPS, reach))
             self._report()
-            quiet = quiet + 1 if found.loss > (1.0 - _LITTLE) * before else 0
-            if quiet == _QUIET:
+            idle = idle + 1 if found.loss > (1.0 - _LEAST_GAIN) * before else 0
+            if idle == _PATIENCE:
                 break
         return found
 
 
 def _finished(fit: MotorFit, runs: _LoadedRuns, found: Fit, deviation: np.ndarray) -> FittedLoad:
-    """The load at ``found``, whose latents were believed within ``deviation`` (Z,), 0 of what is held."""
+    """The load at ``found``, with prior standard deviations (Z,), 0 of what is fixed."""
     curvature = fit.curvatures(found.z, WIDE) / found.loss[:, None, None]
     scaled = inverse_precision(curvature * deviation * deviation[:, None], np.ones(1))[0]
     covariance = scaled * deviation * deviation[:, None]
@@ -282,7 +251,7 @@ def _finished(fit: MotorFit, runs: _LoadedRuns, found: Fit, deviation: np.ndarra
 
 
 def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
-    """The log with these loads for a torque computed from currents; its base stood still, its source says so."""
+    """The log with these loads, and without a torque computed from currents."""
     torque, stiffness = _pull(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
     for part in log.segment_slices():
         torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])  # a log's are means until the next row

@@ -1,7 +1,7 @@
-"""Fit of the constants of all motors, with those terms of a servo's firmware that pay.
+"""Fit of the constants of all motors, with the optional terms that reduce the loss.
 
-Terms are chosen by some motors and some rows (`term_selection`), where what they save may be chance. So all motors are
-fitted with them and with the stated ones alone, and the others stay if they save LEAST_GAIN of the loss of all.
+Terms are selected on some motors and some rows (`term_selection`), where a gain may be chance. So all motors are fitted
+with them and with the logged ones alone, and the others are kept if they save LEAST_GAIN of the loss of all.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import chain, repeat
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report
 from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet
@@ -21,19 +21,16 @@ from motorprior.identification.physics.term_selection import MOTORS, ROWS, WINDO
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import LEAST_GAIN, without_residual
-from motorprior.identification.training_data.windows import TrainingData, some_stretches
+from motorprior.identification.training_data.windows import TrainingData, subsampled
 
-_UNSTABLE = 1e6
-"""Loss of a motor whose simulation breaks down."""
-_STAGE = CHUNK
-"""Share of the work that one stage of a fit is, in Adam steps."""
-WORK = _STAGE * (len(TERMS) + STAGES)
-"""Sum of the numbers that `fit_physics` reports."""
+_UNSTABLE = 1e6  # loss of a motor whose simulation diverges
+_STAGE = CHUNK  # work of one stage of a fit, in Adam steps
+WORK = _STAGE * (len(TERMS) + STAGES)  # sum of the numbers that `fit_physics` reports
 
 
 @dataclass(frozen=True)
 class Physics:
-    """The fit of all motors, what each term that was tried saved, and terms that were chosen and then left out."""
+    """The fit of all motors, the share of the loss that each term saved, and terms that were rejected on all motors."""
 
     fit: FleetFit
     saved: dict[str, float]
@@ -61,11 +58,7 @@ class Physics:
 def fit_physics(
     data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> Physics:
-    """The fit, or that of an interrupted training.
-
-    Raises:
-        MotorPriorError: no motor can be simulated that moves as a log says.
-    """
+    """The fit, or that of an interrupted training; raises `MotorPriorError` if no motor can be simulated."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
         report(WORK, "constants were fitted")
@@ -90,15 +83,14 @@ def fit_physics(
 
 
 def _terms(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
-    """Chosen by some motors, and by some of their rows where there are many."""
     if not preset.tries_terms:
         report(_STAGE * len(TERMS), "no terms are tried")
         return Selection(preset.stated_terms, {})
     motors = len(data.series)
     some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
-    part = some_stretches(data, preset, max(ROWS, WINDOWS * preset.window))
+    part = subsampled(data, preset, max(ROWS, WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
-    work = chain(repeat(_STAGE, len(TERMS)), repeat(0))  # nobody knows how many turns there will be after the first
+    work = chain(repeat(_STAGE, len(TERMS)), repeat(0))  # the number of further rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
         report(_STAGE * len(TERMS), "the log is too short to choose terms by")

@@ -6,73 +6,52 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.servo_terms import TERMS, UNLIMITED, terms_with
+from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_means
 
 
 @dataclass(frozen=True)
 class Preset:
-    """Recipe of an identification.
+    """Recipe of an identification."""
 
-    Attributes:
-        objective: ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop).
-        period: sample period of the network [s].
-        taps: ages of the history inputs [periods].
-        has_armature: decode an armature from z for the engine.
-        grey_box: decode the constants of a geared motor from z; the network adds a residual torque.
-        num_latents: size of z; 0 gives one network for all motors.
-        num_neurons: neurons per hidden layer.
-        kl_weight: weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of
-            order 1; without noise only its term ½|μ|² matters.
-        warm_up: steps before a window in which the motor follows the recorded joint, so that its hidden state settles;
-            a short warm-up biases friction low, since a wrong initial state then decays sooner.
-        window: steps of a rollout (1 for torque regression).
-        noisy: draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise
-            masks weakly identified differences, such as that between dry and viscous friction.
-        batch: windows per Adam step.
-        steps: Adam steps.
-        learning_rate: peak of a cosine schedule with warm-up.
-        own_latents: each latent scales one of the constants; otherwise every latent acts on every constant.
-        physics_first: fit the constants by compiled free runs before anything else: ``together``, where motors help
-            each other, or ``alone``; the network then learns what they leave, if that is worth it, and constants
-            that were fitted to short windows settle on longer ones (`settling`). "" if everything is trained at once.
-        terms: of `servo_terms` that the motors have; a fit that puts physics first chooses them.
-        tries_terms: whether it does.
-        lacks: constants that the motors of a recipe that puts physics first do not have: frictions, for instance.
-        gain_unit: of the gains that the logs state and that kp and kd are multiples of; "" if they state none.
-        firmware: names and values, in SI units, of the registers that the logs state and that are not fitted
-            (`MotorLog.firmware`), 0 of those that are off; a recipe that puts physics first takes them, whatever terms
-            it has besides.
-        conditions: channels of `motor_log.CONDITIONS` that the logs state, each with its least mean over a segment, its
-            median and its largest mean [V], [°C]. Constants of motors are those under the medians, and terms say how
-            they differ under others. Of recipes that put physics first.
-        standardise: after the training transform each latent to N(0, 1) over the training motors, and replace their
-            posteriors by a Laplace approximation (`standard_posterior`).
-    """
-
-    objective: str
-    period: float
-    taps: tuple[int, ...]
-    has_armature: bool
-    grey_box: bool = False
-    num_latents: int = 4
-    num_neurons: int = 24
+    objective: str  # ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop)
+    period: float  # sample period of the network [s]
+    taps: tuple[int, ...]  # ages of the history inputs [periods]
+    has_armature: bool  # decode an armature from z for the engine
+    grey_box: bool = False  # decode the constants of a geared motor from z; the network adds a residual torque
+    num_latents: int = 4  # size of z; 0 gives one network for all motors
+    num_neurons: int = 24  # neurons per hidden layer
+    # weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of order 1;
+    # without noise only its term ½|μ|² matters
     kl_weight: float = 1e-3
+    # steps before a window in which the motor follows the recorded joint, so that its hidden state converges; a
+    # short warm-up biases friction low
     warm_up: int = 0
-    window: int = 64
+    window: int = 64  # steps of a rollout (1 for torque regression)
+    # draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise masks
+    # weakly identified differences, such as that between dry and viscous friction
     noisy: bool = True
-    batch: int = 256
-    steps: int = 3000
-    learning_rate: float = 3e-3
-    own_latents: bool = False
+    batch: int = 256  # windows per Adam step
+    steps: int = 3000  # Adam steps
+    learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
+    own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
+    # fit the constants by compiled free runs first: ``together``, with a Gaussian over the motors, or ``alone``;
+    # the network then learns the residual, and constants are refined on longer windows (`refinement`). "" if
+    # everything is trained at once
     physics_first: str = ""
-    terms: tuple[str, ...] = ()
-    tries_terms: bool = True
-    lacks: tuple[str, ...] = ()
-    gain_unit: str = ""
+    terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors; with physics first they are selected
+    tries_terms: bool = True  # whether they are
+    lacks: tuple[str, ...] = ()  # constants that the motors do not have, with physics first: frictions, for instance
+    gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
+    # names and values, in SI units, of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted.
+    # With physics first
     firmware: tuple[tuple[str, float], ...] = ()
+    # logged channels of `motor_log.CONDITIONS`, each with its least mean over a segment, its median and its
+    # largest mean [V], [°C]. Constants are those at the medians. With physics first
     conditions: tuple[tuple[str, float, float, float], ...] = ()
+    # after the training transform each latent to N(0, 1) over the training motors, and replace their posteriors
+    # by a Laplace approximation (`standard_posterior`)
     standardise: bool = False
 
     @property
@@ -82,7 +61,7 @@ class Preset:
 
     @property
     def trains(self) -> bool:
-        """Whether Adam trains a network, so that ``steps`` count; otherwise searches alone find the constants."""
+        """Whether Adam trains a network, so that ``steps`` matter."""
         return bool(self.num_neurons) or not self.physics_first
 
     @property
@@ -92,34 +71,32 @@ class Preset:
 
     @property
     def stated_terms(self) -> tuple[str, ...]:
-        """Terms of `servo_terms` that motors have because the logs state some of their constants."""
+        """Optional terms some of whose constants the logs state."""
         return terms_with(name for name, value in self.firmware if value > 0.0)
 
     @property
     def terms_that_are_off(self) -> tuple[str, ...]:
-        """Terms of `servo_terms` that no motor has, because the logs state that all that makes them is off."""
+        """Optional terms whose constants the logs state as off."""
         off = {name for name, value in self.firmware if value == 0.0}
         return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
 
     @property
     def stated_constants(self) -> dict[str, float]:
-        """Values of the constants that the logs state; UNLIMITED of a limit that is off."""
+        """Logged values of constants; UNLIMITED of a limit that is off."""
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
-#     joint is hardly seen in an eighth of a second. Without the residual network, whose training would take as much
-#     longer. What follows a segment's first step of the command is often all that shows a limit of torque, so the
-#     warm-up is a tenth of a second; windows inside a segment begin settled whatever it is (`window_runs`).
-# first_look: long_runs without trying the terms of a servo's firmware, which takes minutes.
+#     joint is hardly visible in an eighth of a second. Without the residual network. The warm-up is a tenth of a
+#     second, since often only a segment's first step identifies a limit of torque.
+# first_look: long_runs without selecting optional terms, which takes minutes.
 # Baselines.
 # one_motor: rollout without latents, the best single set of constants.
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
 #     Bjelonic et al., 2025, whose motors have no backlash).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
-# pace: per_motor without any term of a servo's firmware but what a log states, the baseline on real logs;
-#     pace_long_runs beside long_runs.
+# pace, pace_long_runs: per_motor and its long runs without optional terms but those that a log states.
 # coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
@@ -159,18 +136,14 @@ PRESETS = {
 
 
 def identification_preset(name: str) -> Preset:
-    """The preset of that name.
-
-    Raises:
-        ConfigError: unknown name.
-    """
+    """The preset of that name; raises `ConfigError` if there is none."""
     if name not in PRESETS:
         raise ConfigError(f"no identification preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
     return PRESETS[name]
 
 
 def with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
-    """The recipe for a log that states gains, registers or conditions: a grey box takes them as given."""
+    """The recipe for a log with gains, registers or conditions: a grey box takes them as given."""
     if recipe.grey_box and log.stated_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     if recipe.physics_first:

@@ -3,7 +3,8 @@
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
 the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors' constants
-by `physics_fit`, trains only the residual network this way (`residual`), and lets the constants settle (`settling`).
+by `physics_fit`, refines them on longer runs (`refinement`), and trains only the residual network this way
+(`residual`).
 """
 
 from __future__ import annotations
@@ -14,60 +15,39 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.limits_not_shown import NOT_SHOWN, UNKNOWN_SIZE, limit_in_words
+from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
 from motorprior.exceptions import listed
 from motorprior.identification.judging.distribution import aggregate_posterior_summary
-from motorprior.identification.latents.assumed_spread import assumed_spread
-from motorprior.identification.latents.standardise import standard_posterior
-from motorprior.identification.networks.descent import Checkpoints, DivergedError, Report, descend
+from motorprior.identification.latents.standardise import assumed_std, standard_posterior
+from motorprior.identification.networks.descent import Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
-from motorprior.identification.physics.felt import WORSE, limits_not_felt, sizes_not_felt
-from motorprior.identification.physics.fleet_fit import held_constants
+from motorprior.identification.physics.fleet_fit import fixed_constants
+from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.settling import longer_runs, settled
-from motorprior.identification.physics.term_selection import held_out_windows, least_difference
+from motorprior.identification.physics.refinement import longer_runs
+from motorprior.identification.physics.term_selection import least_difference
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.physics_fit import WORK, Physics, fit_physics
 from motorprior.identification.presets import Preset
-from motorprior.identification.residual import (
-    LEAST_GAIN,
-    Fleet,
-    gain,
-    starts_of_seen,
-    trained_residual,
-    without_residual,
-)
+from motorprior.identification.residual import FittedMotors, ResidualTraining, refined_motors, without_residual
 from motorprior.identification.training_data.windows import TrainingData
-
-_NAMED = 6
-"""Motors that a note names."""
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A trained network with the posteriors of the training motors, mean and log_var (M, Z).
+    """A trained network with the posteriors of the training motors."""
 
-    Attributes:
-        network: of the prior.
-        mean: (M, Z).
-        log_var: (M, Z).
-        preset: the recipe, with the terms that were found and without a network that brought nothing.
-        losses: mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows.
-        aggregate_kl: KL divergence of the mixture of all posteriors from N(0, I) [nat].
-        metrics: what was found on the way: ``saved_TERM``, the share of the held-out loss that a term saves, and
-            ``saved_residual``, that of the residual network; ``not_shown_LIMIT`` and ``unknown_torque_size``, see
-            `felt`.
-        notes: what a user should know of it, line by line.
-    """
-
-    network: LatentNetwork
-    mean: np.ndarray
-    log_var: np.ndarray
-    preset: Preset
+    network: LatentNetwork  # of the prior
+    mean: np.ndarray  # (M, Z)
+    log_var: np.ndarray  # (M, Z)
+    preset: Preset  # the recipe, with the terms that were selected and without a network that was rejected
+    # mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
-    aggregate_kl: float
+    aggregate_kl: float  # KL divergence of the mixture of all posteriors from N(0, I) [nat]
+    # ``saved_TERM`` and ``saved_residual``, shares of the held-out loss that a term or the residual network
+    # saves; ``not_shown_LIMIT`` and ``unknown_torque_size``, see `identifiability`
     metrics: dict[str, float]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # for the user, line by line
 
 
 def work_of(preset: Preset) -> int:
@@ -88,9 +68,9 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and what to say of them; with 0 several times a second during a fit of
-            physics, so that what it raises ends the fit soon.
-        checkpoints: where an interrupted training goes on.
+        report: called with parts of `work_of` and a text; with 0 several times a second during a fit of physics, so
+            that an exception that it raises ends the fit soon.
+        checkpoints: where an interrupted training resumes.
 
     Raises:
         MotorPriorError: the training diverged.
@@ -136,130 +116,66 @@ def _physics_first(
 ) -> Identified:
     runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
     physics = fit_physics(data, preset, runs, seed, report, checkpoints)
-    found, saved = physics.fit, physics.saved
+    found = physics.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
-    metrics = {f"saved_{name}": value for name, value in saved.items()}
+    metrics = {f"saved_{name}": value for name, value in physics.saved.items()}
     notes = _notes_on_terms(physics, preset)
-    fitted = Fleet(found.network(without_residual(data.scales, preset)), found.offsets)
+    fitted = FittedMotors(found.network(without_residual(data.scales, preset)), found.offsets)
     longer = longer_runs(data, preset, runs)
-    report(0, "constants settle")
-    fleet = _settled(fitted, longer, preset)
+    report(0, "constants are refined")
+    motors = refined_motors(fitted, longer, preset)
     if preset.num_neurons:
-        stored = None if checkpoints is None else _Beside(checkpoints, physics.arrays())
-        residual = _Residual(data, preset, seed, longer, report, stored)
-        fleet, note = residual.beside(fitted, fleet, metrics)
-        preset = preset if fleet.network.num_neurons else replace(preset, num_neurons=0)
+        stored = None if checkpoints is None else _WithPhysics(checkpoints, physics.arrays())
+        training = ResidualTraining(data, preset, seed, longer, report, stored)
+        motors, note = training.best_of(fitted, motors, metrics)
+        preset = preset if motors.network.num_neurons else replace(preset, num_neurons=0)
         notes.append(note)
-    notes += _limits_not_shown(fleet, longer, data.joint_names, metrics)
-    notes += _size_not_shown(fleet, longer, data.joint_names, metrics)
-    log_var, losses = np.zeros_like(fleet.z), MotorFit(fleet.network, runs).losses(fleet.z).mean(keepdims=True)
-    assumed = assumed_spread(found.terms, held_constants(found.terms, runs))
-    return _finished(fleet.network, fleet.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
-
-
-def _settled(fleet: Fleet, longer: WindowRuns, preset: Preset, chosen: np.ndarray | None = None) -> Fleet:
-    """On runs, or the ``chosen`` (N,) of them, that are longer than the recipe's; as it is if there are none."""
-    if longer.preset.window <= preset.window:
-        return fleet
-    return replace(fleet, z=settled(fleet.network, fleet.z, longer, preset.physics_first == "together", chosen))
-
-
-@dataclass(frozen=True)
-class _Residual:
-    """How a residual network is trained and judged."""
-
-    data: TrainingData
-    preset: Preset
-    seed: int
-    runs: WindowRuns
-    report: Report
-    checkpoints: Checkpoints | None
-
-    def beside(self, fitted: Fleet, fleet: Fleet, metrics: dict[str, float]) -> tuple[Fleet, str]:
-        """``fleet``, or ``fitted`` with a residual, settled, where it earns its place; and a note on it.
-
-        Args:
-            fitted: physics alone, as short runs found them.
-            fleet: the same, settled.
-            metrics: where the share of the loss goes that it saves.
-        """
-        judged = held_out_windows(self.runs)
-        if judged.all() or not judged.any():
-            return fleet, "residual network: left out, the log is too short to judge it"
-        seen = replace(self.data, starts=starts_of_seen(self.data, self.preset, self.runs.preset, judged))
-        try:
-            network = trained_residual(fitted, seen, self.preset, self.seed, self.report, self.checkpoints)
-        except DivergedError:
-            return fleet, "residual network: left out, its training diverged"
-        candidate = Fleet(network, fitted.z)
-        without, with_it = (_settled(each, self.runs, self.preset, ~judged) for each in (fitted, candidate))
-        less, closer = gain(without, with_it, self.runs, judged)
-        metrics["saved_residual"] = less
-        if less > LEAST_GAIN and closer >= 0.0:
-            settled_with_it = _settled(candidate, self.runs, self.preset)
-            return settled_with_it, f"residual network: saves {100 * less:.0f} % of the held-out loss"
-        return fleet, (
-            f"residual network: left out, it changes the held-out loss by {-100 * less:+.1f} % and the held-out "
-            f"error of position by {-100 * closer:+.1f} %"
-        )
+    notes += _notes_on_identifiability(motors, longer, data.joint_names, metrics)
+    log_var, losses = np.zeros_like(motors.z), MotorFit(motors.network, runs).losses(motors.z).mean(keepdims=True)
+    assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
+    return _finished(motors.network, motors.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
 
 
 def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
-    terms = physics.fit.terms
-    chosen = ", ".join(f"{name} (stated)" if name in preset.stated_terms else name for name in terms)
-    notes = [f"terms beyond the geared motor: {chosen or ('none' if physics.saved else 'none was tried')}"]
+    chosen = [f"{name} (logged)" if name in preset.stated_terms else name for name in physics.fit.terms]
+    notes = [f"optional terms: {', '.join(chosen) or ('none' if physics.saved else 'none was tried')}"]
     notes += [
-        f"warning: {name} is {least:.3g} to {most:.3g} in these logs, and this recipe does not try what that does: it "
-        "counts as the motor -> use one that tries terms, rollout or long_runs"
+        f"warning: {name} varies from {least:.3g} to {most:.3g} in these logs, which preset {preset.objective} without "
+        "optional terms ignores -> use preset rollout or long_runs"
         for name, least, usual, most in preset.conditions
         if not preset.tries_terms and most - least >= least_difference(name, usual)
     ]
     if physics.left_out:
-        notes.append(
-            f"left out again: {', '.join(physics.left_out)}, chosen by some motors and rows; of the loss of all they "
-            f"save less than {100 * LEAST_GAIN:g} %"
-        )
+        notes.append(f"selected on some motors, rejected on all: {', '.join(physics.left_out)}")
     return notes
 
 
-def _whose(hidden: np.ndarray, names: tuple[str, ...]) -> str:
-    """For example "the logs of 2 of 6 motors (elbow, wrist)"."""
-    named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], _NAMED)})" if names else ""
-    return f"the logs of {hidden.sum()} of {len(hidden)} motors{named}"
+def _notes_on_identifiability(
+    motors: FittedMotors, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
+) -> list[str]:
+    """Notes on limits and on a scale of torques that the logs do not identify; they go to ``metrics``, too."""
 
+    def logs(hidden: np.ndarray) -> str:
+        named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
+        return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
-def _limits_not_shown(fleet: Fleet, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]) -> list[str]:
-    """Notes on limits that the logs do not feel; they go to ``metrics``, too."""
     notes = []
-    for name, hidden in limits_not_felt(fleet.network, runs, fleet.z).items():
-        metrics[f"{NOT_SHOWN}{name}"] = hidden.most
+    for name, hidden in unidentifiable_limits(motors.network, runs, motors.z).items():
+        value = float(motors.network.constants(motors.z)[name][hidden].max())
+        metrics[f"{UNIDENTIFIED}{name}"] = value
+        notes.append(f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it")
+    hidden = unknown_torque_scale(motors.network, runs, motors.z)
+    if hidden.any():
+        metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())
         notes.append(
-            f"warning: {_whose(hidden.motors, names)} do not show a {limit_in_words(name, hidden.most)}, the largest "
-            f"that the fit gave them: with half of it, or with double, the loss of such a log is at most {WORSE:g} "
-            "times what it is. A policy that is trained on this prior may count on it"
+            f"{logs(hidden)} the scale of torques; only ratios of kp, torque limit, armature and friction are physical "
+            "-> log kp in N·m/rad, or motions under larger loads"
         )
     return notes
-
-
-def _size_not_shown(fleet: Fleet, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]) -> list[str]:
-    """A note on motors whose logs do not feel how large torques are; their number goes to ``metrics``, too."""
-    hidden = sizes_not_felt(fleet.network, runs, fleet.z)
-    if not hidden.any():
-        return []
-    metrics[UNKNOWN_SIZE] = float(hidden.sum())
-    return [
-        f"warning: {_whose(hidden, names)} do not show how large their torques are: with half of all torques and of "
-        f"the rotor's inertia, or with double, the loss of such a log is at most {WORSE:g} times what it is. Only "
-        "ratios of kp, torque limit, armature and friction are to be read as physics. Under another load these "
-        "motors may be several times too strong or too weak. State kp in N·m/rad, or log motions in which the load "
-        "pulls harder at the motors"
-    ]
 
 
 @dataclass(frozen=True)
-class _Beside:
-    """Checkpoints of a descent beside the arrays of the fit that came before it."""
-
+class _WithPhysics:
     checkpoints: Checkpoints
     arrays: dict[str, np.ndarray]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import named_multiples, with_stated_gains
+from motorprior.actuator.geared_motor_constants import named_multiples, with_logged_gains
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
@@ -181,13 +181,13 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the metrics of its own errors.
     """
-    from motorprior.identification.latents.grey_box_fit import OF_THE_SAME_NAME, Expected
+    from motorprior.identification.latents.grey_box_fit import SAME_JOINT_STD, LatentPrior
     from motorprior.identification.latents.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
-    precision = np.where(prior.has_names(log.joint_names), OF_THE_SAME_NAME, 1.0)
-    expected = Expected(prior.expected(log.joint_names), precision)
-    return fit_posterior(prior.network, data, preset, temperature, expected=expected)
+    precision = np.where(prior.has_names(log.joint_names), SAME_JOINT_STD, 1.0)
+    expected = LatentPrior(prior.expected(log.joint_names), precision)
+    return fit_posterior(prior.network, data, preset, temperature, prior=expected)
 
 
 def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:
@@ -216,9 +216,9 @@ def _prepared(
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics of the outlier test."""
     from motorprior.identification.judging.reference import ending, has_reference_metrics
-    from motorprior.identification.training_data.windows import that_fits, training_data
+    from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
-    preset = that_fits(recipe_of(prior, path), log)
+    preset = with_window_that_fits(recipe_of(prior, path), log)
     if prior.network.num_latents == 0 or not has_reference_metrics(prior.metrics, preset.objective == "rollout"):
         raise ArtifactError(
             "it has no latents, or lacks the metrics of its own errors", where=path,
@@ -242,7 +242,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
         return {}
     values, gains = prior.network.constants(latents), stated_gains_of(log)
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
-        return with_stated_gains(values, *gains)
+        return with_logged_gains(values, *gains)
     return named_multiples(values) if prior.network.gain_unit else values
 
 

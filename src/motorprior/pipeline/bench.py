@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.artifacts import write_json
-from motorprior.bench.facts import FACTS, LOG, BenchFacts, require_bench_size, training_motors
+from motorprior.bench.bench_folder import BENCH_JSON, LOG, BenchSettings, require_bench_size, training_motors
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
@@ -93,9 +93,9 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
         return
     title = f"bench {config.preset}: {config.motors} motors, {config.steps} steps"
     with working(config.out, wanted), progress.start(title, 1) as task:
-        (config.out / FACTS).unlink(missing_ok=True)  # of other motors
+        (config.out / BENCH_JSON).unlink(missing_ok=True)  # of other motors
         motors = training_motors(fleet, config.motors, config.seed)
         write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
-        facts = BenchFacts(fleet, config.preset, config.motors, config.steps, config.seed)
-        write_json(config.out / FACTS, facts.as_json())
+        facts = BenchSettings(fleet, config.preset, config.motors, config.steps, config.seed)
+        write_json(config.out / BENCH_JSON, facts.as_json())
         task.advance()

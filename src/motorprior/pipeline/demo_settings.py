@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from motorprior.bench.facts import require_bench_size
+from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline.first_look.real_motors import RealMotors

@@ -22,7 +22,7 @@ def told_quality(
 
     ``recipe`` is the motors', and ``of_the_log`` tells whether they were fitted to it.
     """
-    from motorprior.identification.baselines.tuned_pds import TUNING
+    from motorprior.identification.baselines.pd_fit import TUNING
     from motorprior.identification.judging.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:

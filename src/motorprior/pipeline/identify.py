@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.prior_bounds import check_stated_gains
+from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_count, require_seed
@@ -161,7 +160,7 @@ def _data(job: _Job) -> TrainingData:
 
     gains = stated_gains_of(job.log)
     if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
-        check_stated_gains(gains, job.where)
+        check_gain_units(gains, job.where)
     return training_data(job.log, job.recipe, job.where)
 
 
@@ -182,9 +181,9 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
     from motorprior.identification.judging.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, widened
+    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, scaled
     from motorprior.identification.train import identify, work_of
-    from motorprior.identification.training_data.used_share import used_share
+    from motorprior.identification.training_data.windows import used_share
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
@@ -215,7 +214,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     if network.motor is not None:
         quality = told_quality(LatentActuator(network, mean), log, found.preset, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        network, mean, log_var = widened(network, mean, log_var, quality.widening)
+        network, mean, log_var = scaled(network, mean, log_var, quality.widening)
         if network.copula is not None and quality.misses_physics:
             progress.note(f"the standard deviation of the prior is scaled by {quality.widening:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.limits_not_shown import UNKNOWN_SIZE, limit_in_words, limits_not_shown
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, unidentified_limits
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
@@ -83,16 +82,16 @@ def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
     """Notes on limits that the logs of a prior did not reach, and on gains that differ from the robot's."""
     notes = _gain_note(prior, robot)
-    if hidden := prior.metrics.get(UNKNOWN_SIZE):
+    if hidden := prior.metrics.get(UNKNOWN_TORQUE_SCALE):
         notes.append(
             f"note: the torque scale of {hidden:.0f} of the prior's {len(prior.mean)} motors is not identifiable from "
             f"its logs: they may be several times too strong or too weak for {robot.name}"
         )
     highest = max(joint.torque_limit for joint in robot.joints)
-    for name, value in limits_not_shown(prior.metrics).items():
+    for name, value in unidentified_limits(prior.metrics).items():
         known = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
         notes.append(
-            f"note: the prior's {limit_in_words(name, value)} is not identifiable from its logs{known}; a policy may "
+            f"note: the prior's {limit_text(name, value)} is not identifiable from its logs{known}; a policy may "
             "over-rely on it. Log motions that reach the limit"
         )
     return notes

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from motorprior.bench.facts import FACTS, LOG, read_bench
+from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.formats.parquet_io import read_parquet
@@ -41,25 +41,25 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
         raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
-    paths = [path.parent if path.name == LOG and (path.parent / FACTS).is_file() else path for path in paths]
+    paths = [path.parent if path.name == LOG and (path.parent / BENCH_JSON).is_file() else path for path in paths]
     folders = [path for path in paths if path.is_dir()]
     if not folders:
         logs = [read_parquet(path) for path in paths]
         log = joined(logs)
         if log.robot == BENCH:
             raise LogError(
-                f"the log of a bench without its {FACTS}, which names the robot", where=paths[0],
+                f"the log of a bench without its {BENCH_JSON}, which names the robot", where=paths[0],
                 remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
             )  # fmt: skip
         return log, paths, origin_of(log, logs)
     (folder, *_) = folders
     if len(paths) > 1:
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
-    if not any((folder / name).is_file() for name in (LOG, FACTS)):
+    if not any((folder / name).is_file() for name in (LOG, BENCH_JSON)):
         raise LogError(
             f"a folder without {LOG}", where=folder,
             remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
         )  # fmt: skip
     log, facts = read_bench(folder)
     provenance = {"bench": facts.as_json(), MOTIONS: [motion_digest(log)]}
-    return log, [folder / LOG, folder / FACTS], Origin(facts.fleet.robot, facts.fleet.motor, provenance)
+    return log, [folder / LOG, folder / BENCH_JSON], Origin(facts.fleet.robot, facts.fleet.motor, provenance)

@@ -11,7 +11,7 @@ import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, read_tensors
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import FAMILIES
 from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture

@@ -14,8 +14,8 @@ RMSE, FREE_RUN = "real_motors_rmse", "real_motors_free_run_rmse"
 """Errors of free runs of whole stretches of log, and of a second."""
 CONSTANT = "real_motors_"
 """Prefix of `Result.quantity` in rows of a motor constant. The value is that of the joint named by ``part``; in a row
-without ``part`` it is what ``statistic`` says: a quantile of a fleet's draws, or the motors' median (NOT_SHOWN)."""
-NOT_SHOWN = "not_shown"
+without ``part`` it is what ``statistic`` says: a quantile of a fleet's draws, or the motors' median (UNIDENTIFIED)."""
+UNIDENTIFIED = "not_shown"
 """Statistic of a constant that the logs do not show: its value is that of a fit, not of the motors."""
 NAMES = {
     "ideal_pd": "an ideal PD", "tuned_pd": "one tuned PD", "prior": "the prior", "prior_mean": "its central motor",
@@ -130,7 +130,7 @@ def _of_constants(results: Results) -> Results:
 def _constant_row(of: Results, columns: int, fleet: tuple[str, ...]) -> tuple[str, ...]:
     """Of one constant, with so many ``columns`` for the motors and those quantiles of the fleet."""
     values = [row.value for row in of if row.part is not None]
-    if of.where(statistic=NOT_SHOWN):
+    if of.where(statistic=UNIDENTIFIED):
         shown = ["not shown by the logs"] if columns == 1 else ["–", "not shown by the logs", "–"]
     else:
         shown = [f"{value:.3g}" for value in np.quantile(values, np.linspace(0.0, 1.0, columns))]

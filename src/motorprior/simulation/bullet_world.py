@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
-from motorprior.actuator.torque_law import (
+from motorprior.actuator.kernels import (
     make_explicit,
     measure_joint_pos,
     reset_actuator,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.borrowed import borrowed
+from motorprior.actuator.kernels import without_refcounts
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
 from motorprior.simulation.world import World
@@ -41,7 +41,7 @@ def _play(
     measured: np.ndarray,
     base: np.ndarray,
 ) -> None:
-    world, motors, targets = borrowed(world), borrowed(motors), borrowed(targets)
+    world, motors, targets = without_refcounts(world), without_refcounts(motors), without_refcounts(targets)
     n = targets.shape[1]
     row = 0
     for step in range(targets.shape[0]):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.borrowed import borrowed
+from motorprior.actuator.kernels import without_refcounts
 from motorprior.bounds import require_count, require_finite
 from motorprior.compiled import njit
 from motorprior.locomotion.body import Body, action_size, body_of, observation_size
@@ -173,8 +173,9 @@ def _episode(
     trace: np.ndarray,
 ) -> tuple[float, int, int]:
     """Return total reward, steps and fault."""
-    world, motors, sensors, s = borrowed(world), borrowed(motors), borrowed(sensors), borrowed(s)
-    policy, task, mean, m2, body = borrowed(policy), borrowed(task), borrowed(mean), borrowed(m2), borrowed(body)
+    world, motors, sensors = without_refcounts(world), without_refcounts(motors), without_refcounts(sensors)
+    s, policy, task = without_refcounts(s), without_refcounts(policy), without_refcounts(task)
+    mean, m2, body = without_refcounts(mean), without_refcounts(m2), without_refcounts(body)
     total, steps, fault, nq, nv = 0.0, 0, 0, world.qpos.shape[0], world.qvel.shape[0]
     begin_walk(body, world, motors, sensors, s, control_dt)
     for step in range(max_steps):

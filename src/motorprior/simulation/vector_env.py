@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numba.typed import List
 
-from motorprior.actuator.borrowed import borrowed
+from motorprior.actuator.kernels import without_refcounts
 from motorprior.bounds import require_count, require_finite
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
@@ -29,10 +29,8 @@ _MOST = 2**31
 @njit(cache=True, nogil=True)
 def _begin(body, worlds, motors, sensors, walkers, index, control_dt, observations):
     """First observation of one robot."""
-    begin_walk(
-        body, borrowed(worlds[index]), borrowed(motors[index]), borrowed(sensors[index]), borrowed(walkers[index]),
-        control_dt,
-    )  # fmt: skip
+    world, sensor = without_refcounts(worlds[index]), without_refcounts(sensors[index])
+    begin_walk(body, world, without_refcounts(motors[index]), sensor, without_refcounts(walkers[index]), control_dt)
     observations[index] = walkers[index].observation
 
 
@@ -41,15 +39,15 @@ def _step(body, worlds, motors, sensors, walkers, share, actions, control_dt, ta
     """One control step of the robots in ``share``; ``out`` is (observations, rewards, over, faults, phases)."""
     observations, rewards, over, faults, phases = out
     for index in share:
-        world, walker = borrowed(worlds[index]), borrowed(walkers[index])
+        world, walker = without_refcounts(worlds[index]), without_refcounts(walkers[index])
         walker.action[:] = actions[index]
         rewards[index], over[index], faults[index] = walk_step(
-            body, world, borrowed(motors[index]), walker, control_dt, task
+            body, world, without_refcounts(motors[index]), walker, control_dt, task
         )
         phases[index] = walker.gait.scalars[0]
         steps[index] += 1
         if faults[index] == 0:
-            complete(body, borrowed(sensors[index]), walker, steps[index], world.qpos[3:7], control_dt)
+            complete(body, without_refcounts(sensors[index]), walker, steps[index], world.qpos[3:7], control_dt)
         observations[index] = walker.observation
 
 

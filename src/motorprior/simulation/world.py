@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
-from motorprior.actuator.torque_law import reset_actuator
+from motorprior.actuator.kernels import reset_actuator
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.fatal_errors import install_handler
 from motorprior.simulation.mj_call import mj_step_address, stop_timers

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.facts import read_bench
+from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
@@ -154,28 +154,34 @@ def _identify(config: Study, preset: str, progress: Progress) -> None:
 
 
 def _start(config: Study) -> dict[str, float]:
-    """Initial gains and limit of each PD fit."""
-    from motorprior.identification.baselines.tuned_pds import GAINS  # imports scipy
+    """Gains and limit at which each PD fit starts."""
+    from motorprior.identification.baselines.pd_fit import GAINS  # here: it imports scipy
 
     nominal = nominal_pd(load_robot_fleet(load_robot(config.robot), config.fleet), 1)
     return {name: float(getattr(nominal, name)[0]) for name in GAINS}
 
 
 def _fit_pds(config: Study, progress: Progress) -> None:
-    """Fit the three PDs to the bench's log; FITS has constants, error and number of evaluations."""
-    from motorprior.identification.baselines.pd_fit import THOROUGH, beginnings, fit_to_the_end
-    from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS
+    """Fit the three PDs to the bench's log until they converge; FITS has constants, error and effort."""
+    from motorprior.identification.baselines.pd_fit import (
+        GAINS,
+        THOROUGH,
+        WITH_FRICTION,
+        WITH_ROTOR,
+        fit_pd,
+        starting_points,
+    )
 
     folder, start, robot = config.out / "fits", _start(config), load_robot(config.robot)
     log = config.out / "bench" / "rollout" / "log.parquet"
-    kinds = dict(zip(FITTED_PDS, (GAINS, EVERYTHING, FRICTION), strict=True))
+    kinds = dict(zip(FITTED_PDS, (GAINS, WITH_ROTOR, WITH_FRICTION), strict=True))
     wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):
         return
-    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * THOROUGH.most(4)) as task:
+    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * THOROUGH.total(4)) as task:
         recorded = read_bench(log.parent)[0]
         fits = {
-            name: fit_to_the_end(recorded, beginnings(start, free, LAGS), free, task.advance)
+            name: fit_pd(recorded, starting_points(start, free, LAGS), free, task.advance)
             for name, free in kinds.items()
         }
         for name in [name for name, fit in fits.items() if not fit.converged]:
@@ -197,8 +203,7 @@ def _robot_folder(config: Study, population: str, seed: int, fit: str = "") -> P
 
 
 def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:
-    from motorprior.identification.baselines.pd_fit import beginnings, fit_to_the_end
-    from motorprior.identification.baselines.tuned_pds import FRICTION
+    from motorprior.identification.baselines.pd_fit import WITH_FRICTION, fit_pd, starting_points
 
     robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
     fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
@@ -210,9 +215,9 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
         run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
     if "pd_adapted" in config.conditions:
         start, pd_folder = _start(config), _robot_folder(config, population, seed, "pd_adapted")
-        wanted = description("study", {"start": start, "kinds": FRICTION}, [log, *robot.files])
+        wanted = description("study", {"start": start, "kinds": WITH_FRICTION}, [log, *robot.files])
         if not is_finished(pd_folder, wanted):
             with working(pd_folder, wanted):
-                fit = fit_to_the_end(read_parquet(log), beginnings(start, FRICTION, LAGS), FRICTION)
+                fit = fit_pd(read_parquet(log), starting_points(start, WITH_FRICTION, LAGS), WITH_FRICTION)
                 write_json(pd_folder / "pd.json", asdict(fit))
     task.advance(1, folder.name)

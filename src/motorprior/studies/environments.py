@@ -17,7 +17,7 @@ from zlib import crc32
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.true_motors import TrueMotors
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import seed_of
 from motorprior.locomotion.policy import PolicyArrays

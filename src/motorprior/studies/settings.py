@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from motorprior.bench.facts import require_bench_size
+from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bench.fleet import load_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError

@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.true_motors import TrueMotors
+from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, stated_gain_rows, stated_gains_of

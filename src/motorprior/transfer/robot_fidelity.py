@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.true_motors import TrueMotors
+from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.judging.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
 from motorprior.locomotion.body import body_of

@@ -1,47 +1,75 @@
-"""PDs fitted to a log that a PD made are that PD, and say what it took."""
+"""PDs fitted to a log that a PD made are that PD, and follow the gains of other logs."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import run
-from motorprior.bench.facts import training_motors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.pd_fit import PdFit, beginnings, fit_to_the_end, pd_motors
-from motorprior.identification.baselines.replay_error import trials
-from motorprior.identification.baselines.tuned_pds import EVERYTHING, FRICTION, GAINS
+from motorprior.identification.baselines.pd_fit import (
+    TUNING,
+    WITH_FRICTION,
+    fit_pd,
+    pd_motors,
+    starting_points,
+    tuned_pd,
+)
+from motorprior.identification.baselines.replay_error import closed_loop_error, scaled_gains, trials, with_scaled_gains
+from motorprior.identification.judging.log_fidelity import free_run_errors, whole_runs
+from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
-from motorprior.studies.conditions import LAGS
 
 TRUE = {"kp": 7.0, "kd": 0.7, "torque_limit": 1.2, "armature": 0.004, "delay": 0.004, "coulomb": 0.15}
 START = {"kp": 8.8, "kd": 0.84, "torque_limit": 1.26}
-MOTORS = 4
+LAGS = {"armature": (0.003,), "delay": (0.003,)}
+MOTORS = 2
 
 
 @pytest.fixture(scope="module")
-def log() -> MotorLog:
-    """A bench log whose motions are those of a PD with friction."""
+def bench() -> MotorLog:
     fleet = load_fleet("pupper_v2")
-    made = record(training_motors(fleet, MOTORS, 0), bench_preset("rollout"), 5000, 0, fleet)
-    motors = pd_motors(TRUE, MOTORS)
-    return replace(made, joint_pos=np.concatenate([run(motors, trial).joint_pos for trial, _ in trials(made)]))
+    return record(training_motors(fleet, MOTORS, 0), bench_preset("rollout"), 5000, 0, fleet)
 
 
-def fitted(log: MotorLog, free: tuple[str, ...]) -> tuple[PdFit, int]:
+def made_by(bench: MotorLog, motors: Actuator) -> MotorLog:
+    """The same commands and loads with the motion of these motors."""
+    return replace(bench, joint_pos=np.concatenate([run(motors, trial).joint_pos for trial, _ in trials(bench)]))
+
+
+def test_the_pd_with_friction_that_made_the_log_is_found(bench: MotorLog):
     counts = []
-    return fit_to_the_end(log, beginnings(START, free, LAGS), free, counts.append), sum(counts)
-
-
-def test_the_pd_that_made_the_log_is_found(log: MotorLog):
-    fit, reported = fitted(log, FRICTION)
-    assert fit.converged and fit.error < 1e-3
+    log = made_by(bench, pd_motors(TRUE, MOTORS))
+    fit = fit_pd(log, starting_points(START, WITH_FRICTION, LAGS), WITH_FRICTION, counts.append)
+    assert fit.converged and fit.error < 1e-3 and sum(counts) == fit.evaluations
     for name, value in TRUE.items():
         assert fit.constants[name] == pytest.approx(value, rel=0.05), name
-    assert reported == fit.evaluations, "every simulation is reported"
 
 
-def test_what_a_model_lacks_costs_error(log: MotorLog):
-    errors = [fitted(log, free)[0].error for free in (GAINS, EVERYTHING, FRICTION)]
-    assert errors[0] > 1.2 * errors[1] > 2.0 * errors[2]
+def test_a_late_pd_with_a_heavy_rotor_and_a_limit_is_found_from_nowhere(bench: MotorLog):
+    true, counts = IdealPd.uniform(MOTORS, 12.0, 0.6, 1.4, 0.018, 0.04), []
+    log = made_by(bench, true)
+    found = tuned_pd(log, counts.append)
+    assert closed_loop_error(log)(found) < 2e-3 and len(counts) <= TUNING
+    for name in ("kp", "kd", "torque_limit", "delay"):
+        assert getattr(found, name)[0] == pytest.approx(getattr(true, name)[0], rel=0.15, abs=1e-3), name
+
+
+def test_a_pd_is_scaled_to_the_gains_of_each_segment(bench: MotorLog):
+    first = np.arange(bench.num_rows) < bench.segment_slices()[1].stop
+    scale = np.where(first, 1.0, 2.0)[:, None] * np.ones(MOTORS)
+    pd = IdealPd.uniform(MOTORS, 8.0, 0.5, 5.0)
+    fitted = replace(bench, stated_kp=np.full_like(scale, 20.0), stated_kd=np.ones_like(scale))
+    other = replace(bench, stated_kp=20.0 * scale, stated_kd=scale)
+    at_gains = scaled_gains(fitted)
+    cases = zip(trials(other), other.segments(), strict=True)
+    made = [run(at_gains(pd, part), trial).joint_pos for (trial, _), part in cases]
+    other = replace(other, joint_pos=np.concatenate(made), joint_vel=None)
+    preset = replace(PRESETS["rollout"], gain_unit=other.gain_unit, warm_up=10)
+    errors = free_run_errors(whole_runs(other, preset, ""), {"scaled": with_scaled_gains(pd, fitted), "fixed": pd})
+    assert np.all(errors["scaled"] < 0.2 * errors["fixed"])
+    assert with_scaled_gains(pd, bench) is pd

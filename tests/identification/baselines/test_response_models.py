@@ -59,17 +59,6 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     return [runs_of(target, pos, external)]
 
 
-def test_a_pure_delay_only_shifts():
-    target = command(3)
-    late = np.concatenate([np.full(5, target[0]), target[:-5]])
-    runs = runs_of(target, late, np.zeros(ROWS))
-    shifted = ResponseMotors("pure_delay", constants(delay=5 * DT))
-    assert free_run_errors([runs], {"delay": shifted})["delay"][0] < 1e-6
-    early = ResponseMotors("pure_delay", constants(delay=2 * DT))
-    first = PRESET.history + 1
-    np.testing.assert_allclose(early.errors(runs)[0, 0], target[first - 2 : -2] - late[first:], atol=1e-6)
-
-
 def test_a_step_is_answered_as_a_second_order_system_does():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 0.5)
     runs = runs_of(target, np.zeros(ROWS), np.zeros(ROWS))
@@ -93,7 +82,7 @@ def test_limits_bind_and_a_dead_band_stops_short():
     assert 0.02 < abs(answer[-1] - aim) < 0.1 and speed[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("known", [{"delay": 0.031}, LINEAR, SERVO], ids=["pure_delay", "second_order", "servo_limits"])
+@pytest.mark.parametrize("known", [LINEAR, SERVO], ids=["second_order", "servo_limits"])
 def test_known_constants_are_found_again(known: dict[str, float], request: pytest.FixtureRequest):
     truth, name = constants(**known), request.node.callspec.id
     training: Sequence[WindowRuns] = [run for seed in (1, 2) for run in made_by(truth, seed)]

@@ -8,13 +8,13 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import Conditions
+from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.judging.fit_quality import MISSING, FitQuality, fit_quality
-from motorprior.identification.latents.standardise import standardised, widened
+from motorprior.identification.latents.standardise import scaled, standardised
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
 
@@ -90,7 +90,7 @@ def test_the_pd_follows_the_gains_that_segments_state(log: MotorLog):
 def test_widened_draws_spread_wider_around_motors_that_stay_the_same(grey_network):
     rng = np.random.default_rng(0)
     network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))
-    wide, moved, log_var = widened(network, mean, np.zeros_like(mean), 1.5)
+    wide, moved, log_var = scaled(network, mean, np.zeros_like(mean), 1.5)
     np.testing.assert_allclose(log_var, -2.0 * np.log(1.5))
     np.testing.assert_allclose(wide.decoder_latents(moved), network.decoder_latents(mean), atol=1e-9)
     draws = rng.standard_normal((2000, 3))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import TERMS
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.judging.passivity import cycle_work, residual_bound, residual_work
 
 MOTORS, DT = 8, 0.002

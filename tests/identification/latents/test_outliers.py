@@ -4,6 +4,7 @@ No motor is simulated: residuals are linear in the decoder's latents.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents import grey_box_fit
-from motorprior.identification.latents.outliers import Outliers, outliers
+from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
 from motorprior.identification.latents.standardise import standardised
 
 KNOWN, NEW, SIZE = 12, 6, len(PARAMETERS)
@@ -60,22 +61,26 @@ def test_a_held_constant_is_never_what_deviates_most(monkeypatch: pytest.MonkeyP
     assert np.all(np.delete(found.p_value, 2) > 0.01)
 
 
-def test_where_no_constant_differs_no_motor_is_odd(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
-    assert judged(monkeypatch, grey_network, held=SIZE).p_value.tolist() == [1.0] * NEW
+# Each training motor against the others.
 
 
-@pytest.mark.parametrize("motors", [4, 5, 7])
-def test_a_constant_that_no_log_shows_calls_no_motor_odd(
-    monkeypatch: pytest.MonkeyPatch, grey_network: Any, motors: int
-):
-    """Few training motors agree in it, and new ones are believed to differ: what is found of it is far from theirs."""
-    hidden, rng, assumed = 3, np.random.default_rng(motors), np.full(SIZE, 0.3)
-    mean, truth = 0.3 * rng.standard_normal((motors, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
-    mean[:, :hidden] = 1e-7 * rng.standard_normal((motors, hidden))
-    network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
-    network, z = standardised(network, mean, assumed)
-    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth, hidden))
-    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
-    found[:, :hidden] += 0.3 * rng.standard_normal((NEW, hidden))  # as the flat valley of a real loss leaves it
-    judged = outliers(network, z, found, NOTHING, NOTHING, 0.05)
-    assert judged.p_value.min() > 0.01, (judged.p_value, judged.latent, judged.deviation)
+def prior_of(latents: np.ndarray, log_var: float = -4.0) -> Any:
+    network = SimpleNamespace(num_latents=3, motor=None, decoder_latents=lambda z: z)
+    return SimpleNamespace(network=network, mean=latents, log_var=np.full(latents.shape, log_var))
+
+
+def test_a_motor_that_is_far_out_is_named_with_its_constant():
+    latents = np.random.default_rng(0).standard_normal((12, 3))
+    latents[7, 2] = -9.0
+    found = leave_one_out_outliers(prior_of(latents))
+    assert found is not None
+    assert found.p_value.argmin() == 7 and found.p_value[7] < 1e-3 and found.deviation[7] < -4.0
+    assert found.latent[7] == "latent 2"
+
+
+def test_a_constant_that_the_log_does_not_know_is_not_odd():
+    latents = np.random.default_rng(2).standard_normal((12, 3))
+    latents[3, 0] = 5.0
+    certain, uncertain = (leave_one_out_outliers(prior_of(latents, log_var)) for log_var in (-20.0, 2.0))
+    assert certain is not None and uncertain is not None
+    assert certain.p_value[3] < 0.1 * uncertain.p_value[3]

@@ -9,7 +9,7 @@ from series import complete
 
 from motorprior.identification.networks import descent
 from motorprior.identification.networks.descent import CHUNK, SLOWER, descend
-from motorprior.identification.networks.network import Parameters, initial_parameters
+from motorprior.identification.networks.network import Parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import _initial
 from motorprior.identification.training_data.windows import Measured, TrainingData
@@ -53,13 +53,6 @@ class Interrupted(Exception):
     """By whoever reports."""
 
 
-def test_it_descends_and_reports_every_chunk():
-    reports = []
-    _, losses = descend(start(), data(), PRESET, 0, lambda *what: reports.append(what))
-    assert losses[-1] < 0.7 * losses[0] and len(losses) == 6
-    assert [steps for steps, _ in reports] == [CHUNK] * 6
-
-
 def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np.nan, where: int = 3) -> list[float]:
     """Replace the training so that the first ``attempts`` diverge in chunk ``where``; lists their rates."""
     rates: list[float] = []
@@ -79,8 +72,7 @@ def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np
     return rates
 
 
-@pytest.mark.parametrize("where", [1, 3])
-@pytest.mark.parametrize("broken", [np.nan, np.inf, 1e30, 10.0])
+@pytest.mark.parametrize(("broken", "where"), [(np.nan, 1), (10.0, 3)])
 def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(
     monkeypatch: pytest.MonkeyPatch, broken: float, where: int
 ):
@@ -89,11 +81,9 @@ def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(
     assert rates == pytest.approx([PRESET.learning_rate / SLOWER**k for k in range(3)])
     np.testing.assert_allclose(losses, 1.0 - 0.01 * np.arange(1, 7))
     assert sum(steps for steps, _ in reports) == PRESET.steps  # what was made in vain is taken back
-    said = [text for _, text in reports if "again, slower" in text]
-    assert len(said) == 2 and f"step {where * CHUNK} " in said[0]
 
 
-@pytest.mark.parametrize("stop", [1, 6], ids=["before a checkpoint", "after one"])
+@pytest.mark.parametrize("stop", [6])
 def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
     kept, calls = Kept(), 0
 
@@ -110,22 +100,3 @@ def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
     again, same = descend(start(), data(), PRESET, 3, checkpoints=kept)
     assert as_bytes(again) == as_bytes(whole)
     np.testing.assert_array_equal(same, losses)
-
-
-def test_physics_that_come_first_stay_as_they_are():
-    preset = replace(
-        PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=5, window=8, batch=8, steps=20, physics_first="alone"
-    )  # fmt: skip
-    rng = np.random.default_rng(0)
-    log = data()
-    series = np.abs(log.series) + np.float32(0.01)
-    trainable = {
-        "network": initial_parameters(rng, preset),
-        "mean": np.zeros((2, 14), np.float32) + np.float32(0.1),
-        "log_var": np.full((2, 14), -2.0, np.float32),
-    }
-    trained, _ = descend(trainable, replace(log, series=series, starts=np.arange(200)), preset, 0)
-    for name in ("motor_center", "motor_slope"):
-        np.testing.assert_array_equal(trained["network"][name], trainable["network"][name])
-    np.testing.assert_array_equal(trained["mean"], trainable["mean"])
-    assert np.any(np.asarray(trained["network"]["w3"]) != np.asarray(trainable["network"]["w3"]))

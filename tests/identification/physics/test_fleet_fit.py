@@ -10,14 +10,11 @@ import pytest
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.fleet_fit import (
-    _LEAST_SPREAD,
     FleetFit,
     fit_fleet,
-    fleet_belief,
-    left_open,
 )
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
+from motorprior.identification.physics.motor_fit import NARROW, WIDE
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -89,28 +86,6 @@ def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: 
         assert np.all(found > 3.0 * asked)
 
 
-def test_what_logs_leave_open_of_motors_widens_the_belief_in_one_more(runs: WindowRuns, found: FleetFit):
-    fit = MotorFit(found.network(bare()), runs)
-    at = Fit(found.offsets, found.loss, found.loss)
-    one = found.loss.mean() / fit.windows  # precision of a belief with variance 1
-    sure, unsure = (
-        left_open(fit, at, Belief(np.zeros(at.z.shape[1]), np.full(at.z.shape[1], one / variance)))
-        for variance in (1e-13, 1.0)
-    )
-    np.testing.assert_allclose(sure, 1e-13, rtol=0.01)  # then the log adds nothing
-    assert np.all((sure < unsure) & (unsure <= 1.0))
-    shown, hidden = (unsure[PARAMETERS.index(name)] for name in ("kp", "stribeck_torque"))
-    assert hidden > 100.0 * shown, (shown, hidden)
-    narrow, wide = (fleet_belief(at, fit.windows, left) for left in (0.0, unsure))
-    assert np.all(wide.precision <= narrow.precision)
-    np.testing.assert_allclose(one / wide.precision, np.maximum(_LEAST_SPREAD**2, spread_of(at.z) + unsure))
-
-
-def spread_of(z: np.ndarray) -> np.ndarray:
-    """(Z,) variance of one more motor around the median of M, from their distances to it."""
-    return (len(z) + 1) / (len(z) - 1) * np.mean((z - np.median(z, axis=0)) ** 2, axis=0)
-
-
 def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
     terms = ("profile",)
     row, raw = parameters_of(terms).index("profile_acceleration"), truth(terms)
@@ -136,43 +111,4 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: Windo
     assert other.offsets.tobytes() not in results[0]
 
 
-def test_alone_most_motors_are_found_as_well(runs: WindowRuns):
-    fit = fit_fleet(bare(), runs, (), False, 0, turns=((NARROW, 5),) * 6)
-    error = np.abs(fit.raw - initial_center(()) - truth())[:, PARAMETERS.index("kp")]
-    assert np.median(fit.loss) < 5e-3 and np.median(error) < 0.05
-
-
 # Steps of a fit.
-
-
-def test_a_polish_never_ends_higher_than_it_began_and_follows_a_strong_belief(runs: WindowRuns):
-    fit, rng = MotorFit(bare(), runs), np.random.default_rng(4)
-    start = truth() + 0.2 * rng.standard_normal(truth().shape)
-    weak = Belief(np.zeros(14), np.full(14, 1e-4))
-    before = fit.losses(start) + weak.energy(start)
-    steps = [fit.polish(start, weak, count) for count in (1, 4)]
-    assert np.all(steps[0].energy <= before) and np.all(steps[1].energy <= steps[0].energy)
-    np.testing.assert_allclose(steps[1].energy, steps[1].loss + weak.energy(steps[1].z), rtol=1e-9)
-    sure = Belief(np.full(14, 0.1), np.full(14, 1e6))
-    held = fit.polish(start, sure, 8)
-    np.testing.assert_allclose(held.z, 0.1, atol=1e-3)
-
-
-def test_curvatures_are_those_of_the_loss_at_the_truth(runs: WindowRuns):
-    """Where residuals are 0 the Gauss-Newton matrix is the Hessian; kp is well seen, the zero of an encoder not."""
-    fit, row = MotorFit(bare(), runs), PARAMETERS.index("kp")
-    found, reach = fit.curvatures(truth(), NARROW), NARROW
-    ahead, behind = truth(), truth()
-    ahead[:, row] += reach
-    behind[:, row] -= reach
-    second = (fit.losses(ahead) + fit.losses(behind) - 2 * fit.losses(truth())) / reach**2
-    assert np.median(found[:, row, row] / second) == pytest.approx(1.0, rel=0.5)
-    assert np.all(np.linalg.eigvalsh(found)[:, 0] > -1e-5 * np.abs(found).max())
-
-
-def test_motors_that_cannot_be_simulated_lose_and_break_nothing(runs: WindowRuns):
-    fit, wild = MotorFit(bare(), runs), np.tile(truth()[:, None], (1, 3, 1))
-    wild[:, 1, PARAMETERS.index("gear_stiffness")] = 200.0
-    wild[:, 2, PARAMETERS.index("armature")] = -200.0
-    best = fit.best_of(wild, Belief(np.zeros(14), np.zeros(14)))
-    np.testing.assert_allclose(best, truth())

@@ -14,9 +14,9 @@ from motorprior.identification.training_data.windows import (
     POS,
     SECONDS,
     TARGET,
-    draw,
-    some_stretches,
+    subsampled,
     training_data,
+    used_share,
 )
 from motorprior.logs.motor_log import MotorLog
 
@@ -52,13 +52,6 @@ def test_no_window_crosses_a_segment_and_none_is_left_out():
     assert len(regression.starts) == 16 + 0 + 1 + 31
 
 
-def test_drawn_rows_are_windows_of_all_motors():
-    data = training_data(a_log(), PRESET, "log")
-    motors, starts = draw(np.random.default_rng(0), data, PRESET, 40)
-    assert motors.shape == starts.shape == (40, 50)
-    assert set(motors.ravel()) == {0, 1} and set(starts.ravel()) == set(data.starts)
-
-
 def test_a_rollout_gets_velocities_and_torques_of_the_middle_of_its_steps():
     log = a_log(encoder="rotor")  # whose readings are taken as they are
     data, raw = (training_data(log, replace(PRESET, objective=name), "log").series for name in ("rollout", "torque"))
@@ -70,12 +63,6 @@ def test_a_rollout_gets_velocities_and_torques_of_the_middle_of_its_steps():
     np.testing.assert_array_equal(data[:, starts], raw[:, starts])  # nothing is known before a segment
     middle = 0.5 * (raw[:, inside] + raw[:, inside - 1])
     np.testing.assert_allclose(data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6)
-
-
-@pytest.mark.parametrize(("warm_up", "rows"), [(0, 11), (3, 11), (4, 11), (5, 12), (18, 25)])
-def test_a_window_begins_with_the_history_or_the_warm_up_whichever_is_longer(warm_up, rows):
-    data = training_data(a_log(), replace(PRESET, warm_up=warm_up), "log")
-    assert len(data.starts) == sum(max(0, length - rows + 1) for length in LENGTHS)
 
 
 @pytest.mark.parametrize(
@@ -94,16 +81,17 @@ def test_a_missing_channel_is_named(objective, missing):
     assert all(way in str(refusal.value.remedy) for way in ("`hung`", "`fit_load`")) == (objective == "rollout")
 
 
-def test_segments_shorter_than_a_window_are_refused_with_its_length():
-    with pytest.raises(LogError, match="longest segment has 9 rows, a window 11"):
-        training_data(a_log(lengths=(9, 9)), PRESET, "log")
-
-
 @pytest.mark.parametrize("lengths", [[6000], [200] * 30, [5000, 300, 700]])
 def test_stretches_are_from_all_over_the_log_and_about_as_long_as_asked_for(lengths):
     data = training_data(a_log(lengths), PRESET, "x")
-    some = some_stretches(data, PRESET, 1000)
+    some = subsampled(data, PRESET, 1000)
     assert 900 <= sum(part.stop - part.start for part in some.parts) <= 1000
     assert some.parts[0].start == 0 and some.parts[-1].stop > 5900
     assert all(any(whole.start <= part.start < part.stop <= whole.stop for whole in data.parts) for part in some.parts)
-    assert some_stretches(data, PRESET, 6000) is data
+    assert subsampled(data, PRESET, 6000) is data
+
+
+def test_the_used_share_is_that_of_whole_windows():
+    data = training_data(a_log(), PRESET, "log")
+    # end to end, six rows each after the history of 4 and the row that they lead to: of 25 and of 40 rows, 18 and 30
+    assert used_share(data, replace(PRESET, physics_first="alone")).startswith("fitted to 0.1 s of 0.2 s")

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.actuator.limits_not_shown import limits_not_shown
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior, unidentified_limits
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.progress import Lines
 from motorprior.pipeline.walking.walk import Walk, run_walk
@@ -24,11 +23,11 @@ def fitted(excitation: str, notes: io.StringIO) -> MotorPrior:
 def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_in_training(tmp_path: Path):
     notes = io.StringIO()
     prior = fitted("narrow", notes)
-    found = limits_not_shown(prior.metrics)
+    found = unidentified_limits(prior.metrics)
     assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
     assert f"torque limit of {found['torque_limit']:.3g} N·m" in notes.getvalue()
     prior.save(tmp_path / "prior.safetensors")
-    assert limits_not_shown(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
+    assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
     motors, notes = MotorChoice("prior", tmp_path / "prior.safetensors"), io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
     run_walk(Walk(tmp_path / "walk", motors, iterations=1, episode_steps=20, search=search, workers=1), Lines(notes))
@@ -40,4 +39,4 @@ def test_with_impacts_only_the_motor_with_too_short_a_log_is_noted():
     prior = fitted("rollout", notes)
     limits = prior.network.constants(prior.mean)["torque_limit"]
     assert (limits > 2.0).sum() == 1 and np.median(limits) == pytest.approx(1.26, rel=0.1)
-    assert limits_not_shown(prior.metrics)["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
+    assert unidentified_limits(prior.metrics)["torque_limit"] == pytest.approx(limits.max(), rel=0.2)

@@ -1,10 +1,18 @@
-"""Fit a PD, with or without friction, until restarting the search improves nothing; what that took is recorded."""
+"""Fit of PDs, the same for all motors of a log: gains alone, with armature and delay, or with friction besides.
+
+`fit_pd` restarts Nelder-Mead until a restart improves nothing, and reports whether it converged. `tuned_pd` needs no
+starting point. In a log that identifies neither clearly, a slow rotor and a late one look alike, and a search from one
+does not find the other, nor does one that starts without a torque limit find one. So on a part of the log, searches
+start from several armatures and delays, each at its best gains, first without a torque limit, then with the best one;
+the best of both kinds continue on the whole log.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from math import prod
 
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
@@ -12,38 +20,48 @@ from scipy.optimize import OptimizeResult, minimize
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.identification.baselines.replay_error import Told, as_they_are, closed_loop_error
+from motorprior.identification.baselines.replay_error import AtGains, closed_loop_error, unchanged
 from motorprior.logs.motor_log import MotorLog
 
+GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
+WITH_ROTOR = (*GAINS, "armature", "delay")  # for the tuned PD
+WITH_FRICTION = (*WITH_ROTOR, "coulomb")
+# where the search of a constant starts that a nominal PD does not have [kg·m²], [s], [N·m]
 START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}
-"""Where the fit of a constant begins, that a nominal PD does not have [kg·m²], [s], [N·m]."""
-_DELAY = 0.01
-"""[s]; a delay is searched in this unit, since its logarithm has no way back from 0."""
-_FAR = 100.0
-"""Of logarithms: where a log tells nothing of a constant, the search goes on until it overflows."""
-CONVERGED, NOTHING = 0.002, 1e-5
-"""A search that lowers the error by a smaller share of it, or by less than so many rad, ends the fit."""
+_DELAY = 0.01  # [s]; a delay is searched in this unit, since its logarithm cannot leave 0
+# kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives
+_TRIED_GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
+_NO_LIMIT, _TRIED_LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())  # [N·m]
+_TRIED_LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}  # [kg·m²], [s]
+_MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # of the part of a log on which searches start
+
+Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Effort:
-    """Most evaluations of a fit: of the search from each beginning, and of each of the further ones, so many rounds."""
+class Budget:
+    """Largest numbers of evaluations: of each first search, and of each of so many restarts."""
 
     first: int = 100
-    rounds: int = 6
+    restarts: int = 6
     evaluations: int = 600
 
-    def most(self, starts: int) -> int:
-        """Evaluations of a fit with so many beginnings."""
-        return starts * self.first + self.rounds * self.evaluations
+    def total(self, starts: int) -> int:
+        """Of a fit with so many starting points."""
+        return starts * self.first + self.restarts * self.evaluations
 
 
-THOROUGH = Effort()
+THOROUGH = Budget()
+_SHORT, _LONG = Budget(first=60, restarts=0), Budget(first=80, restarts=3, evaluations=150)
+_STARTS = prod(map(len, _TRIED_LAGS.values()))
+# about how often `tuned_pd` and `best_gains` report
+TUNING = _STARTS * (len(_TRIED_GAINS) + len(_TRIED_LIMITS)) + 2 * _STARTS * _SHORT.first + _LONG.total(2)
+GAINS_ALONE = _LONG.total(1)
 
 
 @dataclass(frozen=True)
 class PdFit:
-    """Attributes: constants by name; mean joint error on the log [rad]; evaluations it took; whether it converged."""
+    """Constants by name; mean joint error on the log [rad]; evaluations used; whether the fit converged."""
 
     constants: Mapping[str, float]
     error: float
@@ -59,62 +77,114 @@ def pd_motors(constants: Mapping[str, float], count: int) -> Actuator:
     return pd if coulomb is None else FrictionPd(pd, np.full(count, coulomb))
 
 
-def fit_to_the_end(
+def fit_pd(
     log: MotorLog,
     starts: Sequence[Mapping[str, float]],
     free: tuple[str, ...],
-    progress: Callable[[int], None] | None = None,
-    effort: Effort = THOROUGH,
-    told: Told = as_they_are,
+    progress: Progress | None = None,
+    budget: Budget = THOROUGH,
+    at_gains: AtGains = unchanged,
 ) -> PdFit:
     """One PD for all motors of a log with known loads, with the least closed-loop error on the whole of it.
 
-    Nelder-Mead over the ``free`` constants: the delay in units of _DELAY, the logarithms of the others. A search from
-    each start, then, from the best, restarts with a new simplex.
+    Nelder-Mead over the ``free`` constants: the delay in units of 10 ms, the logarithms of the others. A search from
+    each start, then restarts from the best with a new simplex, until one lowers the error by less than 0.2 %.
 
     Args:
         log: with known loads.
-        starts: constants to begin with, by name; what is not free is that of the first.
+        starts: constants by name; those that are not free are taken from the first.
         free: names of the constants to fit.
         progress: called after every evaluation.
-        effort: at most.
-        told: what the PD is told of each segment.
+        budget: of evaluations.
+        at_gains: gives the PD the gains of each segment.
     """
-    judge = closed_loop_error(log, progress, told)
-    known, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
+    error_of = closed_loop_error(log, progress, at_gains)
+    fixed, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
 
     def constants(point: np.ndarray) -> dict[str, float]:
-        values = np.where(delayed, _DELAY * np.abs(point), np.exp(np.clip(point, -_FAR, _FAR)))
-        return known | {name: float(value) for name, value in zip(free, values, strict=True)}
+        # bounded: where a log does not identify a constant, the search goes on until it overflows
+        values = np.where(delayed, _DELAY * np.abs(point), np.exp(np.clip(point, -100.0, 100.0)))
+        return fixed | {name: float(value) for name, value in zip(free, values, strict=True)}
 
     def cost(point: np.ndarray) -> float:
-        return judge(pd_motors(constants(point), log.num_joints))
+        return error_of(pd_motors(constants(point), log.num_joints))
 
     points = [np.array([start[name] for name in free]) for start in starts]
-    searches = [_least(cost, np.where(delayed, point / _DELAY, np.log(point)), effort.first) for point in points]
+    searches = [_nelder_mead(cost, np.where(delayed, point / _DELAY, np.log(point)), budget.first) for point in points]
     evaluations, converged = sum(found.nfev for found in searches), False
     best, error = min(((found.x, float(found.fun)) for found in searches), key=lambda each: each[1])
-    for _ in range(effort.rounds):
-        found = _least(cost, best, effort.evaluations)
+    for _ in range(budget.restarts):
+        found = _nelder_mead(cost, best, budget.evaluations)
         evaluations += found.nfev
-        converged = found.nfev < effort.evaluations and error - found.fun < max(CONVERGED * error, NOTHING)
+        converged = found.nfev < budget.evaluations and error - found.fun < max(0.002 * error, 1e-5)
         best, error = found.x, float(found.fun)
         if converged:
             break
     return PdFit(constants(best), error, evaluations, bool(converged))
 
 
-def beginnings(
+def _nelder_mead(cost: Callable[[np.ndarray], float], first: np.ndarray, evaluations: int) -> OptimizeResult:
+    simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
+    options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
+    return minimize(cost, first, method="Nelder-Mead", options=options)
+
+
+def starting_points(
     start: Mapping[str, float], free: tuple[str, ...], lags: Mapping[str, Iterable[float]]
 ) -> list[dict[str, float]]:
-    """``start`` with every combination of the lags that are free; START says what else is free and it lacks."""
+    """``start`` with every combination of the lags that are free; other free constants it lacks are those of START."""
     names = [name for name in lags if name in free]
     common = {name: START[name] for name in free if name in START} | dict(start)
     return [common | dict(zip(names, values, strict=True)) for values in product(*(lags[name] for name in names))]
 
 
-def _least(cost: Callable[[np.ndarray], float], first: np.ndarray, evaluations: int) -> OptimizeResult:
-    """Nelder-Mead search over (N,) numbers from ``first``, with so many evaluations at most."""
-    simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
-    options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
-    return minimize(cost, first, method="Nelder-Mead", options=options)
+def tuned_pd(log: MotorLog, progress: Progress | None = None, at_gains: AtGains = unchanged) -> IdealPd:
+    """One PD with armature and delay for all M motors of a log with known loads; M copies of it.
+
+    ``progress`` is called after every evaluation; ``at_gains`` gives the PD the gains of each segment.
+    """
+    part = _part(log)
+    error = closed_loop_error(part, progress, at_gains)
+
+    def cost(constants: Mapping[str, float]) -> float:
+        return error(pd_motors(constants, log.num_joints))
+
+    def short_fit(start: Mapping[str, float]) -> PdFit:
+        return fit_pd(part, [start], WITH_ROTOR, progress, _SHORT, at_gains)
+
+    gains = [{"kp": kp, "kd": kp * ratio} for kp, ratio in _TRIED_GAINS]
+    lags = starting_points({"torque_limit": _NO_LIMIT}, WITH_ROTOR, _TRIED_LAGS)
+    unlimited = [short_fit(min((lag | each for each in gains), key=cost)) for lag in lags]
+    best = [min(({**fit.constants, "torque_limit": limit} for limit in _TRIED_LIMITS), key=cost) for fit in unlimited]
+    limited = [short_fit(each) for each in best]
+    starts = [min(found, key=lambda each: each.error).constants for found in (unlimited, limited)]
+    found = fit_pd(log, starts, WITH_ROTOR, progress, _LONG, at_gains)
+    return IdealPd.uniform(log.num_joints, **found.constants)
+
+
+def _part(log: MotorLog) -> MotorLog:
+    """Windows from all over a log, each a segment, or all of it where it is short."""
+    if log.num_rows <= _MAX_ROWS:
+        return log
+    segments = log.segment_slices()
+    index = np.linspace(0, len(segments) - 1, min(len(segments), _MAX_SEGMENTS), dtype=int)
+    chosen = [segments[each] for each in index]
+    pieces = [
+        piece
+        for one in chosen
+        for piece in np.array_split(np.arange(one.start, one.stop), _MAX_SEGMENTS // len(chosen))
+    ]
+    pieces = [piece[: _MAX_ROWS // len(pieces)] for piece in pieces]
+    number = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    return replace(log.rows(np.concatenate(pieces)), segment=number)
+
+
+def best_gains(log: MotorLog, nominal: IdealPd, progress: Progress | None = None) -> IdealPd:
+    """One ideal PD for all M motors of the log, fitted from the gains and the limit of a nominal one; M copies."""
+    start = {name: float(values[0]) for name, values in vars(nominal).items()}
+    return IdealPd.uniform(log.num_joints, **fit_pd(log, [start], GAINS, progress, _LONG).constants)
+
+
+def repeated(model: IdealPd, num_motors: int) -> IdealPd:
+    """``num_motors`` copies of the first motor of ``model``."""
+    return IdealPd.uniform(num_motors, **{name: float(values[0]) for name, values in vars(model).items()})

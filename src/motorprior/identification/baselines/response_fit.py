@@ -2,10 +2,10 @@
 
     minimise  Σ (simulated - recorded angle)²   over free runs of whole segments
 
-Every model begins where the simpler one ended as well. What servo_limits has beyond it is left out again, one after
-another, where the error without it is not PRICE larger: a limit that motors hardly reached would bind where they go
-beyond it. What the firmware was told (TOLD) is not searched. Constants that are positive are searched as logarithms.
-Jacobians are central differences, wide and then narrow, since dead bands and limits have corners.
+Every model also starts where the simpler one ended. Each optional part of servo_limits is dropped if the error without
+it is less than PRICE larger: a limit that motors hardly reached would bind in other motions. Logged firmware registers
+are not searched. Positive constants are searched as logarithms. Jacobians are central differences, wide and then
+narrow, since dead bands and limits have corners.
 """
 
 from __future__ import annotations
@@ -21,28 +21,22 @@ from scipy.optimize import differential_evolution, least_squares
 from motorprior.identification.baselines.response_models import CONSTANTS, GRAVITY, MODELS, JointRuns, ResponseMotors
 from motorprior.identification.physics.window_runs import WindowRuns
 
+# in SI units, of constants that are searched as logarithms
 BOUNDS = {
     "delay": (1e-4, 0.4), "rate": (2.0, 600.0), "damping": (0.05, 20.0), "speed": (0.05, 100.0),
     "acceleration": (0.5, 1e5), "band": (1e-5, 0.3),
 }  # fmt: skip
-"""Of constants that are searched as logarithms, in SI units."""
+# units of constants that are searched linearly, within REACHABLE units of their neutral values
 UNITS = {"gain": 0.15, "offset": 0.1, "sag": 0.1, "sine": 0.1, "cosine": 0.1}
-"""One unit of the search, of constants that are searched as they are: REACHABLE units on both sides of nothing."""
 REACHABLE = 3.0
-OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())
-"""Constants of servo_limits that are left out together, in this order."""
-TOLD = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
-"""Constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)."""
-GENERATIONS, POPULATION = 60, 8
-"""Of the differential evolution per joint and model; the latter for each constant."""
-EVALUATIONS = 60
-"""Most steps of a polish."""
-REACHES = (0.05, 0.005)
-"""Half the distance of two simulations that give a derivative, first and then."""
-PRICE = 0.04
-"""Share of the squared error that a constant must save."""
-LONGEST = 40_000
-"""About as many samples of a joint make the residuals; of more, every n-th."""
+OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())  # dropped in this order
+# constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
+REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
+GENERATIONS, POPULATION = 60, 8  # of the differential evolution; the latter per constant
+EVALUATIONS = 60  # most steps of a polish
+REACHES = (0.05, 0.005)  # steps of the differences, one after the other
+PRICE = 0.04  # share of the squared error that an optional part must save
+MAX_SAMPLES = 40_000  # about as many samples of a joint make the residuals; of more, every n-th
 
 
 def fit_responses(
@@ -56,12 +50,12 @@ def fit_responses(
 
     Args:
         runs: free runs, one per segment of the logs.
-        gravity: of GRAVITY: what stands for gravity in servo_limits.
+        gravity: of GRAVITY.
         seed: of the global search.
         report: called after every joint.
-        firmware: registers that servo_limits is told; one that is 0 is off.
+        firmware: logged registers, used by servo_limits; 0 is off.
     """
-    told = {name: firmware[each] or CONSTANTS[name] for name, each in TOLD.items() if each in firmware}
+    given = {name: firmware[each] or CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}
     joints = runs[0].num_motors
     found = {name: np.empty((joints, len(CONSTANTS))) for name in MODELS}
     for joint in range(joints):
@@ -69,7 +63,7 @@ def fit_responses(
         for name, constants in MODELS.items():
             free, base = constants, dict(CONSTANTS)
             if name == "servo_limits":
-                free, base = tuple(each for each in (*free, *GRAVITY[gravity]) if each not in told), base | told
+                free, base = tuple(each for each in (*free, *GRAVITY[gravity]) if each not in given), base | given
             rng = np.random.default_rng([seed, joint, len(free)])
             cost, full = _JointFit(runs, joint, free, base).best(simpler, rng)
             for optional in OPTIONAL if name == "servo_limits" else ():
@@ -88,43 +82,38 @@ def _without(
     free: tuple[str, ...],
     base: Mapping[str, float],
 ) -> tuple[float, np.ndarray, tuple[str, ...]]:
-    """Cost, constants and names of a fit, less those that are ``optional`` if they are not worth their price."""
+    """Cost, constants and names of a fit, without the ``optional`` ones if they do not pay."""
     fewer = tuple(name for name in free if name not in optional)
     if fewer == free:
         return cost, full, free
-    less, constants = _JointFit(runs, joint, fewer, base).polished(full)
+    fit = _JointFit(runs, joint, fewer, base)
+    less, constants = fit.polished(fit.encoded(full))
     return (less, constants, fewer) if less * (1.0 - PRICE) < cost else (cost, full, free)
 
 
 class _JointFit:
-    """The least-squares problem of one joint and one model, over x: logarithms, or units; others are as in ``base``."""
+    """The least-squares problem of one joint and one model; constants that are not free are those of ``base``."""
 
     def __init__(self, runs: Sequence[WindowRuns], joint: int, free: tuple[str, ...], base: Mapping[str, float]):
         self._runs, self._free = [JointRuns(each, joint) for each in runs], free
         self._base = np.array([base[name] for name in CONSTANTS])
         self._columns = [list(CONSTANTS).index(name) for name in free]
-        self._every = 1 + sum(each.windows * each.preset.window for each in runs) // LONGEST
+        self._every = 1 + sum(each.windows * each.preset.window for each in runs) // MAX_SAMPLES
         self.low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
         self.high = np.array([np.log(BOUNDS[name][1]) if name in BOUNDS else REACHABLE for name in free])
 
     def best(self, simpler: np.ndarray, rng: np.random.Generator) -> tuple[float, np.ndarray]:
-        """Cost and constants of the least error, of a search that also begins at those of a ``simpler`` model."""
-        known = self._encoded(simpler)
+        """Cost and constants of a search that also starts at those of a ``simpler`` model."""
+        known = self.encoded(simpler)
         found = differential_evolution(
             lambda x: float(np.mean(self._residuals(x) ** 2)), list(zip(self.low, self.high, strict=True)),
             x0=np.clip(known, self.low, self.high), maxiter=GENERATIONS, popsize=POPULATION, init="sobol", polish=False,
             tol=1e-3, rng=rng,
         )  # fmt: skip
-        polished = [self._polished(start) for start in (found.x, known)]
-        cost, x = min(polished, key=lambda found: found[0])
-        return cost, self._decoded(x)
+        return min((self.polished(start) for start in (found.x, known)), key=lambda fit: fit[0])
 
     def polished(self, start: np.ndarray) -> tuple[float, np.ndarray]:
-        """Cost and constants of a fit that begins at these constants."""
-        cost, x = self._polished(self._encoded(start))
-        return cost, self._decoded(x)
-
-    def _polished(self, start: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and constants of a fit from these `encoded` constants."""
         x, cost = start, np.inf
         for reach in REACHES:
             inside = np.clip(x, self.low + 1e-6, self.high - 1e-6)
@@ -134,7 +123,7 @@ class _JointFit:
                 ftol=1e-6, xtol=1e-7,
             )  # fmt: skip
             x, cost = found.x, float(found.cost)
-        return cost, x
+        return cost, self._decoded(x)
 
     def _residuals(self, x: np.ndarray) -> np.ndarray:
         constants = self._decoded(x)
@@ -145,7 +134,8 @@ class _JointFit:
         shifts = reach * np.eye(len(x))
         return np.stack([(self._residuals(x + s) - self._residuals(x - s)) / (2 * reach) for s in shifts], axis=1)
 
-    def _encoded(self, constants: np.ndarray) -> np.ndarray:
+    def encoded(self, constants: np.ndarray) -> np.ndarray:
+        """Search variables of these constants."""
         x = [
             np.log(np.clip(constants[column], *BOUNDS[name])) if name in BOUNDS
             else (constants[column] - CONSTANTS[name]) / UNITS[name]

@@ -5,12 +5,10 @@
     servo_limits   e = gain·u(t - delay) + offset + sag·τ + sine·sin q + cosine·cos q - q
                    q̈ = rate²·(e less the dead band) - 2·damping·rate·q̇,   |q̈| <= acceleration,  |q̇| <= speed
 
-u [rad] is the command, between two rows linear in time. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m]
-is the log's external torque: a compliance ``sag`` [rad/(N·m)] stands for what gravity does to a proportional law. Where
-a log has no load, ``sine`` and ``cosine`` [rad] of the joint's own angle take its place.
-
-They say how joints moved under these gains and this load, and nothing about others: what a prior has to beat where it
-was fitted, and what it can do without elsewhere.
+u [rad] is the command, linear in time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m]
+is the log's external torque: a compliance ``sag`` [rad/(N·m)] models the sag of a proportional law. Where a log has no
+load, ``sine`` and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load
+only: they are the baseline of a prior on the logs that it was fitted to.
 """
 
 from __future__ import annotations
@@ -24,19 +22,19 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
 
 AT_ONCE = 1e9
+# constants in SI units with their neutral values; from a rate of AT_ONCE on the joint is at its target
 CONSTANTS = {
     "delay": 0.0, "rate": AT_ONCE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
     "offset": 0.0, "sag": 0.0, "sine": 0.0, "cosine": 0.0,
 }  # fmt: skip
-"""Constants in SI units, with the values at which each does nothing; from AT_ONCE on the joint is where it aims."""
+# constants of each model; servo_limits also has those of one of GRAVITY
 MODELS = {
     "pure_delay": ("delay",),
     "second_order": ("delay", "rate", "damping", "offset"),
     "servo_limits": ("delay", "rate", "damping", "speed", "acceleration", "band", "gain", "offset"),
 }
-"""Constants that each model has; `servo_limits` also has those of one of GRAVITY."""
+# model of gravity: by the log's external torque, or by the joint's angle
 GRAVITY = {"torque": ("sag",), "angle": ("sine", "cosine")}
-"""What stands for gravity: the log's external torque, or the joint's angle."""
 
 
 @njit(cache=True, nogil=True)
@@ -52,15 +50,8 @@ def _respond(
 ) -> None:
     """Fill out (runs, steps) with one joint's angles [rad] at the end of every step.
 
-    Args:
-        target: (rows,) commands of a segment [rad]; before its first row the command was the first.
-        external: (rows,) [N·m].
-        starts: (runs,) rows at which free runs begin.
-        pos: (runs,) angles there [rad].
-        vel: (runs,) velocities half a period before [rad/s].
-        constants: in the order of CONSTANTS.
-        dt: period of the rows [s].
-        out: overwritten.
+    target [rad] and external [N·m] are (rows,); runs start at rows ``starts`` (runs,) from ``pos`` [rad] and ``vel``,
+    half a period before [rad/s]; constants are in the order of CONSTANTS, dt [s].
     """
     delay, rate, damping, speed, acceleration, band, gain, offset, sag, sine, cosine = constants
     late, at_once, turned = delay / dt, rate >= AT_ONCE, sine != 0.0 or cosine != 0.0
@@ -88,15 +79,10 @@ def _respond(
 
 @dataclass(frozen=True)
 class ResponseMotors:
-    """One response model per joint.
+    """One response model per joint."""
 
-    Attributes:
-        name: of MODELS.
-        constants: (M, constants) in the order of CONSTANTS.
-    """
-
-    name: str
-    constants: np.ndarray
+    name: str  # of MODELS
+    constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
         """(M, N, W) simulated minus recorded angles [rad] of the free runs that other models have in the same log."""

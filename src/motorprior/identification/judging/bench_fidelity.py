@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Response, Trial, run
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, trial
 from motorprior.signals import rmse
 

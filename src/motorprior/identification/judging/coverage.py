@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset
 from motorprior.identification.judging.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
 from motorprior.identification.judging.reference import draw_residuals

@@ -17,8 +17,8 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import listed
-from motorprior.identification.baselines.replay_error import Told, in_proportion
-from motorprior.identification.baselines.tuned_pds import tuned_pd
+from motorprior.identification.baselines.pd_fit import tuned_pd
+from motorprior.identification.baselines.replay_error import AtGains, scaled_gains
 from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays, told
 from motorprior.identification.training_data.windows import seconds_of_work
 from motorprior.logs.motor_log import MotorLog
@@ -139,7 +139,7 @@ def fit_quality(
         of_the_log: whether the motors were fitted to this log.
         usual: conditions of the motors' recipe.
     """
-    tell = in_proportion(log)
+    tell = scaled_gains(log)
     pd = tuned_pd(log, report, tell)
     segments, pools = zip(*replays(motors, log, _as_warm_as_there(log, usual)), strict=True)
     error, pool = np.concatenate(segments), np.concatenate(pools)
@@ -153,7 +153,7 @@ def fit_quality(
     )  # fmt: skip
 
 
-def _as_warm_as_there(log: MotorLog, usual: Mapping[str, float]) -> Told:
+def _as_warm_as_there(log: MotorLog, usual: Mapping[str, float]) -> AtGains:
     """What tells learned motors gains and conditions of a segment, how warm they are in its middle too, as the fit."""
     work, segment = seconds_of_work(log), np.zeros(len(log.time)) if log.segment is None else log.segment
 

@@ -16,15 +16,14 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.told_pd import ToldPd
 from motorprior.identification.baselines.response_models import ResponseMotors
 from motorprior.identification.judging.coverage import DRAWS, LEVELS, band, latent_draws
 from motorprior.identification.judging.reference import draw_residuals
 from motorprior.identification.latents.latent_fit import Posterior
-from motorprior.identification.loss import POSITION_SCALE, VELOCITY_SCALE
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, VEL, training_data
 from motorprior.logs.motor_log import MotorLog
@@ -32,7 +31,7 @@ from motorprior.signals import rms
 
 FREE_RUN = 1.0
 """Length of a free run [s]."""
-LogModel: TypeAlias = Actuator | ToldPd | ResponseMotors
+LogModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors
 """What can be run against a log: motors on its loads, or responses that need none."""
 _STREAM = 53
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.actuator.grey_box import SCALES
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
+from motorprior.actuator.learned_kernels import SCALES
 
 AMPLITUDES = (0.02, 0.1, 0.3, 0.6)
 """Amplitudes of the joint's sinusoidal motion [rad]: from within the backlash to those of a trot."""

@@ -13,7 +13,7 @@ from scipy.stats import t as student_t
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Response, run
-from motorprior.identification.baselines.replay_error import Told, trials
+from motorprior.identification.baselines.replay_error import AtGains, trials
 from motorprior.identification.latents.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, relative_conditions
@@ -93,7 +93,7 @@ def replayed_segments(log: MotorLog) -> np.ndarray:
     return np.linspace(0, count - 1, min(_SEGMENTS, count)).round().astype(int)
 
 
-def replays(motors: Actuator, log: MotorLog, tell: Told) -> list[tuple[np.ndarray, np.ndarray]]:
+def replays(motors: Actuator, log: MotorLog, tell: AtGains) -> list[tuple[np.ndarray, np.ndarray]]:
     """Segments of a log, replayed from where they begin with their commands and loads; one motor per joint of the log.
 
     Args:

@@ -2,7 +2,7 @@
 
     minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·G(z)/T)⁻¹
 
-(of a joint whose name is that of a training motor of a robot ½|z - m|²/d², m that motor's mean, d OF_THE_SAME_NAME).
+(of a joint whose name is that of a training motor of a robot ½|z - m|²/d², m that motor's mean, d SAME_JOINT_STD).
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
 observation (a generalised posterior with a Laplace approximation). U of a grey box is minimised by `grey_box_fit`, that
@@ -18,7 +18,7 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents import grey_box_fit
-from motorprior.identification.latents.grey_box_fit import Expected, Posterior, inverse_precision
+from motorprior.identification.latents.grey_box_fit import LatentPrior, Posterior, inverse_precision
 from motorprior.identification.networks.motor_loss import MotorLoss, as_latents, motor_loss
 from motorprior.identification.networks.network import Parameters
 from motorprior.identification.physics.motor_fit import MotorFit
@@ -26,18 +26,10 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-STEPS = 300
-"""Number of Adam steps."""
-BATCH = 16
-"""Windows per Adam step."""
-POLISHES = 6
-"""Number of Gauss-Newton steps after Adam."""
-STARTS = 48
-"""Draws per round of the random search before Adam, needed because U has many local minima."""
-SCREENED_WINDOWS = 24
-"""Number of windows on which the random search evaluates a draw."""
-SEARCH_RADII = (1.0, 1.0, 0.5, 0.25, 0.12)
-"""Standard deviation of the draws in each round of the random search."""
+STEPS, BATCH = 300, 16  # Adam steps, and windows per step
+POLISHES = 6  # Gauss-Newton steps after Adam
+# random search before Adam, since U has many local minima: samples per round, windows, standard deviation per round
+STARTS, SCREENED_WINDOWS, SEARCH_RADII = 48, 24, (1.0, 1.0, 0.5, 0.25, 0.12)
 
 
 def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
@@ -58,7 +50,7 @@ def adapt(
     temperature: float,
     steps: int = STEPS,
     start: np.ndarray | None = None,
-    expected: Expected | None = None,
+    prior: LatentPrior | None = None,
 ) -> Posterior:
     """Posterior of every motor in ``data``; its scales must be those of the network.
 
@@ -69,10 +61,10 @@ def adapt(
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         steps: number of Adam steps, for a network.
         start: (M, Z) initial latents; found by a random search if not given.
-        expected: of grey boxes, what is believed of each motor before; N(0, I) if not given.
+        prior: of grey boxes; N(0, I) if not given.
     """
     if network.motor is not None:
-        return grey_box_fit.adapt(network, data, preset, temperature, start, expected)
+        return grey_box_fit.adapt(network, data, preset, temperature, start, prior)
     windows = jnp.asarray(tiled_windows(data, preset))
     fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
     first = fit.best_starts(network.num_latents) if start is None else as_latents(start)

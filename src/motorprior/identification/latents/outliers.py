@@ -1,16 +1,19 @@
-"""Outlier test by latents: whether new motors lie inside the prediction interval of the training motors.
+"""Outlier tests by latents: whether motors lie inside the prediction interval of the training motors.
 
-The loss of a fit has little power: it differs by a factor of two between motors of one fleet. So every new motor is
-fitted a second time, by `adapt`, with a prior WIDER times as wide as the training motors, so that it hardly shrinks the
-estimate. The fit is in decoder latents (for preset rollout the logarithms of the constants) and starts from the
-posterior mean, since a new random search could end in another local minimum. The result is compared with the M
-training motors, of mean m and standard deviation s,
+`outliers` tests new motors. The loss of a fit has little power: it differs by a factor of two between motors of one
+fleet. So every new motor is fitted a second time, by `adapt`, with a prior WIDER times as wide as the training motors,
+which hardly shrinks the estimate. The fit is in decoder latents (for preset rollout the logarithms of the constants)
+and starts from the posterior mean. The result is compared with the M training motors, of mean m and standard
+deviation s,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
-where v·s² is the posterior variance of the second fit: this is the prediction interval of one more motor, with a
-Bonferroni correction over the L latents in which the training motors differ. The others, constants that were held or
-that logs state, are not tested. The test has power only for constants that the log identifies.
+where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
+correction over the L latents in which the training motors differ. The test has power only for constants that the log
+identifies.
+
+`leave_one_out_outliers` tests each training motor against the other M - 1 without another fit, with M - 2 degrees of
+freedom and all Z latents.
 """
 
 from __future__ import annotations
@@ -23,29 +26,22 @@ from scipy.stats import t as student_t
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.latents.latent_fit import adapt
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-WIDER = 3.0
-"""Standard deviation of the second fit's prior, in standard deviations of the training motors."""
-_SAME = 1e-9
-"""Standard deviation of a latent up to which the training motors do not differ in it: only rounding does."""
+WIDER = 3.0  # Standard deviation of the second fit's prior, in standard deviations of the training motors
+_SAME = 1e-9  # Standard deviation of a latent up to which the training motors do not differ in it: only rounding does
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Result of the test for M motors.
+    """Result of the test for M motors."""
 
-    Attributes:
-        p_value: (M,) p, the probability that one more motor of the fleet lies as far out.
-        latent: M names, of the latent with the smallest p-value of each motor.
-        deviation: (M,) t of that latent.
-    """
-
-    p_value: np.ndarray
-    latent: tuple[str, ...]
-    deviation: np.ndarray
+    p_value: np.ndarray  # (M,) p, the probability that one more motor of the fleet lies as far out
+    latent: tuple[str, ...]  # M names, of the latent with the smallest p-value of each motor
+    deviation: np.ndarray  # (M,) t of that latent
 
 
 def outliers(
@@ -56,11 +52,11 @@ def outliers(
     preset: Preset,
     temperature: float,
 ) -> Outliers:
-    """Test each motor of ``data`` against the training motors.
+    """Test each of N motors against the M >= 2 training motors.
 
     Args:
         network: network of the prior.
-        trained: (M, Z) posterior means of the training motors, M >= 2.
+        trained: (M, Z) posterior means of the training motors.
         found: (N, Z) posterior means of the new motors, from `adapt`.
         data: logs of the new motors.
         preset: the prior's recipe.
@@ -80,6 +76,25 @@ def outliers(
     rows, names = np.arange(len(worst)), latent_names(network)
     p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
     return Outliers(p_value, tuple(names[index] for index in worst), deviation[rows, worst])
+
+
+def leave_one_out_outliers(prior: MotorPrior) -> Outliers | None:
+    """Test every training motor of a prior against the others; None for fewer than 4 motors, or without latents."""
+    network, motors = prior.network, len(prior.mean)
+    if motors < 4 or network.num_latents == 0:
+        return None
+    latents = network.decoder_latents(prior.mean)
+    share = np.exp(prior.log_var) / np.maximum(prior.mean.var(axis=0), _SAME)  # of the variance over motors
+    uncertainty = np.minimum(share, 1.0) * latents.var(axis=0)
+    t = np.empty_like(latents)
+    for motor in range(motors):
+        others = np.delete(latents, motor, axis=0)
+        spread = others.var(axis=0, ddof=1) * (1.0 + 1.0 / (motors - 1)) + uncertainty[motor]
+        t[motor] = (latents[motor] - others.mean(axis=0)) / np.sqrt(np.maximum(spread, _SAME**2))
+    p_values = 2.0 * student_t.sf(np.abs(t), motors - 2)
+    worst, rows, names = p_values.argmin(axis=1), np.arange(motors), latent_names(network)
+    p_value = np.minimum(1.0, network.num_latents * p_values[rows, worst])
+    return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst])
 
 
 def latent_names(network: LatentNetwork) -> tuple[str, ...]:

@@ -1,17 +1,23 @@
-"""Latents in which the training motors are distributed as N(0, I), so that a draw of N(0, I) is a motor of their fleet.
+"""Latents in which the training motors are distributed as N(0, I), so that samples of N(0, I) are such motors.
 
 After training, the motors' latents have arbitrary location, scale and shape. A Gaussian copula (`actuator.copula`) is
-put before the decoder: each latent keeps its marginal distribution over the training motors, by their quantiles,
-and the correlations R of the normal scores are shrunk, since samples of few motors show spurious correlation,
+put before the decoder: each latent keeps its marginal distribution over the training motors, by their quantiles, and
+the correlations R of the normal scores are shrunk, since samples of few motors show spurious correlation,
 
     (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
     w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
 
 for scores x standardised with the n - 1 standard deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005).
-So each latent alone is N(0, 1) over the training motors; a correlation that the shrinkage removes from the copula
-remains between their latents. The decoded motors do not change. Fewer than MOTORS_AT_LEAST motors give no reliable
-quantiles: their latents are scaled by mean and standard deviation alone, of constants by what is assumed of such
-motors, too (`assumed_spread`).
+The decoded motors do not change. Fewer than MOTORS_AT_LEAST motors give no reliable quantiles: their latents are scaled
+by mean and standard deviation alone. For constants these rest on an assumption that every recorded motor makes weaker:
+a scaled inverse-χ² prior on the variance of each output of the decoder, worth WORTH motors around s², and a flat prior
+on its mean. Of M motors with outputs z_i and mean z̄ one more has a t distribution around z̄, with WORTH + M - 1
+degrees of freedom and scale √v,
+
+    v = (WORTH·s² + Σ_i (z_i - z̄)²) / (WORTH + M - 1) · (M + 1)/M
+
+of which a normal distribution with that standard deviation is kept (Gelman et al., Bayesian Data Analysis, 3rd ed.,
+sections 3.2 and 3.3).
 """
 
 from __future__ import annotations
@@ -21,18 +27,40 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
+from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.assumed_spread import spread_of_few
 from motorprior.identification.latents.latent_fit import laplace_covariance, window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
+from motorprior.logs.motor_log import FIRMWARE
 
+# least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error
 MOTORS_AT_LEAST = 8
-"""Least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error."""
+# least number of motors for reliable samples; with fewer, outer quantiles are extrapolated
 MOTORS_TO_TRUST = 24
-"""Least number of motors for reliable draws; with fewer, outer quantiles are extrapolated and independence assumed."""
-_RISE = 1e-6
-"""Smallest slope of a latent over its normal score."""
+_RISE = 1e-6  # Smallest slope of a latent over its normal score
+WORTH = 3.0  # motors that the assumption is worth
+# s of each constant: of its logarithm; encoder_zero in units of 0.05 rad. Gains, armature and Coulomb friction have the
+# spread between motors of one robot that was found in logs of a real quadruped, which the library comes with; the
+# others are assumed. Firmware registers are the same in all motors.
+ASSUMED_STD = {
+    "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
+    "backlash": 0.4, "encoder_zero": 0.2, "integral_rate": 0.05, "integral_limit": 0.05,
+} | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
+OTHER_STD = 0.25  # s of every other constant: that of Coulomb friction
+
+
+def assumed_std(terms: tuple[str, ...], held: np.ndarray) -> np.ndarray:
+    """(P,) s of the outputs of a decoder with these terms; 0 where ``held`` (P,): constants that are not fitted."""
+    spread = np.array([ASSUMED_STD.get(name, OTHER_STD) for name in parameters_of(terms)])
+    return np.where(held, 0.0, spread)
+
+
+def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
+    """(P,) √v of M motors' outputs z (M, P), with ``assumed`` s (P,)."""
+    motors = len(z)
+    scatter = np.sum((z - z.mean(axis=0)) ** 2, axis=0)
+    return np.sqrt((WORTH * assumed**2 + scatter) / (WORTH + motors - 1) * (motors + 1) / motors)
 
 
 def standardised(
@@ -43,16 +71,13 @@ def standardised(
     Args:
         network: trained network without a copula.
         mean: (M, Z) latents of the training motors.
-        assumed: (Z,) how far such motors are assumed to differ, which counts for few motors; nothing if not given.
-
-    Returns:
-        The network and the new latents; both unchanged if Z = 0.
+        assumed: (Z,) assumed standard deviations, used for few motors; 0 if not given.
     """
     motors, latents = mean.shape
     if latents == 0:
         return network, mean
     if motors < MOTORS_AT_LEAST:
-        spread = mean.std(axis=0) if assumed is None else spread_of_few(mean, assumed)
+        spread = mean.std(axis=0) if assumed is None else std_of_few(mean, assumed)
         quantiles = mean.mean(axis=0) + SCORES[:, None] * spread
     else:
         quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
@@ -72,13 +97,7 @@ def standard_posterior(
     """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
 
     The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
-
-    Args:
-        network: trained network.
-        data: the motors' logs.
-        preset: recipe of the training.
-        mean: (M, Z) latents of the motors after training.
-        assumed: see `standardised`.
+    ``mean`` (M, Z) are the latents after training; ``assumed`` as in `standardised`.
     """
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:
@@ -88,19 +107,12 @@ def standard_posterior(
     return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
 
 
-def widened(
+def scaled(
     network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Spread draws ``factor`` times as far from the central motor; the decoded motors of ``mean`` stay the same.
+    """Scale the distribution of samples around the central motor by ``factor`` >= 1; the decoded motors stay the same.
 
-    Args:
-        network: with a copula, or it is returned as it is.
-        mean: (M, Z) latents of motors.
-        log_var: (M, Z) their log-variances.
-        factor: at least 1.
-
-    Returns:
-        The network, the new latents and their log-variances.
+    Returns network, latents and log-variances; unchanged without a copula.
     """
     copula = network.copula
     if copula is None or factor == 1.0:

@@ -1,15 +1,14 @@
 """Differentiable closed-loop simulation of a loaded joint with a learned motor, over windows of a log.
 
-The simulation starts from the recorded state and advances as on the dynamometer (`bench.loaded_joint`); the torque
-depends on the simulated history, not the recorded one. During the warm-up before the start the model follows the
-recorded joint, so that its history and a grey box's hidden state (rotor, backlash, delayed commands) match the log.
+The simulation starts from the recorded state and advances as on the dynamometer; the torque depends on the simulated
+history, not the recorded one. During the warm-up before the start the model follows the recorded joint, so that its
+history and a grey box's hidden state (rotor, backlash, delayed commands) match the log. The grey box is
+`actuator.geared_motor_step` over JAX arrays; past commands are an array, newest first, since JAX arrays are immutable.
 
 If the log's encoders are on the rotors, the rotor follows the recording during the warm-up, with the joint attached to
-it by the gear, and afterwards rotor angles are compared. All angles are then encoder angles, so that encoder_zero has
-no effect, and the backlash is fixed at that of the central motor: an encoder on the rotor measures it so weakly that a
-fit would absorb errors of the loads in it (on virtual robots the log of the backlash was 0.58 off, at an estimated
-standard deviation of 0.08). Such a log identifies neither. Only a grey box has a rotor; a network takes the reading as
-the joint's angle.
+it by the gear, and afterwards rotor angles are compared. All angles are then encoder angles, so encoder_zero has no
+effect, and the backlash is fixed at that of the central motor: an encoder on the rotor measures it so weakly that a fit
+would absorb errors of the loads in it. Such a log identifies neither. A network takes the reading as the joint's angle.
 """
 
 from __future__ import annotations
@@ -21,11 +20,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LONGEST_DELAY, with_stated_gains
-from motorprior.actuator.geared_motor_step import MotorState
+from motorprior.actuator import geared_motor_constants
+from motorprior.actuator.geared_motor_constants import (
+    LOG_REACH,
+    LONGEST_DELAY,
+    parameters_of,
+    step_constants,
+    with_logged_gains,
+)
+from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
 from motorprior.actuator.latent import scaled_torque
-from motorprior.bench.loaded_joint import next_velocity
-from motorprior.identification.networks.motor_dynamics import Constants, advance, at_rest, decode, delayed
+from motorprior.actuator.optional_terms import Conditions
+from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.networks.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import (
@@ -43,6 +49,88 @@ from motorprior.identification.training_data.windows import (
     VEL,
     WARMER,
 )
+
+# Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: a motor that reaches the end
+# of its backlash one step later has huge and meaningless gradients, which would dominate the batch.
+LARGEST_SENSITIVITY = 3.0
+_ARITHMETIC = array_arithmetic(jnp)
+
+Constants = dict[str, jnp.ndarray]
+
+
+@jax.custom_vjp
+def _bounded_gradient(raw: jnp.ndarray) -> jnp.ndarray:
+    """Identity on (B, P) whose gradient is clipped: per row finite, of norm at most LARGEST_SENSITIVITY / B."""
+    return raw
+
+
+def _forward(raw: jnp.ndarray) -> tuple[jnp.ndarray, None]:
+    return raw, None
+
+
+def _backward(_: None, gradient: jnp.ndarray) -> tuple[jnp.ndarray]:
+    norm = jnp.sqrt(jnp.sum(gradient**2, axis=-1, keepdims=True))
+    finite, largest = jnp.isfinite(norm), LARGEST_SENSITIVITY / gradient.shape[0]
+    factor = jnp.minimum(1.0, largest / jnp.maximum(jnp.where(finite, norm, 1.0), 1e-12))
+    return (jnp.where(finite, gradient, 0.0) * factor,)
+
+
+_bounded_gradient.defvjp(_forward, _backward)
+
+
+def decode(
+    parameters: Parameters,
+    z: jnp.ndarray,
+    bounded: bool,
+    terms: tuple[str, ...] = (),
+    seconds: jnp.ndarray | float = 0.0,
+    supply: jnp.ndarray | float = 1.0,
+    warmer: jnp.ndarray | float = 0.0,
+) -> Constants:
+    """(B,) constants by name for latents z (B, Z).
+
+    ``bounded`` limits the gradient of each row (reverse mode only); ``seconds`` since a cold start, ``supply`` voltage
+    over the usual one [-] and ``warmer``, temperature above the usual one [K], are (B,).
+    """
+    slope = parameters["motor_slope"]  # (P,) if each constant has a latent of its own
+    raw = parameters["motor_center"] + jnp.clip(z @ slope if slope.ndim == 2 else z * slope, -LOG_REACH, LOG_REACH)
+    raw, warmth = _bounded_gradient(raw) if bounded else raw, 0.0
+    if "heat" in terms:
+        warmth = 1.0 - jnp.exp(-seconds / jnp.exp(raw[:, parameters_of(terms).index("heat_time")]))
+    return geared_motor_constants.decode(raw, jnp, terms, Conditions(warmth, supply, warmer))
+
+
+def at_rest(
+    target: jnp.ndarray, joint_pos: jnp.ndarray, joint_vel: jnp.ndarray, terms: tuple[str, ...] = ()
+) -> MotorState:
+    """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
+    zero = jnp.zeros_like(joint_pos)
+    state = MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero)
+    if not terms:
+        return state
+    return state._replace(reference=target, reference_vel=zero, integral=zero, current=zero, bristle=zero)
+
+
+def delayed(commands: jnp.ndarray, delay: jnp.ndarray, dt: float) -> jnp.ndarray:
+    """(B,) position_target ``delay`` [s] ago, linearly interpolated in commands (B, K), newest first."""
+    ages = jnp.arange(commands.shape[1])
+    weight = jnp.maximum(0.0, 1.0 - jnp.abs(delay[:, None] / dt - ages))
+    return jnp.sum(weight * commands, axis=1)
+
+
+def advance(
+    motor: Constants,
+    state: MotorState,
+    target: jnp.ndarray,
+    joint_pos: jnp.ndarray,
+    joint_vel: jnp.ndarray,
+    dt: float,
+    terms: tuple[str, ...] = (),
+) -> tuple[MotorState, jnp.ndarray, jnp.ndarray]:
+    """New state, torque [N·m] and damping [N·m·s/rad] on the joint; ``target`` is the delayed command's mean."""
+    constants = step_constants(motor, dt, jnp, terms)
+    return step(constants, state, target, joint_pos, joint_vel, dt, _ARITHMETIC, terms)
+
 
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
@@ -107,7 +195,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         under = (free[0, :, channel] for channel in (SECONDS, SUPPLY, WARMER))
         motor = decode(parameters, own, bounded, terms, *under) if preset.grey_box else {}
         if preset.gain_unit:
-            motor = with_stated_gains(motor, free[0, :, KP], free[0, :, KD])
+            motor = with_logged_gains(motor, free[0, :, KP], free[0, :, KD])
         bias = motor_bias(parameters, own)
         inertia = free[0, :, INERTIA]
         if preset.has_armature:
@@ -116,7 +204,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
             central = decode(parameters, decoder_latents(parameters, jnp.zeros_like(z)), bounded, terms)
             motor |= {"backlash": jax.lax.stop_gradient(central["backlash"]), "encoder_zero": jnp.zeros_like(inertia)}
 
-        def step(state, row):
+        def free_step(state, row):
             q, dq, memory = state
             memory, torque, damping = actuate(parameters, bias, motor, memory, row[:, TARGET], q, dq)
             external = row[:, EXTERNAL] + row[:, STIFFNESS] * q
@@ -127,15 +215,15 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
 
         def follow(state, rows):
             row, following = rows
-            (q, dq, memory), _ = step(state, row)
+            (q, dq, memory), _ = free_step(state, row)
             if at_rotor:
                 rotor = memory.motor._replace(rotor_pos=following[:, POS], rotor_vel=following[:, VEL])
                 return (q, dq, memory._replace(motor=rotor)), None
             return (following[:, POS], following[:, VEL], memory), None
 
         begin = (rows[0, :, POS], rows[0, :, VEL], start(rows[0]))
-        settled, _ = jax.lax.scan(follow, begin, (past, rows[1 : preset.history + 1]))
-        _, (pos, vel, torque) = jax.lax.scan(step, jax.lax.stop_gradient(settled), free[:-1])
+        warm, _ = jax.lax.scan(follow, begin, (past, rows[1 : preset.history + 1]))
+        _, (pos, vel, torque) = jax.lax.scan(free_step, jax.lax.stop_gradient(warm), free[:-1])
         return pos - free[1:, :, POS], vel - free[1:, :, VEL], torque - free[:-1, :, TORQUE]
 
     return rollout

@@ -17,14 +17,11 @@ from motorprior.identification.networks.objectives import OBJECTIVES, kl_to_stan
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, draw
 
-CHUNK = 100
-"""Adam steps per compiled call, after which progress is reported."""
-CHECKPOINT_EVERY = 5
-"""Number of chunks between two checkpoints."""
+CHUNK = 100  # Adam steps per compiled call, after which progress is reported
+CHECKPOINT_EVERY = 5  # Number of chunks between two checkpoints
+# A chunk whose loss is so many times the least so far, the one before the first step included, has diverged
 DIVERGED = 3.0
-"""A chunk whose loss is so many times the least so far, the one before the first step included, has diverged."""
-SLOWER, RESTARTS = 3.0, 3
-"""By how much a restart lowers the learning rate, and how many there are."""
+SLOWER, RESTARTS = 3.0, 3  # By how much a restart lowers the learning rate, and how many there are
 _PHYSICS = ("motor_center", "motor_slope")
 
 
@@ -32,8 +29,7 @@ class DivergedError(MotorPriorError):
     """A training that diverged at every learning rate that was tried."""
 
 
-Report = Callable[[int, str], None]
-"""(steps made, what to say of them)."""
+Report = Callable[[int, str], None]  # (steps made, what to say of them)
 
 
 class Checkpoints(Protocol):
@@ -56,9 +52,9 @@ def descend(
     report: Report = lambda steps, text: None,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Parameters, np.ndarray]:
-    """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``.
+    """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``; resumable to the byte.
 
-    The same arguments give the same bytes, also after an interruption. With physics first, constants and z stay.
+    With physics first, constants and z stay.
 
     Returns:
         The trained parameters, and the mean loss of every CHUNK steps.
@@ -116,12 +112,10 @@ def _attempt(
 
 
 def _flat(state: Any) -> dict[str, np.ndarray]:
-    """The arrays of a pytree, named by number."""
     return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
 
 
 def _resumed(state: Any, kept: dict[str, np.ndarray] | None) -> tuple[Any, list[float]]:
-    """The initial or the saved state, and the losses of the finished chunks."""
     if kept is None:
         return state, []
     leaves = [jnp.asarray(kept[name]) for name in _flat(state)]

@@ -19,8 +19,7 @@ from motorprior.identification.networks.objectives import OBJECTIVES
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import Measured
 
-LEARNING_RATE = 0.1
-"""Peak of Adam's cosine schedule."""
+LEARNING_RATE = 0.1  # Peak of Adam's cosine schedule
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 
 

@@ -14,10 +14,9 @@ from motorprior.identification.physics.initial_motor import initial_center
 from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]
-INITIAL_ARMATURE = 0.002
-"""Initial decoded armature [kg·m²]."""
+INITIAL_ARMATURE = 0.002  # Initial decoded armature [kg·m²]
+# Initial standard deviation of d log(constant) / d latent where every latent acts on every constant [-]
 MIXED_SPREAD = 0.1
-"""Initial standard deviation of d log(constant) / d latent where every latent acts on every constant [-]."""
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:

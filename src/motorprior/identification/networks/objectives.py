@@ -10,30 +10,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import scaled_torque
-from motorprior.identification.loss import SCALES, huber, huber_curvature
 from motorprior.identification.networks.closed_loop import closed_loop
 from motorprior.identification.networks.network import Parameters, decoder_latents, motor_bias
+from motorprior.identification.physics.window_runs import SCALES, huber, huber_curvature
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured
 
+# (parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals
 Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
-"""(parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """A loss of the form weight·mean penalty(residuals).
-
-    Attributes:
-        residuals: function that gives the residuals, scaled to order 1.
-        penalty: cost of a residual.
-        curvature: second derivative of the penalty.
-        weight: factor on the mean.
-    """
+    """A loss of the form weight·mean penalty(residuals)."""
 
     residuals: Residuals
     penalty: Callable[[jnp.ndarray], jnp.ndarray]
-    curvature: Callable[[jnp.ndarray], jnp.ndarray]
+    curvature: Callable[[jnp.ndarray], jnp.ndarray]  # second derivative of the penalty
     weight: float
 
     def loss(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
@@ -60,14 +53,7 @@ def kl_to_standard_normal(mean: jnp.ndarray, log_var: jnp.ndarray) -> jnp.ndarra
 
 
 def torque_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
-    """The paper's loss: mean squared one-step error of the torque, divided by torque_scale².
-
-    Args:
-        preset: recipe.
-        scales: scales of the inputs and the torque.
-        measured: must include torques.
-        bounded: unused here; see `rollout_objective`.
-    """
+    """The paper's loss: mean squared one-step error of the torque, divided by torque_scale²."""
     del bounded, measured
     taps = np.asarray(preset.taps)
 
@@ -85,11 +71,7 @@ def torque_objective(preset: Preset, scales: dict[str, float], measured: Measure
 def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
     """The rollout loss: errors of simulated positions and velocities, and of torques if the log has them.
 
-    Args:
-        preset: recipe.
-        scales: scales of the inputs and the torque.
-        measured: which channels of the windows were measured.
-        bounded: limit the gradient of each window; for training, in reverse mode only.
+    ``bounded`` limits the gradient of each window; for training, in reverse mode only.
     """
     rollout = closed_loop(preset, scales, bounded, measured.at_rotor)
 

@@ -1,15 +1,15 @@
-"""Fit of a fleet: every motor by itself, or together, where all motors' fits are a belief about each.
+"""Fit of a fleet: every motor by itself, or together, with a Gaussian prior over the motors.
 
 Decoder outputs are the logarithms of the constants (linear where they may be negative), around a central motor; one
 latent is one output. Alone, motors are fitted by a random search, Gauss-Newton steps and restarts. Together, restarts
-also begin at what other motors have, and a Gaussian over the motors is estimated with them by turns (empirical Bayes):
+also start at other motors' constants, and a Gaussian over the motors is estimated in turns (empirical Bayes):
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (z - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
 
-v is the variance of a further motor, as M motors tell it: how far apart they were found, and what their logs leave open
-of each (the expectation-maximisation of a Gaussian over motors; the first turn, before anything is believed, has no S).
-A window, of N, fitted as well as the average one counts as an observation. One motor is fitted alone.
+v is the variance of one more motor: that between the motors, plus the uncertainty of each (expectation-maximisation of
+a Gaussian over motors; the first turn has no S). A window, of N, fitted as well as the average one counts as one
+observation. One motor is fitted alone.
 """
 
 from __future__ import annotations
@@ -22,24 +22,20 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.initial_motor import sized_center, states_kd, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Belief, Fit, MotorFit
-from motorprior.identification.physics.speed_limits import SPEED_LIMITS, least_outputs
-from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
+from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
+from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
 RESTARTS, RESTART_DRAWS = 3, 96
+# empirical Bayes: step of the differences, and Gauss-Newton steps
 TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)
-"""Of the empirical Bayes: reach of the differences, and Gauss-Newton steps."""
 FIRST_STEPS, RESTART_STEPS = 10, 8
-STAGES = 1 + RESTARTS + len(TURNS)
-"""How often a fit reports."""
-_WEAK = 1e-4
-"""Precision of the belief in the initial motor, per unit of the loss."""
-ROOM, UNSEEN = 4.0, 1.001
-"""A limit that no log shows over the most that was asked for or reached [-]; a loss that shows it, over the other."""
-_LEAST_SPREAD = 0.05
-"""Standard deviation of a constant's logarithm over motors that is not undercut."""
+STAGES = 1 + RESTARTS + len(TURNS)  # number of reports of a fit
+_WEAK = 1e-4  # precision of the prior around the initial motor, per unit of the loss
+# an unidentifiable limit over the largest request or speed; loss ratio up to which two limits fit equally well
+BEYOND, SAME_LOSS = 4.0, 1.001
+_MIN_STD = 0.05  # least standard deviation over motors of the logarithm of a constant
 _STREAM = 41
 
 
@@ -78,8 +74,8 @@ def fit_fleet(
     Args:
         network: with a residual that stays as it is.
         runs: the logs.
-        terms: of the motors (`servo_terms`).
-        together: whether the motors help each other.
+        terms: optional terms of the motors (`optional_terms`).
+        together: estimate a Gaussian over the motors.
         seed: of the searches.
         start: (M, P) decoder outputs at which the fit begins; found by a random search if not given.
         chosen: (N,) mask of the windows that count; all if not given.
@@ -88,32 +84,32 @@ def fit_fleet(
     """
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
-    fit, held = _bounded_fit(network, center, terms, runs, chosen), held_constants(terms, runs)
-    belief, began = weak_belief(len(center)).holding(held), center
+    fit, fixed = _bounded_fit(with_motor(network, center, terms), center, runs, chosen), fixed_constants(terms, runs)
+    prior, began = weak_prior(len(center)).fixing(fixed), center
     if start is None:
         nowhere = np.zeros((runs.num_motors, len(center)))
-        first = fit.search(rng, nowhere, belief, SEARCH_RADII, SEARCH_DRAWS)
+        first = fit.search(rng, nowhere, prior, SEARCH_RADII, SEARCH_DRAWS)
     else:
         first = np.clip(start - center, -LOG_REACH, LOG_REACH)
-    found = fit.polish(first, belief, FIRST_STEPS)
+    found = fit.polish(first, prior, FIRST_STEPS)
     report()
     for _ in range(RESTARTS):
-        other = restart(rng, fit, found, belief, together)
-        found = found.better(fit.polish(other, belief, RESTART_STEPS))
+        other = restart(rng, fit, found, prior, together)
+        found = found.better(fit.polish(other, prior, RESTART_STEPS))
         report()
     for turn, (reach, steps) in enumerate(turns):
-        fit, found = _recentred(fit, found, held)
+        fit, found = _recentred(fit, found, fixed)
         if together:
-            belief = fleet_belief(found, fit.windows, left_open(fit, found, belief) if turn else 0.0)
+            prior = fleet_prior(found, fit.windows, open_variance(fit, found, prior) if turn else 0.0)
         else:
-            belief = replace(belief, mean=began - _center(fit))
-        belief = belief.holding(held)
-        found = replace(found, energy=found.loss + belief.energy(found.z))
-        again = fit.polish(found.z, belief, steps, reach)
-        other = restart(rng, fit, again, belief, together)
-        found = again.better(fit.polish(other, belief, steps, reach))
+            prior = replace(prior, mean=began - _center(fit))
+        prior = prior.fixing(fixed)
+        found = replace(found, energy=found.loss + prior.energy(found.z))
+        again = fit.polish(found.z, prior, steps, reach)
+        other = restart(rng, fit, again, prior, together)
+        found = again.better(fit.polish(other, prior, steps, reach))
         report()
-    z = np.where(held, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
+    z = np.where(fixed, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
     z = _unlimited(fit, z, together)
     center = _center(fit)
     # around a centre from which the decoder reaches every motor
@@ -123,103 +119,107 @@ def fit_fleet(
 
 
 def _center(fit: MotorFit) -> np.ndarray:
-    """(P,) decoder outputs of the central motor of a fit."""
     assert fit.network.motor is not None
     return fit.network.motor.center
 
 
-def _recentred(fit: MotorFit, found: Fit, held: np.ndarray) -> tuple[MotorFit, Fit]:
+def _recentred(fit: MotorFit, found: Fit, fixed: np.ndarray) -> tuple[MotorFit, Fit]:
     """The same motors around their median, from which a decoder reaches what it did not from the initial motor."""
-    assert fit.network.motor is not None
     z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-    middle = np.where(held, 0.0, np.median(z, axis=0))
+    middle = np.where(fixed, 0.0, np.median(z, axis=0))
     center, left = _center(fit) + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
-    moved = _bounded_fit(fit.network, center, fit.network.motor.terms, fit.runs, fit.mask)
+    moved = _bounded_fit(fit.network, center, fit.runs, fit.mask)
     loss = moved.losses(left)
     return moved, Fit(left, loss, loss)
 
 
-def _bounded_fit(
-    network: LatentNetwork,
-    center: np.ndarray,
-    terms: tuple[str, ...],
-    runs: WindowRuns,
-    chosen: np.ndarray | None = None,
-) -> MotorFit:
-    """A fit around this central motor whose searches give no motor a limit below the speed that it held."""
-    return MotorFit(with_motor(network, center, terms), runs, chosen, least_latents(center, terms, runs))
+def _bounded_fit(network: LatentNetwork, center: np.ndarray, runs: WindowRuns, chosen: np.ndarray | None) -> MotorFit:
+    """A fit of a network with a motor, moved to this center, whose searches keep `lower_bounds`."""
+    assert network.motor is not None
+    terms = network.motor.terms
+    return MotorFit(with_motor(network, center, terms), runs, chosen, lower_bounds(center, terms, runs))
 
 
-def least_latents(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(M, P) bounds of searches around a central motor (P,), by `speed_limits`; -inf of what is held or not bounded."""
-    least = least_outputs(center, terms, runs.held_speeds)
-    least[:, held_constants(terms, runs)] = -np.inf
+def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(M, P) lower bounds of searches around a central motor (P,): limits of speed are above the speeds held.
+
+    A limit that starts above every speed of a log has no effect, and one far below the motor's own keeps a search in a
+    poor optimum. An impact can drive a joint faster than its motor goes, seldom for 0.1 s: of 32 motors of
+    foreign_servo 12, 19 and 25 % held more than their firmware's limit on three benches, by up to 24 %. So random
+    searches and restarts keep the bound, Gauss-Newton steps from there do not. -inf of what is fixed or not bounded.
+    """
+    least = np.full((len(runs.held_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
+    for row, name in enumerate(parameters_of(terms)):
+        if name in SPEED_LIMITS:
+            with np.errstate(divide="ignore"):
+                least[:, row] = np.minimum(np.log(1.02 * runs.held_speeds[name]) - center[row], LOG_REACH)
+    least[:, fixed_constants(terms, runs)] = -np.inf
     return least
 
 
 def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
-    """(M, Z) latents with limits that are ROOM times what the logs reach, in those motors that do not show their own.
+    """(M, Z) latents in which limits that a log does not identify are BEYOND times the largest request or speed.
 
-    A limit that a log does not show would stay where the search went, and the motor then saturate in others. Of motors
-    that are fitted together those that show theirs tell of the others, if they are half of them or more.
+    Such a limit would stay where the search left it, and the motor saturate in other motions. Motors that are fitted
+    together keep it if half of them identify theirs.
     """
     assert fit.network.motor is not None
     center, names = _center(fit), parameters_of(fit.network.motor.terms)
     kp = names.index("kp")
     asked = np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
-    losses, held = fit.losses(z), held_constants(fit.network.motor.terms, fit.runs)
+    losses, fixed = fit.losses(z), fixed_constants(fit.network.motor.terms, fit.runs)
     for name, most in reached.items():
-        if name not in names or not most.max() or held[names.index(name)]:
+        if name not in names or not most.max() or fixed[names.index(name)]:
             continue
         row, free = names.index(name), z.copy()
         farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
-        free[:, row] = np.clip(np.log(ROOM * most.max()) - center[row], z[:, row], farthest)
-        unseen = fit.losses(free) <= UNSEEN * losses
+        free[:, row] = np.clip(np.log(BEYOND * most.max()) - center[row], z[:, row], farthest)
+        unseen = fit.losses(free) <= SAME_LOSS * losses
         if unseen.mean() > 0.5 or not together:
             z = np.where(unseen[:, None], free, z)
     return z
 
 
-def held_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(P,) constants that are not fitted: absent and stated ones, and those that the log's encoders hide."""
-    held = (*runs.preset.lacks, *runs.preset.stated_constants, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
+def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(P,) constants that are not fitted: absent or logged ones, and those that the log's encoders hide."""
+    fixed = (*runs.preset.lacks, *runs.preset.stated_constants, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
     if runs.gain_unit == PHYSICAL_GAINS:
-        held += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
-    return np.array([name in held for name in parameters_of(terms)])
+        fixed += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
+    return np.array([name in fixed for name in parameters_of(terms)])
 
 
-def weak_belief(size: int) -> Belief:
-    """Next to nothing: what keeps constants that a log does not show where they began."""
-    return Belief(np.zeros(size), np.full(size, _WEAK))
+def weak_prior(size: int) -> GaussianPrior:
+    """Keeps constants that a log does not identify at their start."""
+    return GaussianPrior(np.zeros(size), np.full(size, _WEAK))
 
 
-def left_open(fit: MotorFit, found: Fit, belief: Belief) -> np.ndarray:
-    """(Z,) variance of a motor's z that its own log leaves open, mean over the motors."""
-    precision = (fit.curvatures(found.z) + np.diag(belief.precision)) * fit.windows / found.loss.mean()
+def open_variance(fit: MotorFit, found: Fit, prior: GaussianPrior) -> np.ndarray:
+    """(Z,) posterior variance of a motor's z, mean over the motors."""
+    precision = (fit.curvatures(found.z) + np.diag(prior.precision)) * fit.windows / found.loss.mean()
     return np.einsum("mzz->mz", np.linalg.inv(precision)).mean(axis=0)
 
 
-def fleet_belief(found: Fit, windows: int, open_variance: np.ndarray | float) -> Belief:
-    """What the motors say about one more; ``open_variance`` (Z,) is what `left_open` tells."""
+def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> GaussianPrior:
+    """Gaussian of one more motor; ``variance`` (Z,) is that of `open_variance`."""
     mean = np.median(found.z, axis=0)
     motors = len(found.z)
     spread = (motors + 1) / (motors - 1) * np.mean((found.z - mean) ** 2, axis=0)
-    variance = np.maximum(spread + open_variance, _LEAST_SPREAD**2)
-    return Belief(mean, found.loss.mean() / windows / variance)
+    variance = np.maximum(spread + variance, _MIN_STD**2)
+    return GaussianPrior(mean, found.loss.mean() / windows / variance)
 
 
-def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief, together: bool) -> np.ndarray:
-    """(M, Z) of each motor the best of RESTART_DRAWS other beginnings.
+def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: GaussianPrior, together: bool) -> np.ndarray:
+    """(M, Z) of each motor the best of RESTART_DRAWS other starts.
 
-    In half of them a random half of the constants is drawn anew: together, around the better motors' median with their
-    spread; alone, around the motor's own. Together, other motors' fits are beginnings, too.
+    In half of them a random half of the constants is redrawn: together, around the median of the better motors;
+    alone, around the motor's own. Together, other motors' fits are starts, too.
     """
     motors, size = found.z.shape
     if together:
         good = found.z[found.loss <= np.quantile(found.loss, 0.6)]
         middle = np.broadcast_to(np.median(good, axis=0), found.z.shape)
-        spread = np.maximum(1.4826 * np.median(np.abs(good - middle[0]), axis=0), _LEAST_SPREAD)
+        spread = np.maximum(1.4826 * np.median(np.abs(good - middle[0]), axis=0), _MIN_STD)
     else:
         middle, spread = found.z, np.full(size, SEARCH_RADII[1])
     anew = middle[:, None] + spread * rng.standard_normal((motors, RESTART_DRAWS, size))
@@ -228,4 +228,4 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, belief: Belief,
         for motor in range(motors):
             others = rng.permutation(np.delete(np.arange(motors), motor))[: RESTART_DRAWS // 2]
             candidates[motor, : len(others)] = found.z[others]
-    return fit.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), belief)
+    return fit.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), prior)

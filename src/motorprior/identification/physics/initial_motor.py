@@ -1,8 +1,8 @@
-"""The initial motor of a fit: a small geared servo, made as large as the motors of the logs are.
+"""The initial motor of a fit: a small geared servo, scaled to the motors of the logs.
 
 A decoder reaches constants within a factor of 12 of its central motor, and motors differ by more: a hobby servo may
-hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are stated in N·m/rad the size is that of the gains.
-Elsewhere some sizes of all torques, and of the gain alone, are tried on the logs, and the fit begins at the best if its
+hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are logged in N·m/rad they set the scale. Elsewhere
+several scales of all torques, and of the gain alone, are tried on the logs, and the fit starts from the best if its
 loss is less than half the initial motor's.
 """
 
@@ -17,30 +17,25 @@ import numpy as np
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import INITIAL, SIGNED
+from motorprior.actuator.optional_terms import INITIAL, SIGNED
 from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
+# Constants at which a fit begins, in SI units: a small geared servo
 INITIAL_MOTOR = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
     "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
     "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
 }  # fmt: skip
-"""Constants at which a fit begins, in SI units: a small geared servo."""
+# Constants that scale with the size of a motor
 TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
-"""Constants that scale with the size of a motor."""
-_OVER_HELD = 1.1
-"""Initial limit of speed over the speed that motors held [-]."""
-_NOTHING = 1e-9
-"""A constant that motors of a recipe lack."""
-_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
-"""Logarithms of the factors that are tried."""
-_MUCH_LESS = 0.5
-"""Largest loss, over that of the initial motor, with which another size is taken."""
+_OVER_HELD = 1.1  # Initial limit of speed over the speed that motors held [-]
+_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # Logarithms of the factors that are tried
+_MUCH_LESS = 0.5  # Largest loss, over that of the initial motor, with which another size is taken
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
@@ -50,9 +45,11 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     """
     motor = INITIAL_MOTOR
     if runs is not None:
-        motor = motor | dict.fromkeys(runs.preset.lacks, _NOTHING)
+        motor = motor | dict.fromkeys(runs.preset.lacks, 1e-9)
     if runs is not None and runs.fastest:
-        motor = motor | {"profile_speed": _profile_speed(runs), "no_load_speed": 1.3 * runs.fastest}
+        # a little above what motors held: a limit that is too low rises in the fit, one that is too high has no effect
+        profile = _OVER_HELD * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
+        motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.fastest}
     if runs is not None:
         motor = motor | runs.preset.stated_constants
     if runs is None or not runs.gain_unit:
@@ -69,25 +66,10 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     return encoded(motor, terms)
 
 
-def _profile_speed(runs: WindowRuns) -> float:
-    """Where the search for a firmware's limit of speed begins [rad/s]: a little above what motors held.
-
-    A limit that is too low shows in every fast motion and rises; one that is too high shows nowhere and stays.
-    """
-    return _OVER_HELD * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
-
-
 def sized_center(
     network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
 ) -> np.ndarray:
-    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better.
-
-    Args:
-        network: with a residual that stays as it is.
-        runs: the logs.
-        terms: of the motors.
-        chosen: (N,) mask of the windows that count; all if not given.
-    """
+    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
     if runs.gain_unit == PHYSICAL_GAINS:
         return center

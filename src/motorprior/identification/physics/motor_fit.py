@@ -2,7 +2,7 @@
 
     minimise  U(z) = loss(z) + ½·Σ_k precision_k·(z_k - mean_k)²
 
-per motor, with the rollout loss of `loss` over all windows. Derivatives are central differences over a wide step, since
+per motor, with the rollout loss over all windows. Derivatives are central differences over a wide step, since
 stiction makes small ones meaningless, and a step is taken only if it lowers U: no fit diverges.
 """
 
@@ -15,31 +15,21 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.compiled import njit
-from motorprior.identification.loss import huber, huber_curvature, huber_weight
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.physics.window_runs import WindowRuns, huber, huber_curvature, huber_weight
 
+# Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)
 WIDE, NARROW = 0.1, 0.03
-"""Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)."""
-LARGEST_STEP = 0.5
-"""Of a latent, in one Gauss-Newton step."""
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
-"""Factors on the damping that are tried in every step."""
-_LEAST_GAIN = 1e-4
-"""Share of U below which a step that lowers it is a motor's last."""
-_LANES = 768
-"""Motors simulated at a time; bounds the memory."""
-_NEVER, _BROKEN = 1e9, 1e6
-"""Loss of a simulation that broke down, and residual of one."""
-_CERTAIN = 1e6
-"""Precision of what is held."""
+LARGEST_STEP = 0.5  # Of a latent, in one Gauss-Newton step
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # Factors on the damping that are tried in every step
+_LEAST_GAIN = 1e-4  # Share of U below which a step that lowers it is a motor's last
+_LANES = 768  # Motors simulated at a time; bounds the memory
+_NEVER, _BROKEN = 1e9, 1e6  # Loss of a simulation that broke down, and residual of one
+_FIXED = 1e6  # Precision of what is held
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
 def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that depends on nothing.
-
-    A library's product adds up in another order with another number of threads.
-    """
+    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that no number of threads changes."""
     size, count = slopes.shape
     gradient, matrix = np.zeros(size), np.zeros((size, size))
     for i in range(size):
@@ -56,23 +46,23 @@ def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[n
 
 
 @dataclass(frozen=True)
-class Belief:
-    """What is known of z before the log: independent Gaussians of this mean and precision, each (Z,) or (M, Z)."""
+class GaussianPrior:
+    """Independent Gaussians of z of this mean and precision, each (Z,) or (M, Z)."""
 
     mean: np.ndarray
     precision: np.ndarray
 
-    def holding(self, columns: np.ndarray) -> Belief:
-        """The same, but certain that z is 0 in these columns (Z,)."""
-        return Belief(np.where(columns, 0.0, self.mean), np.where(columns, _CERTAIN, self.precision))
+    def fixing(self, columns: np.ndarray) -> GaussianPrior:
+        """The same with z fixed at 0 in these columns (Z,)."""
+        return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, _FIXED, self.precision))
 
     def energy(self, z: np.ndarray) -> np.ndarray:
         """(M, ...) ½·Σ precision·(z - mean)² of z (M, ..., Z)."""
-        mean, precision = (_beside(values, z) for values in (self.mean, self.precision))
+        mean, precision = (_broadcast(values, z) for values in (self.mean, self.precision))
         return 0.5 * np.sum(precision * (z - mean) ** 2, axis=-1)
 
 
-def _beside(values: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _broadcast(values: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Values (Z,) or (M, Z) in a shape that broadcasts with z (M, ..., Z)."""
     return values if values.ndim == 1 else values.reshape(len(values), *[1] * (z.ndim - 2), -1)
 
@@ -125,7 +115,6 @@ class MotorFit:
         return len(np.arange(self.runs.windows)[self._chosen])
 
     def _residuals(self, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        """(L, R) float32."""
         with np.errstate(over="ignore", invalid="ignore"):
             found = self.runs.residuals(self.network, z, motor)[:, self._chosen]
         return found.reshape(len(motor), -1)
@@ -155,44 +144,40 @@ class MotorFit:
             loss = self.runs.channels * np.mean(huber(residuals), axis=-1, dtype=np.float64)
         return np.where(np.isfinite(loss), loss, _NEVER)
 
-    def best_of(self, candidates: np.ndarray, belief: Belief) -> np.ndarray:
+    def best_of(self, candidates: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """(M, Z) of each motor the candidate with the least energy; those (M, K, Z) below bounds are raised first."""
         if self._least is not None:
-            candidates = np.maximum(candidates, _beside(self._least, candidates))
-        energy = self.losses(candidates) + belief.energy(candidates)
+            candidates = np.maximum(candidates, _broadcast(self._least, candidates))
+        energy = self.losses(candidates) + prior.energy(candidates)
         return candidates[self._everyone, energy.argmin(axis=1)]
 
     def search(
-        self, rng: np.random.Generator, start: np.ndarray, belief: Belief, radii: tuple[float, ...], count: int
+        self, rng: np.random.Generator, start: np.ndarray, prior: GaussianPrior, radii: tuple[float, ...], count: int
     ) -> np.ndarray:
         """(M, Z) best of a random search around ``start`` (M, Z), ``count`` draws per radius, ever closer."""
         best = start
         for radius in radii:
             draws = radius * rng.standard_normal((count, start.shape[-1]))
             draws[0] = 0.0
-            best = self.best_of(best[:, None] + draws, belief)
+            best = self.best_of(best[:, None] + draws, prior)
         return best
 
-    def polish(self, start: np.ndarray, belief: Belief, steps: int, reach: float = NARROW) -> Fit:
+    def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, reach: float = NARROW) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _LEAST_GAIN.
 
-        Args:
-            start: initial latents.
-            belief: part of the energy.
-            steps: at most.
-            reach: of the differences, WIDE or NARROW.
+        At most ``steps``, with derivatives over ``reach``, WIDE or NARROW.
         """
         z, damping = start, np.full(len(start), 1e-2)
         loss = self.losses(z)
-        energy = loss + belief.energy(z)
+        energy = loss + prior.energy(z)
         slope, curvature = self._derivatives(z, reach)
         left = self._everyone
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
-            candidates = z[:, None] - self._moves(z, slope, curvature, belief, tried)
+            candidates = z[:, None] - self._moves(z, slope, curvature, prior, tried)
             losses = np.full(candidates.shape[:2], np.inf)
             losses[left] = self.losses(candidates[left], left)
-            energies = losses + belief.energy(candidates)
+            energies = losses + prior.energy(candidates)
             best = energies.argmin(axis=1)
             found = energies[self._everyone, best]
             lower = found < energy
@@ -212,11 +197,10 @@ class MotorFit:
         return self._derivatives(z, reach, bend=huber_curvature)[1]
 
     def _moves(
-        self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, belief: Belief, damping: np.ndarray
+        self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, prior: GaussianPrior, damping: np.ndarray
     ) -> np.ndarray:
-        """(M, K, Z) steps for K dampings each."""
-        matrix = curvature + belief.precision[..., None] * np.eye(z.shape[1])
-        gradient = slope + belief.precision * (z - belief.mean)
+        matrix = curvature + prior.precision[..., None] * np.eye(z.shape[1])
+        gradient = slope + prior.precision * (z - prior.mean)
         diagonal = np.einsum("mpp->mp", matrix)
         scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
         damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])

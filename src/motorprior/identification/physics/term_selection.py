@@ -1,22 +1,20 @@
-"""Which terms of `servo_terms` the data ask for: left out one by one where held-out free runs do without them.
+"""Selection of optional dynamics terms (`optional_terms`) by backward elimination on held-out free runs.
 
-Some motors are fitted on every second segment of their logs and judged on the others. All terms are fitted at once
-first, since some are worth nothing without another: an encoder on the output needs the joint's own damping, or the
-joint rattles in its play. With so many constants one random search ends in a poor optimum, in which terms seem useless,
-so there are several, and one that begins at a fit with the terms of SERVO alone; of every motor the best counts. Then
-each term is left out in turn, the rarest first. The fit is polished without it and, if it then seems to be missed, made
-anew from the beginning, as a term changes where the other constants belong. It stays if it is worth its price,
+Some motors are fitted on every second segment of their logs and tested on the others. All terms are fitted at once
+first, since some are useless without another: an encoder on the output needs the joint's own damping, or the joint
+rattles in its play. With so many constants one random search can end in a poor optimum, so there are several, and one
+that starts from a fit with the terms of SERVO alone; the best of each motor counts. Then each term is left out in turn,
+the rarest first. The fit is polished without it and, if it then seems to be missed, repeated, as a term changes where
+the other constants belong. It stays if
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
 
-(at 5 % each, few motors refuse terms that they have and that help on held-out motion; of fewer than five motors the
-test is of the held-out stretches of each). A term may have made up for one that is gone by then: those that stayed and
-saved no more than SURE are left out in turn again, until none leaves. A term may have left because the fit with it had
-ended in a poor optimum: each that left is tried once more beside those that stayed, from where their fit is, by the
-same price and the test at 5 %. In the end all are compared with no term at all, likewise. Where the conditions of
-segments differ, the terms of these are tried by themselves as well: of few logs, a fit of all terms at once may be too
-poor to show them. A term is not asked about where the log states a value for it, which motors have, nor where the log
-states that all of it is off, nor of conditions that are the same in all segments.
+(at 5 %, few motors reject terms that they have and that help on held-out motion; of fewer than five motors the test is
+over the held-out parts of each). This is repeated with the terms that saved no more than SURE until none leaves, since
+a term may have made up for one that is gone by then. Each term that left is tried once more from the remaining fit, by
+the same price and the test at 5 %. In the end all are compared with no optional term, likewise. Where conditions differ
+between segments, their terms are also tried alone: with few logs, a fit of all terms may be too poor to identify them.
+Not tried: terms whose constants the log states or states as off, and conditions that are the same in all segments.
 """
 
 from __future__ import annotations
@@ -30,49 +28,34 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.servo_terms import FAINT, in_order
-from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, held_constants, weak_belief
+from motorprior.actuator.optional_terms import FAINT, in_order
+from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, fixed_constants, weak_prior
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either
 from motorprior.identification.physics.window_runs import WindowRuns
 
-PRICE = 0.04
-"""Share of the held-out loss that a term must save."""
-MOTORS, ROWS, WINDOWS = 8, 10_000, 60
-"""Most motors that are fitted; about the most rows of each, or more if fewer windows than these are in them."""
-SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")
-"""What the servos of hobby robots have."""
-STRETCHES, FEWEST = 32, 4
-"""Stretches of a log of few segments; from so many segments of many motors on, these are the stretches."""
+PRICE = 0.04  # share of the held-out loss that a term must save
+SURE = 0.3  # share of the held-out loss: a term that saved more in one round is not left out in the next
+MOTORS, ROWS, WINDOWS = 8, 10_000, 60  # most motors; about the most rows of each, more for fewer windows than these
+SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # usual in hobby servos
+MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs of fewer segments are cut into so many parts
+# terms that need logs under several conditions, in the order of `Segment.conditions`, and the least difference between
+# two segments: a share of the usual voltage, and [K]
 VARIES = {"supply": 0.03, "temperature": 10.0}
-"""Terms that only logs under several conditions show, in the order of `Segment.conditions`, and the least difference
-between two segments: a share of the usual voltage, and [K]."""
-TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}
-"""The term that says what one of `motor_log.CONDITIONS` does."""
+TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
+# order of elimination, the rarest first
 ORDER = (
     "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
     "output_damping", "torque_speed", "profile",
 )  # fmt: skip
-"""In which terms are left out."""
-_LEVEL, _LEVEL_OF_ALL, _RANKS_TELL = 0.2, 0.05, 5
-"""Of the signed-rank test of a term's gain and of all terms', and the least number of gains that can reach these: from
-fewer no term is chosen."""
-_NO_LOSS = 1e-9
-"""A loss below counts as none."""
-_TURNS = (*TURNS[:3], *TURNS[-2:])
-_STEPS = 10
-SURE = 0.3
-"""Share of the held-out loss: a term that saved more in one turn is not left out in the next."""
-_ATTEMPTS = 3
-"""Random searches for a fit of all terms."""
+_LEVEL, _LEVEL_OF_ALL = 0.2, 0.05  # of the signed-rank test, for one term and for all
+_MIN_RANKS = 5  # fewer gains cannot reach these levels
+_ATTEMPTS, _STEPS, _TURNS = 3, 10, (*TURNS[:3], *TURNS[-2:])
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Terms, and what each saved.
-
-    ``saved`` maps each term to the share of the held-out loss that it saved (negative: that it cost).
-    """
+    """Selected terms, and the share of the held-out loss that each tried term saved (negative: cost)."""
 
     terms: tuple[str, ...]
     saved: dict[str, float]
@@ -80,16 +63,11 @@ class Selection:
 
 @dataclass(frozen=True)
 class _State:
-    """Fits (m, P) of motors with these terms, as decoder outputs, and their losses.
-
-    ``fitted`` and ``held_out`` (m,), and ``parts`` (m, s), those held out by stretch.
-    """
-
     terms: tuple[str, ...]
-    raw: np.ndarray
-    fitted: np.ndarray
-    held_out: np.ndarray
-    parts: np.ndarray
+    raw: np.ndarray  # (m, P) decoder outputs
+    fitted: np.ndarray  # (m,) training loss
+    held_out: np.ndarray  # (m,)
+    parts: np.ndarray  # (m, s) held-out loss by part
 
 
 def select_terms(
@@ -101,185 +79,178 @@ def select_terms(
         network: with a residual that stays as it is.
         runs: logs of m motors; MOTORS of a fleet are enough.
         seed: of the searches.
-        report: called once for every term of ORDER in the first turn, then once for every fit of a further turn, and
-            for every term that is taken back.
+        report: called once for every term of ORDER in the first round, then for every fit of a further round and
+            every term that returns.
     """
-    parts = stretches(runs, segments_to_choose_by(runs.num_motors))
-    told, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
+    parts = parts_of(runs, segments_for_selection(runs.num_motors))
+    given, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
-    judged = parts % 2 == 1
-    if judged.all() or not judged.any():  # too short a log to judge anything by
-        return Selection(told, {})
+    test = parts % 2 == 1
+    if test.all() or not test.any():  # too short a log
+        return Selection(given, {})
     trial = _Trial(network, runs, parts, seed)
-    whole, saved = trial.all_at_once(tried, (*(name for name in SERVO if name not in off), *told)), {}
+    whole, saved = trial.all_terms(tried, (*(name for name in SERVO if name not in off), *given)), {}
     for name in ORDER:
-        if name in (*told, *off):
-            report(f"{name}: {'stated' if name in told else 'not tried'}")
-    best = trial.that_pay(whole, told, saved, report)
+        if name in (*given, *off):
+            report(f"{name}: {'logged' if name in given else 'not tried'}")
+    best = trial.eliminated(whole, given, saved, report)
     if varied := tuple(name for name in VARIES if name not in off):
         saved_alone: dict[str, float] = {}
-        alone = trial.that_pay(trial.fitted((*varied, *told)), told, saved_alone, report)
-        if _worth(best, alone, _LEVEL_OF_ALL):
+        alone = trial.eliminated(trial.fitted((*varied, *given)), given, saved_alone, report)
+        if _pays(best, alone, _LEVEL_OF_ALL):
             best, saved = alone, saved_alone
-    if best.terms != told:
-        bare = _better(trial.polished(best, told), trial.fitted(told))
-        best = best if _worth(bare, best, _LEVEL_OF_ALL) else bare
+    if best.terms != given:
+        bare = _better(trial.polished(best, given), trial.fitted(given))
+        best = best if _pays(bare, best, _LEVEL_OF_ALL) else bare
     return Selection(best.terms, saved)
 
 
 def least_difference(condition: str, usual: float) -> float:
-    """Of VARIES, in the unit of one of `motor_log.CONDITIONS` [V], [°C] whose usual value this is."""
+    """Of VARIES, in the unit of the condition [V], [°C], at this usual value."""
     least = VARIES[TERM_OF[condition]]
     return least * usual if condition == "supply_voltage" else least
 
 
 def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
-    """Terms of VARIES whose condition is about the same in all segments, or was not stated."""
+    """Terms of VARIES whose condition is about the same in all segments, or was not logged."""
     apart = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
     return tuple(name for (name, least), far in zip(VARIES.items(), apart, strict=True) if far < least)
 
 
 def _saved(before: _State, after: _State) -> float:
-    """Share of the held-out loss, median over motors."""
     return 1.0 - float(np.exp(np.median(_logarithm(after.held_out) - _logarithm(before.held_out))))
 
 
-def _worth(before: _State, after: _State, level: float) -> bool:
-    """Whether the fits ``after`` are worth the terms that those ``before`` lack.
+def _pays(before: _State, after: _State, level: float) -> bool:
+    """Whether the fits ``after`` save more than PRICE of the held-out loss, significantly at this ``level``.
 
-    They are if they save more than PRICE of the held-out loss and the signed-rank test says so at this ``level``, from
-    the gains of all motors or, of fewer than _RANKS_TELL motors, of their stretches.
+    The signed-rank test is over the gains of all motors or, of fewer than _MIN_RANKS motors, over their parts.
     """
-    if len(before.held_out) >= _RANKS_TELL:
+    if len(before.held_out) >= _MIN_RANKS:
         gains = _logarithm(before.held_out) - _logarithm(after.held_out)
     else:
         gains = (_logarithm(before.parts) - _logarithm(after.parts)).ravel()
-    if len(gains) < _RANKS_TELL or not gains.any():
+    if len(gains) < _MIN_RANKS or not gains.any():
         return False
     pvalue = float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue)
     return _saved(before, after) > PRICE and pvalue < level
 
 
 def _logarithm(loss: np.ndarray) -> np.ndarray:
-    """Of losses that may be 0: in a stretch at rest, a motor that rests is right."""
-    return np.log(loss + _NO_LOSS)
+    return np.log(loss + 1e-9)  # a loss may be 0: in a part at rest
 
 
 class _Trial:
-    """Fits to the windows in every second of these ``parts`` (N,), `stretches`, judged on the others."""
+    """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
 
     def __init__(self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int):
         self._network, self._runs, self._parts, self._seed = network, runs, parts, seed
-        self._seen, self._unseen = parts % 2 == 0, parts % 2 == 1
+        self._train, self._test = parts % 2 == 0, parts % 2 == 1
 
     def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
-        """From the beginning."""
+        """A new search."""
         terms, seed = in_order(terms), self._seed + attempt
-        found = fit_fleet(self._network, self._runs, terms, True, seed, chosen=self._seen, turns=_TURNS)
+        found = fit_fleet(self._network, self._runs, terms, True, seed, chosen=self._train, turns=_TURNS)
         return self._state(terms, found.center, found.offsets)
 
-    def all_at_once(self, tried: tuple[str, ...], servo: tuple[str, ...]) -> _State:
-        """Of every motor the best of several fits of all terms; one of them begins with those of a ``servo`` alone."""
+    def all_terms(self, tried: tuple[str, ...], servo: tuple[str, ...]) -> _State:
+        """Of every motor the best of several fits of all terms; one starts from those of a ``servo`` alone."""
         best = self.polished(self.fitted(servo), in_order(tried))
         for attempt in range(_ATTEMPTS):
             best = _better(best, self.fitted(tried, attempt))
         return best
 
-    def that_pay(
-        self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    def eliminated(
+        self, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
-        """Without the terms that are not missed, one by one until none leaves; with those that pay beside the rest."""
+        """Rounds of elimination until no term leaves; then each that left is tried once more."""
         before, tried = (), best.terms
         while best.terms != before:
             before = best.terms
-            best = self.left_out_in_turn(best, told, saved, report)
-        return self.taken_back(best, tried, saved, report)
+            best = self.one_round(best, given, saved, report)
+        return self.retried(best, tried, saved, report)
 
-    def taken_back(
+    def retried(
         self, best: _State, tried: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
-        """Try each term that left beside those that stayed, the commonest first, and keep those that pay."""
+        """Add each term that left to those that stayed, the commonest first, and keep those that pay."""
         same = self.polished(best, best.terms)
         for name in [name for name in reversed(ORDER) if name in tried and name not in best.terms]:
             more = self.polished(best, in_order((*best.terms, name)))
-            if _worth(same, more, _LEVEL_OF_ALL):
+            if _pays(same, more, _LEVEL_OF_ALL):
                 best, saved[name] = more, _saved(same, more)
                 same = self.polished(best, best.terms)
-                report(f"{name}: taken back, saves {100 * saved[name]:.0f} %")
+                report(f"{name}: retried, saves {100 * saved[name]:.0f} %")
         return best
 
-    def left_out_in_turn(
-        self, best: _State, told: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    def one_round(
+        self, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
     ) -> _State:
-        """Each of the terms but ``told``, the rarest first, unless sure by then; what each saves goes to ``saved``."""
-        for name in [name for name in ORDER if name in best.terms and name not in told]:
+        """Leave out each term but ``given`` in turn; the share that each saves goes to ``saved``."""
+        for name in [name for name in ORDER if name in best.terms and name not in given]:
             if saved.get(name, 0.0) > SURE:
                 continue
             less = self.polished(best, tuple(other for other in best.terms if other != name))
-            if _worth(less, best, _LEVEL):  # or a better fit without it would but confirm that it may leave
+            if _pays(less, best, _LEVEL):  # otherwise a better fit without it changes nothing
                 less = _better(less, self.fitted(less.terms))
                 best = _better(best, self.polished(less, best.terms))  # as many attempts with the term as without it
             saved[name] = _saved(less, best)
             report(f"{name}: saves {100 * saved[name]:.0f} %")
-            best = best if _worth(less, best, _LEVEL) else less
+            best = best if _pays(less, best, _LEVEL) else less
         return best
 
     def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
-        """The fits ``before`` with these terms, new ones faint at first, and some Gauss-Newton steps."""
-        faint = encoded(FAINT | self._runs.preset.stated_constants, terms)
+        """The fits ``before`` with these terms, new ones weak at first, after some Gauss-Newton steps."""
+        weak = encoded(FAINT | self._runs.preset.stated_constants, terms)
         rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
         columns = [
-            before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), faint[row])
+            before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), weak[row])
             for row, name in enumerate(parameters_of(terms))
         ]
         start = np.stack(columns, axis=1)
         center = np.median(start, axis=0)
-        fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._seen)
-        held = held_constants(terms, self._runs)
-        found = fit.polish(start - center, weak_belief(len(center)).holding(held), _STEPS)
-        return self._state(terms, center, np.where(held, 0.0, found.z))
+        fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._train)
+        fixed = fixed_constants(terms, self._runs)
+        found = fit.polish(start - center, weak_prior(len(center)).fixing(fixed), _STEPS)
+        return self._state(terms, center, np.where(fixed, 0.0, found.z))
 
     def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
         losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
         raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-        held_out, groups = losses[:, self._unseen], self._parts[self._unseen]
+        held_out, groups = losses[:, self._test], self._parts[self._test]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
-        return _State(terms, raw, losses[:, self._seen].mean(axis=1), held_out.mean(axis=1), parts)
+        return _State(terms, raw, losses[:, self._train].mean(axis=1), held_out.mean(axis=1), parts)
 
 
 def _better(one: _State, other: _State) -> _State:
-    """Of every motor the one that fits better what is fitted."""
     chosen = other.fitted < one.fitted
     names = ("raw", "fitted", "held_out", "parts")
     return _State(one.terms, *(of_either(chosen, getattr(one, name), getattr(other, name)) for name in names))
 
 
-def stretches(runs: WindowRuns, least: int = FEWEST) -> np.ndarray:
-    """(N,) number of the stretch that each window is in: its segment or, of fewer than least, one of STRETCHES parts.
+def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
+    """(N,) number of the part that each window is in: its segment or, of fewer segments, one of NUM_PARTS parts.
 
     Presets have five excitations in turn: over two rounds of segments, every second one has each of them. Segments
-    under different conditions (VARIES) stand in the order of these, so that every second stretch has about the
-    conditions of its neighbour.
+    under different conditions (VARIES) are sorted by these, so that every second part has about the conditions of its
+    neighbour.
     """
     groups = runs.groups()
     if len(same_conditions(runs)) < len(VARIES):
-        under = np.array([segment.conditions.mean(axis=1) for segment in runs.segments])
-        groups = np.argsort(np.lexsort(under.round(2).T[::-1]))[groups]
-    if groups.max() + 1 >= least:
+        conditions = np.array([segment.conditions.mean(axis=1) for segment in runs.segments])
+        groups = np.argsort(np.lexsort(conditions.round(2).T[::-1]))[groups]
+    if groups.max() + 1 >= min_segments:
         return groups
     parts, count = np.empty_like(groups), len(groups)
-    parts[np.argsort(groups, kind="stable")] = np.arange(count) * min(STRETCHES, count) // count
+    parts[np.argsort(groups, kind="stable")] = np.arange(count) * min(NUM_PARTS, count) // count
     return parts
 
 
 def held_out_windows(runs: WindowRuns) -> np.ndarray:
-    """(N,) whether a window is judged, not fitted: every second of the `stretches`."""
-    return stretches(runs) % 2 == 1
+    """(N,) whether a window is for testing: every second of the `parts_of`."""
+    return parts_of(runs) % 2 == 1
 
 
-def segments_to_choose_by(motors: int) -> int:
-    """Least number of segments that are the stretches by which terms of so many motors are chosen.
-
-    Fewer are cut into STRETCHES: of fewer than _RANKS_TELL motors the test needs many gains of each.
-    """
-    return FEWEST if motors >= _RANKS_TELL else -(-STRETCHES // motors)
+def segments_for_selection(motors: int) -> int:
+    """Least number of segments that are themselves the parts by which terms of so many motors are selected."""
+    return MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors)  # few motors need many gains of each

@@ -1,10 +1,10 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
-What `closed_loop` is for JAX this is for searches: thousands of motors at once, no compilation per recipe, derivatives
-by differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
-every window of a free run begins with its hidden state (rotor, backlash, delayed commands) and the recorded joint. If
-the encoders are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; such
-a log shows neither backlash nor encoder zero (`closed_loop`), which are then those of the central motor and 0.
+The counterpart of `closed_loop` for searches: thousands of motors at once, no compilation per recipe, derivatives by
+differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
+every free run starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders
+are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; then backlash and
+encoder zero, which such a log does not identify, are those of the central motor and 0.
 """
 
 from __future__ import annotations
@@ -13,23 +13,22 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
-from motorprior.actuator.borrowed import borrowed
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
-from motorprior.actuator.grey_box import SCALES as BOX_ROWS
+from motorprior.actuator.ideal_pd import GainScaledPd
+from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.servo_terms import Conditions
-from motorprior.actuator.told_pd import ToldPd
-from motorprior.actuator.torque_law import reset_actuator, step_actuator
-from motorprior.bench.loaded_joint import next_velocity
+from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
+from motorprior.actuator.optional_terms import Conditions
+from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.identification.loss import SCALES
-from motorprior.identification.physics.speed_limits import SPEED_LIMITS, held_speed
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import (
     EXTERNAL,
@@ -47,15 +46,43 @@ from motorprior.identification.training_data.windows import (
     TrainingData,
 )
 
-LANES_PER_TASK = 256
-"""Motors that one thread simulates at a time; their state then stays in a core's cache."""
-HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")
-"""Constants that an encoder on the rotor does not show."""
-_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL
-"""Rows of a grey box's memory."""
+# errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
+POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
+SPEED_LIMITS = ("profile_speed", "no_load_speed")
+LANES_PER_TASK = 256  # Motors that one thread simulates at a time; their state then stays in a core's cache
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # Constants that an encoder on the rotor does not show
+_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # Rows of a grey box's memory
+# Rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
-"""Rows of its parameters."""
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
+
+
+def huber(x: Any) -> Any:
+    """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
+    return (1.0 + x * x) ** 0.5 - 1.0
+
+
+def huber_weight(x: Any) -> Any:
+    """Derivative of `huber` over x, (1 + x²)^(-1/2)."""
+    return (1.0 + x * x) ** -0.5
+
+
+def huber_curvature(x: Any) -> Any:
+    """Second derivative of `huber`, (1 + x²)^(-3/2)."""
+    return (1.0 + x * x) ** -1.5
+
+
+def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
+    """(M,) largest speed [rad/s] that each joint held for 0.1 s on its way to its target; 0 where none did.
+
+    ``vel`` (M, R) are joint velocities, ``error`` position_target - joint_pos, ``period`` [s]; segments count as one
+    motion.
+    """
+    rows, lowest = max(1, round(0.1 / period)), []
+    for way in (1.0, -1.0):
+        towards = np.where(way * error > 0.0, np.maximum(way * vel, 0.0), 0.0)
+        lowest.append(minimum_filter1d(towards, rows, axis=1, mode="constant", cval=0.0))
+    return np.max(lowest, axis=(0, 2)).astype(np.float64)
 
 
 @njit(cache=True, nogil=True)
@@ -73,19 +100,10 @@ def _free_runs(
 ) -> None:
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
-    Args:
-        observer: motors that follow the log.
-        free: the same motors, for the free runs.
-        motor: (lanes,) index of the motor in ``rows`` that each lane simulates.
-        rows: (steps, channels of `windows`, motors) of one segment.
-        dt: sample period [s].
-        first: row at which the first window begins.
-        window: steps of a window.
-        scales: of position, velocity and torque errors.
-        at_rotor: whether positions and velocities are the rotors'.
-        out: overwritten.
+    ``observer`` and ``free`` are the same motors; lane i simulates motor[i] of ``rows`` (steps, channels of `windows`,
+    motors) of one segment, whose first window begins at row ``first``.
     """
-    observer, free, rows = borrowed(observer), borrowed(free), borrowed(rows)
+    observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, TARGET][motor], rows[0, POS][motor], rows[0, VEL][motor]
     inertia, torque, unused = rows[0, INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
@@ -139,12 +157,12 @@ class Segment:
 
     @property
     def seconds(self) -> float:
-        """Its middle, since the log began."""
+        """Mean time since the log began [s]."""
         return float(self.rows[:, SECONDS, 0].mean())
 
     @property
     def gains(self) -> np.ndarray:
-        """(2, M) stated kp and kd."""
+        """(2, M) logged kp and kd."""
         return self.rows[0, [KP, KD]]
 
     @property
@@ -160,13 +178,14 @@ class WindowRuns:
         data: the logs.
         preset: window, warm-up and period.
         motors: of the log that are used; all if not given.
-        beat: called several times a second during `residuals`; what it raises ends them.
+        beat: called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
-        beat: what was given.
+        at_rotor: whether the log's encoders are on the rotors.
+        channels: errors per sample.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speeds: of each of SPEED_LIMITS the speed (M,) [rad/s] that each motor held somewhere in the whole log
-            (`speed_limits`); that of the voltage's limit as the motor would have held it at the usual voltage.
+        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the whole log; for that of the voltage, at the
+            usual voltage.
     """
 
     def __init__(
@@ -177,7 +196,8 @@ class WindowRuns:
         beat: Callable[[], None] = lambda: None,
     ):
         series = data.series if motors is None else data.series[motors]
-        self.preset, self._measured, self.segments, self.gain_unit = preset, data.measured, [], data.gain_unit
+        self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
+        self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
@@ -199,25 +219,15 @@ class WindowRuns:
         return sum(segment.windows for segment in self.segments)
 
     @property
-    def at_rotor(self) -> bool:
-        """Whether the log's encoders are on the rotors."""
-        return self._measured.at_rotor
-
-    @property
     def gains(self) -> np.ndarray:
-        """(2, M) stated kp and kd of every motor, medians over segments; 1 if none count."""
+        """(2, M) logged kp and kd of every motor, medians over segments; 1 if there are none."""
         return np.median([segment.gains for segment in self.segments], axis=0)
 
     @property
     def largest_request(self) -> np.ndarray:
-        """(M,) stated kp times position error [rad], which each motor exceeds in one sample of a thousand."""
+        """(M,) 99.9 % quantile of logged kp times position error [rad]."""
         asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
         return np.quantile(np.concatenate(asked), 0.999, axis=0)
-
-    @property
-    def channels(self) -> int:
-        """Errors per sample."""
-        return self._measured.channels
 
     def groups(self) -> np.ndarray:
         """(N,) number of the segment that each window is in."""
@@ -248,11 +258,11 @@ class WindowRuns:
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
-    def errors(self, motors: Actuator | ToldPd) -> np.ndarray:
+    def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
         Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are. A
-        `ToldPd` has the gains of each segment.
+        `GainScaledPd` has the gains of each segment.
         """
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:
             return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
@@ -260,7 +270,7 @@ class WindowRuns:
         done, dt = 0, self.preset.period
         for segment in self.segments:
             filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
-            rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, ToldPd) else motors
+            rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
             rows[:, INERTIA] += here.armature
             self._fill(here.arrays(dt), here.arrays(dt), np.arange(self.num_motors), rows, False, filled)
             out[:, done : done + segment.windows] = filled
@@ -270,14 +280,14 @@ class WindowRuns:
     def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
         if network.gain_unit and network.gain_unit != self.gain_unit:
             raise ConfigError(
-                f"these motors were learned with stated gains [{network.gain_unit}], the log is read without",
-                remedy="state kp and kd of its joints when it is imported",
+                f"these motors were learned with logged gains [{network.gain_unit}], this log has none",
+                remedy="give kp and kd of its joints when importing it",
             )
         gains = segment.gains[:, motor] if network.gain_unit else None
         under = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
         motors, dt = LatentActuator(network, z, under, gains), self.preset.period
         observer, free = motors.arrays(dt), motors.arrays(dt)
-        at_rotor = self._measured.at_rotor and network.motor is not None
+        at_rotor = self.at_rotor and network.motor is not None
         if at_rotor:
             central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1]).arrays(dt)
             for arrays in (observer, free):

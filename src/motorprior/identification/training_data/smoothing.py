@@ -16,18 +16,12 @@ import numpy as np
 
 from motorprior.compiled import njit
 
-LEAST_NOISE = 4e-5
-"""Deviation of a reading below which a log counts as free of noise [rad]."""
-NOISES = np.geomspace(1e-5, 3e-3, 11)
-"""Deviations r that are tried [rad]."""
-DENSITIES = np.geomspace(1.0, 3e4, 10)
-"""Densities d that are tried [rad/s²/√s]."""
-_WIDE = 1e2
-"""Initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]."""
-_TRIED_ROWS, _TRIED_MOTORS = 2000, 6
-"""Rows and motors on which noise and density are chosen."""
-_BLOCK, _FIRST_STATES = 500, 10
-"""Rows that are tried together; those at whose end the filter has found the state in which they begin."""
+LEAST_NOISE = 4e-5  # standard deviation of a reading below which a log counts as free of noise [rad]
+NOISES = np.geomspace(1e-5, 3e-3, 11)  # standard deviations r that are tried [rad]
+DENSITIES = np.geomspace(1.0, 3e4, 10)  # densities d that are tried [rad/s²/√s]
+_WIDE = 1e2  # initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]
+_MAX_ROWS, _MAX_MOTORS = 2000, 6  # on which noise and density are chosen
+_BLOCK, _FIRST_STATES = 500, 10  # rows that are tried together; rows until the filter has converged
 
 
 @njit(cache=True, nogil=True)
@@ -91,13 +85,7 @@ def _likelihoods(readings, dt, noises, densities, out):
 
 
 def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
-    """Deviation r [rad] of one motor's (R,) readings, and density d of its motion, of which the former is most likely.
-
-    Args:
-        readings: angles [rad].
-        parts: rows of each segment.
-        dt: sample period [s].
-    """
+    """Most likely deviation r [rad] of one motor's (R,) readings, and density d of its motion; see `smoothed`."""
     likelihood = np.zeros((len(NOISES), len(DENSITIES)))
     for block in _blocks(readings, parts):
         _likelihoods(np.ascontiguousarray(readings[block], np.float64), dt, NOISES, DENSITIES, likelihood)
@@ -108,10 +96,7 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
 
 
 def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
-    """Rows on which noise and density are chosen: half where the motor moves fastest, half from all over its log.
-
-    At rest, in slow motion and in a steady one any density will do, and a low one is most likely.
-    """
+    # half where the motor moves fastest, half from all over its log: in slow or steady motion any density fits
     cut = [
         slice(first, min(first + _BLOCK, part.stop))
         for part in parts
@@ -120,7 +105,7 @@ def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
     ]
     if not cut:
         return []
-    count = min(len(cut), max(2, round(_TRIED_ROWS * len(cut) / sum(block.stop - block.start for block in cut))))
+    count = min(len(cut), max(2, round(_MAX_ROWS * len(cut) / sum(block.stop - block.start for block in cut))))
     steps = [np.std(np.diff(readings[block])) for block in cut]
     fastest = np.argsort(steps, kind="stable")[::-1][: (count + 1) // 2]
     others = np.setdiff1d(np.arange(len(cut)), fastest)
@@ -134,19 +119,14 @@ def quantum(readings: np.ndarray) -> float:
 
 
 def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings; None where these are free of noise.
+    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad]; None if free of noise.
 
-    Noise and density are the medians over some motors that move.
-
-    Args:
-        readings: angles [rad].
-        parts: rows of each segment.
-        dt: sample period [s].
+    Noise and density are the medians over some motors that move. ``parts`` are the rows of each segment, ``dt`` [s].
     """
-    moving = np.flatnonzero(np.ptp(readings, axis=0))  # one that stands says nothing of the noise
+    moving = np.flatnonzero(np.ptp(readings, axis=0))  # a static one does not identify the noise
     if moving.size == 0:
         return None
-    some = moving[np.unique(np.linspace(0, len(moving) - 1, min(_TRIED_MOTORS, len(moving))).astype(int))]
+    some = moving[np.unique(np.linspace(0, len(moving) - 1, min(_MAX_MOTORS, len(moving))).astype(int))]
     noise, density = np.median([noise_of(readings[:, motor], parts, dt) for motor in some], axis=0)
     if noise < LEAST_NOISE:
         return None

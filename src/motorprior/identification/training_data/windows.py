@@ -15,15 +15,11 @@ from motorprior.logs.motor_log import MotorLog, other_firmware, stated_gain_rows
 
 @dataclass(frozen=True)
 class Measured:
-    """Which channels of a log were measured, and where.
+    """Which channels of a log were measured, and where."""
 
-    Attributes:
-        torque: whether the log has joint_torque.
-        at_rotor: whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
-            backlash, instead of one on the joint.
-    """
-
-    torque: bool
+    torque: bool  # whether the log has joint_torque
+    # whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
+    # backlash, instead of one on the joint
     at_rotor: bool = False
 
     @property
@@ -34,53 +30,39 @@ class Measured:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Logs of M motors with R rows each.
+    """Logs of M motors with R rows each."""
 
-    Attributes:
-        series: (M, R, 12) float32: position_target, joint_pos, joint_vel, joint_torque (zero where the log has none),
-            external_torque - load_stiffness·joint_pos, load_inertia, seconds since the log began, stated kp and kd (1
-            where none count), supply_voltage over the recipe's (1 where none counts), motor_temperature above the
-            recipe's [K] (0 where none counts), load_stiffness (0 where the log has none), by which a joint gets its own
-            load. For a rollout positions and velocities are smoothed where readings are noisy (`smoothing`), the
-            velocities are those of half a period earlier and the torques are averages centred on the sample, as a
-            semi-implicit step needs them.
-        starts: (S,) first rows of the windows that lie inside one segment.
-        parts: rows of each segment.
-        measured: measured channels.
-        scales: error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m].
-        gain_unit: of the stated gains, "" if none count.
-        joint_names: M names, or none.
-    """
-
+    # (M, R, 12) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
+    # load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
+    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] and load_stiffness
+    # (0 if missing). For a rollout noisy positions are smoothed (`smoothing`), velocities are those of half a
+    # period earlier and torques are averages centred on the sample, as a semi-implicit step needs them
     series: np.ndarray
-    starts: np.ndarray
-    parts: tuple[slice, ...]
-    scales: dict[str, float]
-    measured: Measured
-    gain_unit: str = ""
-    joint_names: tuple[str, ...] = ()
+    starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
+    parts: tuple[slice, ...]  # rows of each segment
+    scales: dict[str, float]  # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
+    measured: Measured  # measured channels
+    gain_unit: str = ""  # of the logged gains, "" if there are none
+    joint_names: tuple[str, ...] = ()  # M names, or none
 
 
 _REMEDIES = {
-    "rollout": "record the loads, or let `motorprior logs import` add them: those of a robot that hangs or has a fixed "
-    "base with its option `hung`, those of a body on each joint that nobody weighed with `fit_load`",
+    "rollout": "record the loads, or let `motorprior logs import` add them: option `hung` for a suspended robot or one "
+    "with a fixed base, `fit_load` for an unknown body on each joint",
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
 SUPPLY, WARMER, STIFFNESS = range(KD + 1, KD + 4)
 CHANNELS = STIFFNESS + 1
-PAUSE = 60.0
-"""Time between two segments after which motors count as cold again [s]."""
-MEANS = (VEL, TORQUE, EXTERNAL)
-"""Channels of `TrainingData.series` that are averaged with the row before for a rollout."""
+PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
+MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 
 
 def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     """Stack a bench log for training; a rollout needs no velocities or torques.
 
     Raises:
-        LogError: wrong sample period, a missing channel, another firmware than the recipe's, or segments shorter than
-            a window.
+        LogError: wrong sample period, a missing channel, another firmware, or segments shorter than a window.
     """
     if preset.objective == "rollout":
         if log.encoder == "joint":
@@ -88,7 +70,8 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         elif log.joint_vel is None:
             log = replace(log, joint_vel=_velocities(log))
     _require(log, preset, where)
-    _require_firmware(log, preset, where)
+    if other := other_firmware(log.firmware, dict(preset.firmware)):
+        raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
     nothing = np.zeros_like(log.joint_pos)
     channels = (
         log.position_target,
@@ -118,33 +101,28 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     )
 
 
-SHORTEST_WINDOW = 64
-"""Steps of a free run; in a shorter one a joint hardly moves."""
-
-
-def that_fits(preset: Preset, log: MotorLog) -> Preset:
-    """The recipe, its windows as long as the log's longest segment allows, if that is less than theirs."""
+def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
+    """The recipe with windows no longer than the log's longest segment allows, and 64 steps at least."""
     longest = max(part.stop - part.start for part in log.segment_slices())
-    room = max(SHORTEST_WINDOW, longest - preset.history - 1)
-    return replace(preset, window=min(preset.window, room)) if preset.objective == "rollout" else preset
+    fits = max(64, longest - preset.history - 1)
+    return replace(preset, window=min(preset.window, fits)) if preset.objective == "rollout" else preset
 
 
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
-    """(2, R, M) of `stated_gain_rows`; ones for a recipe that knows of none."""
     if not preset.gain_unit:
         return np.ones((2, *log.joint_pos.shape))
     rows = stated_gain_rows(log)
     if rows is None or log.gain_unit != preset.gain_unit:
         has = "no stated_kp" if rows is None else f"gains in {log.gain_unit}"
         raise LogError(
-            f"{has}, the prior's motors have stated gains [{preset.gain_unit}]", where=where,
-            remedy="state kp and kd of every joint in the column map, or import the log with kp and kd given",
+            f"{has}; the prior's motors have logged gains [{preset.gain_unit}]", where=where,
+            remedy="give kp and kd of every joint in the column map or as options of the import",
         )  # fmt: skip
     return rows
 
 
 def relative_conditions(part: MotorLog, usual: Mapping[str, float]) -> np.ndarray:
-    """(2, M) mean supply voltage over the usual one [-], and motor temperature above it [K], where both state one."""
+    """(2, M) mean supply voltage over the usual one [-], motor temperature above it [K]; 1 and 0 if missing."""
     supply, warmer = np.ones(part.num_joints), np.zeros(part.num_joints)
     if part.supply_voltage is not None and "supply_voltage" in usual:
         supply = part.supply_voltage.mean(axis=0) / usual["supply_voltage"]
@@ -164,7 +142,7 @@ def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
 
 
 def seconds_of_work(log: MotorLog) -> np.ndarray:
-    """(R,) time since the motors began to work [s]; they begin anew after a PAUSE, or where the clock does."""
+    """(R,) time since the motors were cold [s]: at the start, after a PAUSE, and where the clock restarts."""
     seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
     for part in log.segment_slices():
         first = log.time[part.start]
@@ -174,7 +152,6 @@ def seconds_of_work(log: MotorLog) -> np.ndarray:
 
 
 def _without_noise(log: MotorLog) -> MotorLog:
-    """The log with smoothed positions and velocities if its readings are noisy; with velocities in any case."""
     found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
     if found is not None:
         return replace(log, joint_pos=found[0], joint_vel=found[1])
@@ -182,7 +159,6 @@ def _without_noise(log: MotorLog) -> MotorLog:
 
 
 def _velocities(log: MotorLog) -> np.ndarray:
-    """(R, M) joint velocities [rad/s] by second-order differences of the positions within segments."""
     found = np.zeros_like(log.joint_pos)
     for part in log.segment_slices():
         if part.stop - part.start > 2:
@@ -191,10 +167,7 @@ def _velocities(log: MotorLog) -> np.ndarray:
 
 
 def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
-    """(R, M, 12) series whose velocities and torques are averaged with the row before in the segment.
-
-    A velocity at t becomes that at t - dt/2; torques averaged over t to t + dt become averages centred on t.
-    """
+    # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an average centred on t
     before = series.copy()
     for part in log.segment_slices():
         before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
@@ -220,18 +193,8 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         )
 
 
-def _require_firmware(log: MotorLog, preset: Preset, where: str) -> None:
-    """Refuse registers of a firmware other than those that the recipe's motors have."""
-    if other := other_firmware(log.firmware, dict(preset.firmware)):
-        raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
-
-
 def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndarray:
-    """(S,) first rows of the windows that lie inside one of the ``parts``.
-
-    Raises:
-        LogError: every part is shorter than a window.
-    """
+    """(S,) first rows of windows inside one of the ``parts``; raises `LogError` if all are shorter than a window."""
     length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
     every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
     if len(every) == 0:
@@ -244,7 +207,6 @@ def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndar
 
 
 def _scales(log: MotorLog, where: str) -> dict[str, float]:
-    """Standard deviations of the inputs and the torque; the torque limit is 1.2 times the largest torque."""
     assert log.joint_vel is not None
     scales = {"error_scale": np.std(log.position_target - log.joint_pos), "velocity_scale": np.std(log.joint_vel)}
     scales |= {"torque_scale": 1.0, "torque_limit": 3.0}
@@ -253,30 +215,37 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
         scales |= {"torque_scale": np.std(log.joint_torque), "torque_limit": limit}
     for name, value in scales.items():
         if not value > 0:
-            raise LogError(
-                f"{name} is {value}: that channel is the same in every row",
-                where=where,
-                remedy="record with an excitation that moves the motors",
-            )
+            remedy = "record with an excitation that moves the motors"
+            raise LogError(f"{name} is {value}: that channel is the same in every row", where=where, remedy=remedy)
     return {name: float(value) for name, value in scales.items()}
 
 
-def some_stretches(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
-    """The data with about so many ``rows`` in its parts: stretches that are spread evenly over the whole log.
+def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
+    """The data with about so many ``rows``: parts of two to eight windows, spread evenly over the whole log.
 
-    A stretch has two to eight windows and is within one part; parts that are shorter are left out, or, if all are,
-    taken as they are.
+    Each is within one segment; segments that are shorter are left out or, if all are, kept whole.
     """
     windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
-    least = preset.history + windows * preset.window + 1
+    length = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
         return data
     pieces = [
-        slice(first, first + least) for part in data.parts for first in range(part.start, part.stop - least + 1, least)
+        slice(first, first + length)
+        for part in data.parts
+        for first in range(part.start, part.stop - length + 1, length)
     ] or list(data.parts)
     lengths = pieces[0].stop - pieces[0].start
     chosen = np.unique(np.linspace(0, len(pieces) - 1, max(2, min(len(pieces), rows // lengths))).astype(int))
     return replace(data, parts=tuple(pieces[index] for index in chosen))
+
+
+def used_share(data: TrainingData, preset: Preset) -> str:
+    """Seconds of log in windows, of all; the rest precedes a segment's first window or is shorter than a window."""
+    total = sum(part.stop - part.start for part in data.parts)
+    free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
+    step = preset.window if preset.physics_first else 1  # windows then lie end to end
+    used = sum(rows // step * step for rows in free if rows >= preset.window)
+    return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"
 
 
 def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,16 +7,15 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from motorprior.bench.fleet import Fleet
-from motorprior.report.real_motor_tables import CONSTANT, NOT_SHOWN
+from motorprior.report.real_motor_tables import CONSTANT, UNIDENTIFIED
 from motorprior.results import Result, Results
 
 DRAWS = 400
 """Of the fleet."""
 LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 ALIKE = 1.05
-"""Largest over smallest value of a constant among the motors, up to which all of them count as having the same. Such a
-constant is not shown by the logs, unless these are sensitive to it (`identification.physics.felt`): the fit left it
-near where its search happened to end."""
+"""Largest over smallest value of a constant up to which motors count as equal; then the logs do not show it, unless
+they are sensitive to it (`identification.physics.identifiability`)."""
 TOLD = 3
 """Most constants in which motors are said to differ from each other."""
 
@@ -52,7 +51,7 @@ def shown_by_logs(constants: Mapping[str, np.ndarray], felt: Collection[str]) ->
 def not_shown_results(constants: Mapping[str, np.ndarray], shown: Collection[str], units: Mapping[str, str]) -> Results:
     """A row for each constant that is not ``shown``, with the motors' median."""
     return Results.of(
-        Result(f"{CONSTANT}{name}", units[name], float(np.median(values)), statistic=NOT_SHOWN)
+        Result(f"{CONSTANT}{name}", units[name], float(np.median(values)), statistic=UNIDENTIFIED)
         for name, values in constants.items()
         if name not in shown
     )

@@ -70,15 +70,15 @@ def look_with_loads(
     Raises:
         LogError: too short, or without a channel that the fit needs.
     """
-    from motorprior.identification.baselines.replay_error import following_gains, in_proportion
-    from motorprior.identification.baselines.tuned_pds import TUNING, tuned_pd
+    from motorprior.identification.baselines.pd_fit import TUNING, tuned_pd
+    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
     from motorprior.identification.judging.log_fidelity import whole_runs
 
     known = joined(list(logs.known.values()))
     heard = Heard(progress)
     prior = fit_prior(known, PRESET, seed, out=folder, progress=heard)
     with progress.start("tune one PD", TUNING) as task:
-        tuned = following_gains(tuned_pd(known, task.advance, in_proportion(known)), known)
+        tuned = with_scaled_gains(tuned_pd(known, task.advance, scaled_gains(known)), known)
     preset = recipe_of(prior, folder / PRIOR)
     whole, seconds, traces = {}, {}, ()
     for name, log in logs.judged.items():
@@ -149,13 +149,13 @@ def _advice(prior: MotorPrior) -> list[str]:
 
 def _felt(prior: MotorPrior, known: MotorLog, preset: Preset, names: Iterable[str]) -> frozenset[str]:
     """The constants that the known log feels."""
-    from motorprior.identification.physics.felt import felt_constants
+    from motorprior.identification.physics.identifiability import identifiable_constants
     from motorprior.identification.physics.window_runs import WindowRuns
     from motorprior.identification.training_data.windows import training_data
 
     preset = with_gains_of(preset, known)
     runs = WindowRuns(training_data(known, preset, known.source), preset)
-    return felt_constants(prior.network, runs, prior.mean, names)
+    return identifiable_constants(prior.network, runs, prior.mean, names)
 
 
 def _told(
@@ -166,9 +166,9 @@ def _told(
     joints: tuple[str, ...],
 ) -> list[str]:
     """How the motors differ from each other and from a fleet of theirs."""
-    from motorprior.identification.latents.stand_out import stand_out
+    from motorprior.identification.latents.outliers import leave_one_out_outliers
 
-    odd, lines = stand_out(prior), []
+    odd, lines = leave_one_out_outliers(prior), []
     if constants:
         lines.append(beside_each_other(constants, shown, SHOWN))
     if odd is not None:

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet_file import write_fleet
+from motorprior.bench.fleet import write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.prior_file import load_prior

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.servo_terms import HALF_WARM
+from motorprior.actuator.optional_terms import HALF_WARM
 from motorprior.bench.fleet import Fleet
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
 from motorprior.pipeline.motor_choice import gains_for

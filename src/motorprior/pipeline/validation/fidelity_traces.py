@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import preset_of_period, trial
 from motorprior.identification.judging.bench_fidelity import (
     HELD_OUT,

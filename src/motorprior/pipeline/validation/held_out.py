@@ -9,10 +9,10 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import atomic_path
 from motorprior.bench.behaviour import behaviours
-from motorprior.bench.facts import BenchFacts
+from motorprior.bench.bench_folder import BenchSettings
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import bench_preset, preset_of_period, record
 from motorprior.identification.judging.bench_fidelity import (
     HELD_OUT,
@@ -38,12 +38,12 @@ POPULATION, COMPARISONS = 256, 5
 _WHERE = "held-out log"
 
 
-def held_out_motors(facts: BenchFacts) -> TrueMotors:
+def held_out_motors(facts: BenchSettings) -> TrueMotors:
     """As many motors of the same fleet as stood on the bench, but others."""
     return facts.fleet.sample(facts.motors, np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]))
 
 
-def held_out_log(robot: Robot, prior: MotorPrior, motors: TrueMotors, facts: BenchFacts, seconds: float) -> MotorLog:
+def held_out_log(robot: Robot, prior: MotorPrior, motors: TrueMotors, facts: BenchSettings, seconds: float) -> MotorLog:
     """A bench log of these motors at the prior's clock, with a held-out excitation."""
     preset = preset_of_period(prior.network.period)
     preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
@@ -52,7 +52,7 @@ def held_out_log(robot: Robot, prior: MotorPrior, motors: TrueMotors, facts: Ben
 
 
 def adapt_all(
-    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: TrueMotors, facts: BenchFacts
+    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: TrueMotors, facts: BenchSettings
 ) -> dict[str, Posterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
     return {
@@ -77,7 +77,7 @@ def adaptation(
     robot: Robot,
     prior: MotorPrior,
     path: Path,
-    facts: BenchFacts,
+    facts: BenchSettings,
     seconds: tuple[float, ...],
     known: Posterior,
     seed: int,
@@ -128,7 +128,7 @@ def adaptation(
     return results
 
 
-def distribution(prior: MotorPrior, facts: BenchFacts, picture: Path) -> Results:
+def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Results:
     """POPULATION draws of the prior against as many held-out physical motors, by their behaviour on a bench.
 
     COMPARISONS times, with other draws and other motors: an AUC of 256 against 256 scatters by some hundredths. Writes

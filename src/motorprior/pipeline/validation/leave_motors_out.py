@@ -80,8 +80,8 @@ def leave_motors_out(
         ConfigError: an unknown preset, or a judged log that is no longer than the seconds.
         LogError: a log that is too short, or lacks a channel.
     """
-    from motorprior.identification.baselines.replay_error import following_gains, in_proportion
-    from motorprior.identification.baselines.tuned_pds import repeated, tuned_pd
+    from motorprior.identification.baselines.pd_fit import repeated, tuned_pd
+    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
     from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
     from motorprior.identification.presets import identification_preset
 
@@ -98,7 +98,7 @@ def leave_motors_out(
     models |= {
         "prior": LatentActuator(prior.network, prior.expected(of_group.joint_names)),
         "adapted": LatentActuator(prior.network, found.mean),
-        "tuned_pd": following_gains(repeated(tuned_pd(left, told=in_proportion(left)), len(group)), left),
+        "tuned_pd": with_scaled_gains(repeated(tuned_pd(left, at_gains=scaled_gains(left)), len(group)), left),
     }
     if robot.legs:
         models["same_place"] = LatentActuator(prior.network, _same_place(prior, robot, group))

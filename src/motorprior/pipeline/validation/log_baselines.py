@@ -59,8 +59,8 @@ def fitted_baselines(
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
     """
-    from motorprior.identification.baselines.replay_error import following_gains, in_proportion
-    from motorprior.identification.baselines.tuned_pds import TUNING, tuned_pd
+    from motorprior.identification.baselines.pd_fit import TUNING, tuned_pd
+    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
 
     recipes = baseline_recipes(log, preset)
     models: dict[str, LogModel] = dict(fitted_responses(log, preset, fits, progress))
@@ -70,7 +70,7 @@ def fitted_baselines(
         known = fit_recipe(log, named, recipe, fits.seed, fits.folder / name, WithoutNotes(progress))
         models[name] = LatentActuator(known.network, known.mean)
     with progress.start("tune one PD", TUNING) as task:
-        models["tuned_pd"] = following_gains(tuned_pd(log, task.advance, in_proportion(log)), log)
+        models["tuned_pd"] = with_scaled_gains(tuned_pd(log, task.advance, scaled_gains(log)), log)
     return models
 
 
@@ -88,13 +88,13 @@ def baseline_recipes(
         LogError: every segment is too short for one of them; it names the log's source.
     """
     from motorprior.identification.presets import PRESETS as NAMED
-    from motorprior.identification.training_data.windows import that_fits, window_starts
+    from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
 
     if preset.period != BASELINE_PERIOD:
         return {}
     names = PRESETS | (LONG_RUNS if preset.window == NAMED["long_runs"].window else {})
     names = {name: preset for name, preset in names.items() if wanted is None or name in wanted}
-    recipes = {name: (preset, that_fits(NAMED[preset], log)) for name, preset in names.items()}
+    recipes = {name: (preset, with_window_that_fits(NAMED[preset], log)) for name, preset in names.items()}
     for _, recipe in recipes.values():
         window_starts(tuple(log.segment_slices()), recipe, log.source)
     return recipes

@@ -12,9 +12,9 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.true_motors import TrueMotors
 from motorprior.artifacts import write_json
-from motorprior.bench.facts import BenchFacts, facts_from_json
+from motorprior.bench.bench_folder import BenchSettings, bench_from_json
+from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
@@ -62,7 +62,7 @@ class Validate:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchFacts]:
+def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchSettings]:
     """The priors by preset, and the bench whose motors they learned.
 
     Raises:
@@ -70,13 +70,13 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
         ConfigError: two of the same preset, of different motors, or of too few for a robot.
     """
     priors: dict[str, MotorPrior] = {}
-    facts: list[BenchFacts] = []
+    facts: list[BenchSettings] = []
     for path in paths:
         prior = load_prior(path, robot)
         if prior.preset in priors:
             raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
         priors[prior.preset] = prior
-        facts.append(facts_from_json(prior.provenance.get("bench"), str(path)))
+        facts.append(bench_from_json(prior.provenance.get("bench"), str(path)))
         same = (facts[-1].fleet, facts[-1].motors, facts[-1].seed) == (
             facts[0].fleet,
             facts[0].motors,
@@ -97,7 +97,7 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
 
 
 def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict[str, ModelOfMotors]:
-    from motorprior.identification.baselines.tuned_pds import repeated
+    from motorprior.identification.baselines.pd_fit import repeated
 
     models: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(fleet, len(index)),
@@ -130,7 +130,7 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
 
 
 def _measure(
-    config: Validate, robot: Robot, priors: dict[str, MotorPrior], facts: BenchFacts, progress: Progress
+    config: Validate, robot: Robot, priors: dict[str, MotorPrior], facts: BenchSettings, progress: Progress
 ) -> None:
     motors = facts.physical_motors()
     tuned = _tune_baselines(config.out, robot, motors, facts, progress)
@@ -159,7 +159,7 @@ def _held_out(
     config: Validate,
     robot: Robot,
     priors: dict[str, MotorPrior],
-    facts: BenchFacts,
+    facts: BenchSettings,
     tuned: IdealPd,
     progress: Progress,
 ) -> Results:
@@ -189,10 +189,10 @@ def _of_physics(priors: Mapping[str, MotorPrior], known: Collection[str]) -> str
     return "rollout" if "rollout" in able else next(iter(able), None)
 
 
-def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchFacts, progress: Progress) -> IdealPd:
+def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchSettings, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
-    from motorprior.identification.baselines.tuned_pds import GAINS_ALONE, TUNING, best_gains, tuned_pd
+    from motorprior.identification.baselines.pd_fit import GAINS_ALONE, TUNING, best_gains, tuned_pd
 
     nominal = nominal_pd(facts.fleet, 1)
     with progress.start("tune the PD baselines on the bench log", GAINS_ALONE + TUNING) as task:

@@ -34,6 +34,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+# Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
+# integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry
+# [-], bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s], supply_share [-],
+# temperature_loss [-]
 TERMS: dict[str, tuple[str, ...]] = {
     "profile": ("profile_speed", "profile_acceleration"),
     "output_encoder": (),
@@ -48,61 +52,52 @@ TERMS: dict[str, tuple[str, ...]] = {
     "supply": ("supply_share",),
     "temperature": ("temperature_loss",),
 }
-"""Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
-integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry [-],
-bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s], supply_share [-],
-temperature_loss [-]."""
+# Constants with which a term does nothing, for compiled code, which has either no term or all of them
 ABSENT = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
     "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-12, "asymmetry": 0.0, "bristle_stiffness": 1e9,
     "output_damping": 0.0,
 }  # fmt: skip
-"""Constants with which a term does nothing, for compiled code, which has either no term or all of them."""
+# Constants of a profile one of whose limits is off: far above any motor's, yet nothing is lost in float32
 UNLIMITED = {"profile_speed": 1e3, "profile_acceleration": 1e5}
-"""Constants of a profile one of whose limits is off: far above any motor's, yet nothing is lost in float32."""
+# Where a search begins
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
     "integral_limit": 0.3, "stall_torque": 3.0, "no_load_speed": 10.0, "current_time": 0.003, "asymmetry": 0.0,
     "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0, "supply_share": 0.7,
     "temperature_loss": 0.0,
 }  # fmt: skip
-"""Where a search begins."""
+# Constants with which a term does next to nothing: where a search begins, too
 FAINT = {
     "profile_speed": 40.0, "profile_acceleration": 4000.0, "dead_zone": 1e-4, "integral_rate": 0.05,
     "integral_limit": 0.05, "stall_torque": 20.0, "no_load_speed": 100.0, "current_time": 3e-4, "asymmetry": 0.0,
     "bristle_stiffness": 200.0, "output_damping": 1e-4, "heat_loss": 0.01, "heat_time": 10.0, "supply_share": 0.1,
     "temperature_loss": 0.0,
 }  # fmt: skip
-"""Constants with which a term does next to nothing: where a search begins, too."""
+# Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)
 SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2, "temperature_loss": 0.1}
-"""Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)."""
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
+# Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
-"""Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage."""
-LARGEST_SHARE = 0.9
-"""Of asymmetry, and of what heat, supply or temperature take from a torque, whatever a latent says."""
-WARMER = 50.0
-"""Rise of the temperature [K] of which temperature_loss is the loss."""
+LARGEST_SHARE = 0.9  # of asymmetry, and of what heat, supply or temperature take from a torque
+WARMER = 50.0  # Rise of the temperature [K] of which temperature_loss is the loss
 
 
 class Conditions(NamedTuple):
     """What motors work under, of each motor or of all."""
 
-    warmth: Any = 0.0
-    """0 of a cold motor to 1, of the term heat"""
-    supply: Any = 1.0
-    """supply voltage over the usual one [-]"""
-    warmer: Any = 0.0
-    """temperature above the usual one [K]"""
+    warmth: Any = 0.0  # 0 of a cold motor to 1, of the term heat
+    supply: Any = 1.0  # supply voltage over the usual one [-]
+    warmer: Any = 0.0  # temperature above the usual one [K]
 
 
+# at the usual voltage and temperature: before any work, and where the time of work is unknown
 COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
-"""Under the usual voltage and temperature: before any work, and where nobody knows how long a motor worked."""
 
 
-def under(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
-    """Constants by name as motors have them under these conditions; the array module ``xp`` is numpy or jax.numpy."""
+def at_conditions(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
+    """Constants by name at these conditions; the array module ``xp`` is numpy or jax.numpy."""
     if "heat_loss" in values:
         values = _times(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
     if "supply_share" in values:

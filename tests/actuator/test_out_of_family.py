@@ -1,33 +1,31 @@
-"""Every term of a foreign motor by itself, against its closed form."""
+"""Every term of an out-of-family motor by itself, against its closed form."""
 
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from motorprior.actuator import foreign_step as rows
-from motorprior.actuator.foreign import ForeignMotors
-from motorprior.actuator.torque_law import measure_joint_pos, reset_actuator, step_actuator
+from motorprior.actuator import out_of_family as rows
+from motorprior.actuator.kernels import reset_actuator, step_actuator
+from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import trial
-from motorprior.identification.judging.bench_fidelity import HELD_OUT
 
 DT = 1e-4
 BLOCKED = 1e9
 """Inertia of a joint that does not move [kg·m²]."""
 
 
-def motor(**constants: float) -> ForeignMotors:
+def motor(**constants: float) -> OutOfFamilyMotors:
     """One motor of which everything is off but what is given, a rotor and a stiff gear."""
     known = {"torque_limit": 1e3, "armature": 0.004, "gear_stiffness": 4000.0, "gear_damping": 1.0} | constants
-    names = [field.name for field in fields(ForeignMotors)]
+    names = [field.name for field in fields(OutOfFamilyMotors)]
     assert set(known) <= set(names)
-    return ForeignMotors(**{name: np.array([known.get(name, 0.0)]) for name in names})
+    return OutOfFamilyMotors(**{name: np.array([known.get(name, 0.0)]) for name in names})
 
 
 def respond(
-    motors: ForeignMotors, target: np.ndarray, external: np.ndarray | float = 0.0, load: float = 0.01
+    motors: OutOfFamilyMotors, target: np.ndarray, external: np.ndarray | float = 0.0, load: float = 0.01
 ) -> Response:
     """Of one motor to (steps,) targets [rad] and torques [N·m], in steps of DT."""
     torque = np.broadcast_to(external, target.shape)
@@ -40,7 +38,7 @@ def step(height: float, seconds: float) -> np.ndarray:
     return target
 
 
-def referred(motors: ForeignMotors, targets: np.ndarray) -> np.ndarray:
+def referred(motors: OutOfFamilyMotors, targets: np.ndarray) -> np.ndarray:
     """(steps,) reference of the firmware [rad] after every step of DT, the joint at rest."""
     arrays, still, torque = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
     reset_actuator(arrays, targets[:1].copy(), still)
@@ -69,15 +67,7 @@ def test_before_it_slides_friction_is_lu_gres_spring():
     assert moved == pytest.approx(-g / sigma * np.log(1 - torque / g) + torque / stiffness, rel=0.01)
 
 
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_sliding_friction_is_that_of_the_direction(direction):
-    motors = motor(coulomb=0.05, bristle_stiffness=200.0, asymmetry=0.2)
-    speed = respond(motors, np.zeros(3000), 0.2 * direction, load=0.01).joint_vel[:, 0]
-    friction = 0.2 - abs(speed[2999] - speed[1999]) * 0.014 / 0.1
-    assert friction == pytest.approx(0.05 * (1 + 0.2 * direction), rel=0.01)
-
-
-def friction_at(motors: ForeignMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
+def friction_at(motors: OutOfFamilyMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
     """Friction [N·m] of a heavy rotor that has long moved at this speed [rad/s], behind a gear of this twist [rad]."""
     arrays, still, gear = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
     reset_actuator(arrays, still, np.array([position]))
@@ -94,16 +84,6 @@ def test_friction_falls_from_that_at_rest_to_that_of_sliding(speed):
     known = 0.05 + 0.04 * np.exp(-((speed / 0.2) ** 2))
     for direction in (1.0, -1.0):
         assert friction_at(motors, direction * speed) == pytest.approx(direction * known, rel=1e-3)
-
-
-@pytest.mark.parametrize(("output", "known"), [(0.0, 0.0), (1.0, -3.0 * 0.04)])
-def test_the_law_is_fed_by_the_shaft_of_its_encoder(output, known):
-    """The joint is 0.04 rad off, within the play; the rotor is where it was."""
-    motors = motor(kp=3.0, output_encoder=output, backlash=0.2)
-    arrays, still = motors.actuator().arrays(DT), np.zeros(1)
-    reset_actuator(arrays, still, still)
-    step_actuator(arrays, DT, still, np.array([0.04]), still, np.zeros(1))
-    assert arrays.memory[rows.COMMAND, 0] == pytest.approx(known)
 
 
 @pytest.mark.parametrize(("speed", "least", "most"), [(15.0, -3.0, 1.0), (-15.0, -1.0, 3.0), (45.0, -5.0, 0.0)])
@@ -123,7 +103,7 @@ def test_a_motor_that_is_switched_off_only_takes_energy(name):
     """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
     n, nothing = 16, np.zeros(16)
     motors = load_fleet(name).sample(n, np.random.default_rng(0))
-    assert isinstance(motors, ForeignMotors)
+    assert isinstance(motors, OutOfFamilyMotors)
     motors = replace(motors, kp=nothing, kd=nothing, ki=nothing, cogging=nothing)
     rng, load = np.random.default_rng(1), np.geomspace(1e-3, 2e-2, n)
     external = np.repeat(rng.uniform(-0.6, 0.6, (20, n)), 400, axis=0)
@@ -147,7 +127,7 @@ def test_the_profile_keeps_its_speed_and_acceleration_and_lands_on_the_target():
     assert DT * np.argmax(found > 1.19) == pytest.approx(rest, abs=0.03)
 
 
-def held_torque(motors: ForeignMotors, error: float, seconds: float = 0.1) -> np.ndarray:
+def held_torque(motors: OutOfFamilyMotors, error: float, seconds: float = 0.1) -> np.ndarray:
     """(steps,) torque [N·m] on a joint that is blocked at 0, with this target [rad]."""
     return respond(motors, step(error, seconds), load=BLOCKED).joint_torque[:, 0]
 
@@ -166,21 +146,7 @@ def test_a_warm_motor_is_weaker_by_its_loss_and_warms_exponentially():
     np.testing.assert_array_equal(cold.after(100.0).warmth, cold.warmth)
 
 
-def test_dead_zone_integral_and_limit_shape_the_torque_at_rest():
-    damped = {"kp": 5.0, "viscous_damping": 0.3, "gear_stiffness": 1e5}
-    assert held_torque(motor(**damped, dead_zone=0.03), 0.1)[-1] == pytest.approx(5.0 * 0.07, rel=1e-3)
-    assert held_torque(motor(**damped, dead_zone=0.03), 0.02)[-1] == 0.0
-    assert held_torque(motor(**damped, ki=4.0, integral_limit=1.0), 0.1, 0.5)[-1] == pytest.approx(0.7, rel=2e-3)
-    assert held_torque(motor(**damped, ki=4.0, integral_limit=0.05), 0.1, 0.5)[-1] == pytest.approx(0.55, rel=2e-3)
-    assert held_torque(motor(**damped | {"torque_limit": 0.3}), 0.1)[-1] == pytest.approx(0.3)
-
-
-def test_a_free_motor_ends_at_the_speed_that_leaves_no_torque():
-    motors = motor(kp=1e3, stall_torque=2.0, no_load_speed=30.0)
-    assert respond(motors, step(1e3, 3.0)).joint_vel[-1, 0] == pytest.approx(30.0, rel=1e-3)
-
-
-def twisted(motors: ForeignMotors, twist: np.ndarray) -> np.ndarray:
+def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:
     """(steps,) torque of the gear [N·m] behind a rotor that does not move."""
     arrays, torque, still = motors.actuator().arrays(DT), np.zeros((len(twist), 1)), np.zeros(1)
     reset_actuator(arrays, still, still)
@@ -215,38 +181,6 @@ def test_ripple_and_cogging_go_by_the_rotors_position():
         assert arrays.memory[rows.ROTOR_VEL, 0] * 1e9 / DT == pytest.approx(known)
 
 
-@pytest.mark.parametrize("output", [0.0, 1.0])
-def test_the_encoder_reads_its_own_shaft_in_steps(output):
-    motors = motor(output_encoder=output, encoder_quantum=0.01, encoder_zero=0.004, armature=1e9)
-    arrays, out = motors.actuator().arrays(DT), np.zeros(1)
-    reset_actuator(arrays, np.zeros(1), np.zeros(1))  # the rotor stays at 0
-    measure_joint_pos(arrays, np.array([0.0433]), out)
-    assert out[0] == pytest.approx(0.05 if output else 0.0)
-
-
-@pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
-@pytest.mark.parametrize("kind", ["gait", "impacts", "chirp"])
-def test_halving_the_substep_changes_a_response_by_less_than_noise(name, kind):
-    motors, given = load_fleet(name).sample(24, 0), trial(np.random.default_rng(5), kind, 500, 24, HELD_OUT, hold=False)
-    found = []
-    for parts in (20, 40):
-        targets, external = (np.repeat(part, parts, axis=0) for part in (given.position_target, given.external_torque))
-        finer = Trial(targets, external, given.load_inertia, given.dt / parts)
-        found.append(run(motors.actuator(), finer).joint_pos[::parts])
-    apart = np.sqrt(np.mean((found[0] - found[1]) ** 2, axis=0))
-    assert np.median(apart) < 3e-4
-
-
-@pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
-@pytest.mark.parametrize("load", [1e-4, 1e-3, 1e-2])
-def test_shipped_motors_come_to_rest_on_every_load(name, load):
-    targets = np.full((1500, 32), 0.3)
-    targets[:50] = 0.0
-    answer = run(load_fleet(name).sample(32, 1).actuator(), Trial(targets, 0 * targets, np.full(32, load), 0.002))
-    assert np.median(np.ptp(answer.joint_pos[-500:], axis=0)) < 0.004
-    assert np.abs(answer.joint_pos[-500:] - 0.3).max() < 0.1
-
-
 def test_a_log_has_the_noise_and_the_steps_of_its_instruments():
     shape, rng = (20_000, 1), np.random.default_rng(0)
     pos, vel, torque = (scale * np.sin(np.linspace(0, 20, shape[0]))[:, None] for scale in (1.0, 2.0, 3.0))
@@ -263,5 +197,3 @@ def test_a_log_has_the_noise_and_the_steps_of_its_instruments():
     for row, difference in zip(speed[1:50, 0], np.diff(angle[:50, 0]) / 0.002, strict=True):
         low += share * (difference - low)
         assert row == pytest.approx(low)
-    for seen, true in zip(motor().logged(rng, 0.002, pos, vel, torque), (pos, vel, torque), strict=True):
-        np.testing.assert_array_equal(seen, true)

@@ -1,4 +1,4 @@
-"""A log feels the constants that move its joint, and no others."""
+"""Constants that move the joint of a log are identifiable, others are not."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.identification.physics.felt import felt_constants, limits_not_felt, sizes_not_felt
+from motorprior.identification.physics.identifiability import (
+    identifiable_constants,
+    unidentifiable_limits,
+    unknown_torque_scale,
+)
 from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, with_motor
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -27,18 +31,18 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     series = data.series.copy()
     noise = np.random.default_rng(0).standard_normal((*series.shape[:2], 2)) * [3e-4, 0.02]
     series[..., [POS, VEL]] += noise.astype(np.float32)
-    felt = felt_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
-    assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= felt
-    assert not {"torque_limit", "backlash"} & felt
+    found = identifiable_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
+    assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= found
+    assert not {"torque_limit", "backlash"} & found
     runs = WindowRuns(replace(data, series=series), PRESET)
-    (found,) = limits_not_felt(network, runs, z).items()
-    assert found[0] == "torque_limit" and found[1].motors.tolist() == [True] and found[1].most == pytest.approx(100.0)
+    (limit,) = unidentifiable_limits(network, runs, z).items()
+    assert limit[0] == "torque_limit" and limit[1].tolist() == [True]
     stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
-    assert limits_not_felt(network, stated, z) == {}
+    assert unidentifiable_limits(network, stated, z) == {}
 
 
-@pytest.mark.parametrize(("size", "noise", "hidden"), [(1.0, 0.02, False), (10.0, 3e-4, False), (10.0, 0.02, True)])
-def test_what_a_load_does_to_a_strong_motor_drowns_in_noise_and_with_it_how_strong_the_motor_is(
+@pytest.mark.parametrize(("size", "noise", "hidden"), [(1.0, 0.02, False), (10.0, 0.02, True)])
+def test_the_scale_of_torques_is_unknown_where_noise_hides_the_effect_of_the_load(
     decoder_data: Callable[..., TrainingData], size: float, noise: float, hidden: bool
 ):
     motor = INITIAL_MOTOR | {name: size * INITIAL_MOTOR[name] for name in TORQUES if name in INITIAL_MOTOR}
@@ -49,7 +53,6 @@ def test_what_a_load_does_to_a_strong_motor_drowns_in_noise_and_with_it_how_stro
     series = data.series.copy()
     series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
     data = replace(data, series=series)
-    assert sizes_not_felt(network, WindowRuns(data, PRESET), z).tolist() == [hidden]
+    assert unknown_torque_scale(network, WindowRuns(data, PRESET), z).tolist() == [hidden]
     stated = replace(network, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
-    told = sizes_not_felt(stated[0], WindowRuns(stated[1], PRESET), z)
-    assert not told.any(), "stated gains say how large a torque is"
+    assert not unknown_torque_scale(stated[0], WindowRuns(stated[1], PRESET), z).any(), "gains in N·m/rad set the scale"

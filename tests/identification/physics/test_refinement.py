@@ -1,4 +1,4 @@
-"""A fit settles on longer free runs: closer to the log, each motor within what is believed of it."""
+"""Refinement on longer free runs recovers constants that were off."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +10,7 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.settling import longer_runs, settled
+from motorprior.identification.physics.refinement import longer_runs, refined
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -53,7 +53,7 @@ def test_constants_that_were_off_are_found(
     began = truth.copy()
     began[:, KP] += 0.1
     began[:, LOAD_FRICTION] -= 0.2
-    found = settled(network, began, longer, together)
+    found = refined(network, began, longer, together)
     before, after = (MotorFit(network, longer).losses(z) for z in (began, found))
     assert (after < 0.2 * before).all()
     assert np.abs(found - truth)[:, KP].max() < 0.02 and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
@@ -62,14 +62,5 @@ def test_constants_that_were_off_are_found(
 def test_what_a_log_does_not_show_stays_where_it_was(network: LatentNetwork, truth: np.ndarray, data: TrainingData):
     at_rotor = replace(data, measured=Measured(torque=True, at_rotor=True))
     columns = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
-    found = settled(network, truth + 0.05, longer_runs(at_rotor, PRESET, WindowRuns(at_rotor, PRESET)), True)
+    found = refined(network, truth + 0.05, longer_runs(at_rotor, PRESET, WindowRuns(at_rotor, PRESET)), True)
     np.testing.assert_array_equal(found[:, columns], truth[:, columns] + 0.05)
-
-
-@pytest.mark.parametrize(("rows", "window"), [(PRESET.history + 1 + 380, 190), (PRESET.history + 1 + 890, 222)])
-def test_longer_runs_fill_segments(
-    network: LatentNetwork, truth: np.ndarray, decoder_data: Data, rows: int, window: int
-):
-    data = decoder_data(network, truth, segments=10, rows=rows)
-    found = longer_runs(data, PRESET, WindowRuns(data, PRESET))
-    assert found.preset == replace(PRESET, window=window) and found.windows * window >= 10 * (rows - PRESET.history - 3)

@@ -1,4 +1,4 @@
-"""Foreign motors, the compiled step: a second truth, most of whose equations no learned decoder has.
+"""Out-of-family motors: a second truth, most of whose equations no learned decoder has.
 
 All quantities at the output shaft; x, w are position and velocity of the rotor, q, dq of the joint, which moves at
 constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the firmware, every T = servo_period:
@@ -40,29 +40,31 @@ in proportion to its speed; the order of the firmware's steps, a reading that is
 whose final temperature does not depend on the load; a resistance of the winding and a no-load speed that do not depend
 on the temperature.
 
-Of these a learned servo may have profile, encoder on the output, dead zone, clamped integral, voltage limit without
-sag, current lag, asymmetry, bristles without damping, damping of the shaft, and heat (`servo_terms`). None has friction
-over the position, sag, ripple, cogging, a gear that hardens or has hysteresis, ticks of the firmware, or steps of the
-encoder.
+No learned servo (`optional_terms`) has friction over the position, sag, ripple, cogging, a gear that hardens or has
+hysteresis, ticks of the firmware, or steps of the encoder.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.kind import ActuatorKind
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.kernels import ActuatorKind
+from motorprior.actuator.physical import scaled
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
-SUBSTEP = 0.0001
-"""Longest substep [s]."""
+SUBSTEP = 0.0001  # Longest substep [s]
+# Longest physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some of the
+# shipped motors chatter from 2 N·m of load on, since a gear that hardens is stiffer there; the walking twin shows
+# none of it.
 LONGEST_STEP = 0.001
-"""Longest physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some of the shipped
-motors chatter from 2 N·m of load on, since a gear that hardens is stiffer there; the walking twin shows none of it."""
 
+# Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
+# substep, a time constant the share of the way in a substep (of the velocity filter: in a tick).
 (
     KP, KD, TORQUE_LIMIT, DELAY, SERVO_PERIOD, PROFILE_SPEED, PROFILE_ACCELERATION, DEAD_ZONE, KI, INTEGRAL_LIMIT,
     OUTPUT_ENCODER, ENCODER_QUANTUM, ENCODER_ZERO, VELOCITY_FILTER, CURRENT_TIME, STALL_TORQUE, NO_LOAD_SPEED, SAG,
@@ -71,13 +73,165 @@ motors chatter from 2 N·m of load on, since a gear that hardens is stiffer ther
     ASYMMETRY, POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
     GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE, NUM_ROWS,
 ) = range(46)  # fmt: skip
-"""Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
-substep, a time constant the share of the way in a substep (of the velocity filter: in a tick)."""
+# Rows of the memory; the delay line follows
 (
     ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND, TORQUE, BRISTLE, TWIST,
     SLIDER, HEAT, WAIT, LINE,
 ) = range(15)  # fmt: skip
-"""Rows of the memory; the delay line follows."""
+
+
+@dataclass(frozen=True)
+class OutOfFamilyMotors:
+    """n out-of-family motors; every field has shape (n,). A term is off where its first constant is 0."""
+
+    kp: np.ndarray  # [N·m/rad]
+    kd: np.ndarray  # [N·m·s/rad]
+    torque_limit: np.ndarray  # current limit times torque constant of the cold motor [N·m]
+    delay: np.ndarray  # command latency [s]
+    servo_period: np.ndarray  # period of the firmware's law, whose output is held in between [s]; 0: every substep
+    profile_speed: np.ndarray  # largest speed of the reference [rad/s]; 0: no bound
+    profile_acceleration: np.ndarray  # largest acceleration of the reference [rad/s²]; 0: no bound
+    dead_zone: np.ndarray  # error below which the law gives nothing [rad]
+    ki: np.ndarray  # integral gain [N·m/(rad·s)]
+    integral_limit: np.ndarray  # largest integral part of the torque [N·m]
+    output_encoder: np.ndarray  # encoder: 0 on the rotor, 1 on the output shaft [-]
+    encoder_quantum: np.ndarray  # step of the encoder's readings [rad]
+    encoder_zero: np.ndarray  # encoder reading at true zero [rad]
+    velocity_filter: np.ndarray  # time constant of the law's velocity [s]
+    current_time: np.ndarray  # time constant of the current loop [s]
+    stall_torque: np.ndarray  # voltage-limited torque at rest [N·m]; 0: no voltage limit
+    no_load_speed: np.ndarray  # speed at which the voltage leaves no torque [rad/s]; 0: speed takes no voltage
+    sag: np.ndarray  # share of the supply voltage lost at the stall current [-]
+    heat_loss: np.ndarray  # share of the torque constant that a warm motor has lost [-]
+    heat_time: np.ndarray  # time constant of the warming [s]; 0: the warmth stays as it is
+    warmth: np.ndarray  # share of the final warming at the start [-]
+    ripple: np.ndarray  # amplitude of the torque's ripple, share of the torque [-]
+    ripple_order: np.ndarray  # periods per turn of the output shaft [1/rev]
+    ripple_phase: np.ndarray  # [rad]
+    cogging: np.ndarray  # amplitude of the torque without current [N·m]
+    cogging_order: np.ndarray  # as ripple_order [1/rev]
+    cogging_phase: np.ndarray  # [rad]
+    armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
+    viscous_damping: np.ndarray  # [N·m·s/rad]
+    coulomb: np.ndarray  # sliding friction [N·m]
+    static_torque: np.ndarray  # friction at rest above the sliding friction [N·m]
+    stribeck_velocity: np.ndarray  # [rad/s]; 0: friction does not depend on speed, and bristles have no damping
+    bristle_stiffness: np.ndarray  # stiffness of the friction before it slides [N·m/rad]; 0: no dry friction at all
+    bristle_damping: np.ndarray  # damping of the friction before it slides [N·m·s/rad]
+    load_friction: np.ndarray  # friction per torque in the gear [-]
+    asymmetry: np.ndarray  # share by which friction is larger forwards, smaller backwards [-]
+    position_friction: np.ndarray  # share by which friction varies with the position [-]
+    position_order: np.ndarray  # as ripple_order [1/rev]
+    position_phase: np.ndarray  # [rad]
+    backlash: np.ndarray  # full play [rad]
+    gear_stiffness: np.ndarray  # of the first contact, without the slider [N·m/rad]
+    gear_hardening: np.ndarray  # cubic stiffness [N·m/rad³]
+    gear_damping: np.ndarray  # [N·m·s/rad]
+    slider_stiffness: np.ndarray  # stiffness of the spring behind the slider [N·m/rad]
+    slider_torque: np.ndarray  # torque at which the slider slips [N·m]
+    output_damping: np.ndarray  # viscous damping of the output shaft, seals and grease [N·m·s/rad]
+    log_position_noise: np.ndarray  # standard deviation of the angles in a log [rad]
+    log_position_quantum: np.ndarray  # step of the angles in a log [rad]
+    log_velocity_filter: np.ndarray  # time constant of logged velocities, differences of angles [s]; 0: true ones
+    log_velocity_noise: np.ndarray  # standard deviation of the velocities in a log [rad/s]
+    log_torque_noise: np.ndarray  # standard deviation of the torques in a log [N·m]
+
+    def __len__(self) -> int:
+        """Number of motors."""
+        return len(self.kp)
+
+    def take(self, index: np.ndarray) -> OutOfFamilyMotors:
+        """The motors at ``index``."""
+        return OutOfFamilyMotors(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
+
+    def table(self) -> np.ndarray:
+        """(45, n) in the order of the fields, without the output shaft's and the log's."""
+        return np.stack([getattr(self, name) for name in OutOfFamilyMotors.__dataclass_fields__][:NUM_ROWS])
+
+    def actuator(self) -> OutOfFamilyActuator:
+        """The motors, ready to be simulated."""
+        return OutOfFamilyActuator(self)
+
+    def after(self, seconds: float) -> OutOfFamilyMotors:
+        """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
+        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _share(seconds, self.heat_time, 0.0))
+
+    def logged(
+        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What instruments record of (steps, n) angles [rad], velocities [rad/s] and torques [N·m].
+
+        Noise, quantised angles, and velocities from differences of these.
+        """
+        position, velocity, effort = rng.standard_normal((3, *joint_pos.shape))
+        angle = joint_pos + self.log_position_noise * position
+        step = np.where(self.log_position_quantum > 0.0, self.log_position_quantum, 1.0)
+        angle = np.where(self.log_position_quantum > 0.0, step * np.round(angle / step), angle)
+        differenced = _differenced(angle, period, _share(period, self.log_velocity_filter, 1.0))
+        speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
+        return angle, speed + self.log_velocity_noise * velocity, torque + self.log_torque_noise * effort
+
+
+@dataclass(frozen=True)
+class OutOfFamilyActuator:
+    """n out-of-family motors as an `Actuator`. Rotor inertia is inside the model, so the engine gets none."""
+
+    motors: OutOfFamilyMotors
+
+    @property
+    def kind(self) -> ActuatorKind:
+        """`OUT_OF_FAMILY`."""
+        return OUT_OF_FAMILY
+
+    @property
+    def num_motors(self) -> int:
+        """Number of motors."""
+        return len(self.motors)
+
+    @property
+    def armature(self) -> np.ndarray:
+        """Zero: the rotor is simulated here."""
+        return np.zeros(self.num_motors)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """The output shaft's; the rotor's is simulated here."""
+        return self.motors.output_damping
+
+    def with_factors(self, factors: Factors) -> OutOfFamilyActuator:
+        """See `HasConstants`; the integral's gain follows kp, as that of the learned motors does."""
+        return OutOfFamilyActuator(
+            scaled(self.motors, factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp})
+        )
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`."""
+        require_step(physics_dt, LONGEST_STEP)
+        table = self.motors.table()
+        substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
+        h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
+        table[DELAY] /= physics_dt
+        table[SERVO_PERIOD] = np.maximum(table[SERVO_PERIOD], h)
+        table[VELOCITY_FILTER] = _share(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
+        table[CURRENT_TIME] = _share(h, table[CURRENT_TIME], 1.0)
+        table[HEAT_TIME] = _share(h, table[HEAT_TIME], 0.0)
+        table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
+        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: no dependence
+        return empty_arrays(OUT_OF_FAMILY, table, LINE + line, substeps, self.damping)
+
+
+def _share(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
+    """(n,) share of the way 1 - exp(-seconds / time_constant) [-]; ``off`` where the time constant is 0."""
+    on = time_constant > 0.0
+    return np.where(on, -np.expm1(-seconds / np.where(on, time_constant, 1.0)), off)
+
+
+def _differenced(angle: np.ndarray, period: float, share: np.ndarray) -> np.ndarray:
+    raw = np.diff(angle, axis=0, prepend=angle[:1]) / period
+    filtered = np.zeros_like(raw)
+    for step in range(1, len(raw)):
+        filtered[step] = filtered[step - 1] + share * (raw[step] - filtered[step - 1])
+    return filtered
 
 
 @njit(cache=True, nogil=True)
@@ -105,7 +259,6 @@ def _dead_zone(value: float, half: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _reading(p: np.ndarray, motor: int, position: float) -> float:
-    """What the encoder reads at this true angle [rad]."""
     quantum, angle = p[ENCODER_QUANTUM, motor], position + p[ENCODER_ZERO, motor]
     return quantum * math.floor(angle / quantum + 0.5) if quantum > 0.0 else angle
 
@@ -147,7 +300,6 @@ def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position
 
 @njit(cache=True, nogil=True)
 def _motor(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
-    """Torque on the rotor [N·m]: current loop, voltage, heat, ripple, cogging."""
     x, stall, command = memory[ROTOR_POS, motor], p[STALL_TORQUE, motor], memory[COMMAND, motor]
     if stall > 0.0:
         left = max(0.0, stall - p[SAG, motor] * abs(memory[TORQUE, motor]))
@@ -165,7 +317,6 @@ def _motor(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _gear(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
-    """Torque of the gear on the joint [N·m]: play, hardening spring, slider, damping."""
     s = _dead_zone(twist, 0.5 * p[BACKLASH, motor])
     if s == 0.0:
         memory[TWIST, motor], memory[SLIDER, motor] = 0.0, 0.0
@@ -180,7 +331,6 @@ def _gear(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel
 
 @njit(cache=True, nogil=True)
 def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: float) -> float:
-    """Torque of the bristles against the rotor [N·m]."""
     w, z, stiffness = memory[ROTOR_VEL, motor], memory[BRISTLE, motor], p[BRISTLE_STIFFNESS, motor]
     ratio = w / p[STRIBECK_VELOCITY, motor]
     slow = math.exp(-ratio * ratio)
@@ -209,7 +359,6 @@ def _step(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write (n,) mean gear torque [N·m] over the coming step; the target holds between steps."""
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
     newest, h = write_line(memory, LINE, now, position_target), physics_dt / substeps
@@ -238,14 +387,13 @@ def _step(
 
 @njit(cache=True, nogil=True)
 def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) reading of the encoder [rad], wherever it is."""
     p = arrays.parameters
     for motor in range(out.shape[0]):
         on_output = p[OUTPUT_ENCODER, motor] > 0.5
         out[motor] = _reading(p, motor, joint_pos[motor] if on_output else arrays.memory[ROTOR_POS, motor])
 
 
-FOREIGN = ActuatorKind(
-    "foreign", "foreign", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
+OUT_OF_FAMILY = ActuatorKind(
+    "foreign", "out of family", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
     bench_step=SUBSTEP,
 )  # fmt: skip

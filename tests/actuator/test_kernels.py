@@ -1,4 +1,4 @@
-"""Borrowed arrays are the same arrays; nobody's reference count changes."""
+"""Arrays without reference counts are the same arrays, and nothing leaks."""
 
 import sys
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motorprior.actuator.borrowed import borrowed
+from motorprior.actuator.kernels import without_refcounts
 
 
 class Pair(NamedTuple):
@@ -17,7 +17,7 @@ class Pair(NamedTuple):
 
 @njit
 def double(pair, single):
-    pair, single = borrowed(pair), borrowed(single)
+    pair, single = without_refcounts(pair), without_refcounts(single)
     for k in range(3):
         row = pair.inner[0][k]
         row *= 2.0

@@ -1,0 +1,193 @@
+"""Kinds of actuators and their compiled kernels, which compiled code calls by address.
+
+Addresses travel in `ActuatorArrays.kernels`, as those of MuJoCo's functions do. A new kind of motors therefore changes
+no compiled code: loops that were compiled, or cached on disk, before it existed run it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numba import typeof, types
+from numba.core import cgutils
+from numba.core.errors import TypingError
+from numba.core.imputils import impl_ret_untracked
+from numba.extending import intrinsic
+
+from motorprior.actuator.actuator import ActuatorArrays, KernelTable
+from motorprior.compiled import njit
+
+BENCH_STEP = 0.002  # step [s] on the dynamometer of motors without a finer one: that of a robot's simulation
+Arrays = TypeVar("Arrays")
+
+
+@njit(cache=True, nogil=True)
+def read_joint(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    """(n,) angle [rad] of an encoder on the joint."""
+    out[:] = joint_pos
+
+
+@njit(cache=True, nogil=True)
+def keep_implicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
+    """Leave torque and damping alone: the engine can integrate a damping that never changes."""
+
+
+def keep_stiffness(arrays: ActuatorArrays, largest: float) -> None:
+    """Leave motors without a gear of their own alone."""
+
+
+@dataclass(frozen=True)
+class ActuatorKind:
+    """An actuator model's description of itself.
+
+    The functions are compiled (``njit``), write into their last argument and raise nothing. Vectors are (n,) float64.
+    """
+
+    name: str  # in files and figures
+    title: str  # in reports
+    reset: Any  # (arrays, position_target [rad], joint_pos [rad]) puts the memory at rest
+    # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes the
+    # torque of the coming step, and ``arrays.damping`` where the model renews it
+    step: Any
+    measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the motors' own encoders
+    # (arrays, joint_vel [rad/s], torque [N·m]) moves a damping that is renewed every step from ``arrays`` into
+    # the torque, for an engine that cannot renew it
+    make_explicit: Any = keep_implicit
+    # (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled
+    limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
+    longest_step: float = np.inf  # longest physics step [s], infinite if any will do; see `Robot.physics_step`
+    bench_step: float = BENCH_STEP  # longest step on the dynamometer [s]
+
+    @cached_property
+    def kernels(self) -> KernelTable:
+        """Addresses of the compiled functions in this process; compiles them, or loads them from the cache."""
+        arrays, vector = arrays_type(), types.Array(types.float64, 1, "C")
+        pair, step = (arrays, vector, vector), (arrays, types.float64, *[vector] * 4)
+        functions = (self.reset, pair), (self.step, step), (self.measure, pair), (self.make_explicit, pair)
+        return KernelTable(*(_address(function, arguments) for function, arguments in functions))
+
+
+@cache
+def arrays_type() -> types.Type:
+    """Numba's type of all `ActuatorArrays`."""
+    single, small = np.zeros((1, 1, 1), np.float32), np.zeros(1, np.float32)
+    table, count, kernels = np.zeros((1, 1)), np.zeros(1, np.int64), KernelTable(0, 0, 0, 0)
+    return typeof(ActuatorArrays(kernels, table, table, count, table[0], small, count, single, single, single))
+
+
+def _address(function: Any, arguments: tuple[types.Type, ...]) -> int:
+    # numba's own calling convention; the dispatcher keeps the code alive
+    compiled = function.get_compile_result(types.none(*arguments))
+    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+
+
+def _require_types(arrays: Any, vectors: tuple[Any, ...]) -> None:
+    """Reject at compile time what the function behind an address would misread."""
+    contiguous = all(isinstance(each, types.Array) and each.layout == "C" and each.ndim == 1 for each in vectors)
+    if arrays != arrays_type() or not contiguous or any(each.dtype != types.float64 for each in vectors):
+        raise TypingError("the motors' arrays must be contiguous float64")
+
+
+def _emit_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Call the function at the first argument's address with the others, as numba calls functions."""
+    kinds, convention = signature.args[1:], context.call_conv
+    function = convention.get_function_type(types.none, kinds).as_pointer()
+    callee = builder.inttoptr(arguments[0], function)
+    convention.call_function(builder, callee, types.none, kinds, arguments[1:])
+    return context.get_dummy_value()
+
+
+def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value=value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        inner: Any = kind.types  # pyright: ignore[reportAttributeAccessIssue]
+        parts = [
+            _without_owners(context, builder, each, builder.extract_value(value, index))
+            for index, each in enumerate(inner)
+        ]
+        return context.make_tuple(builder, kind, parts)
+    return value
+
+
+if TYPE_CHECKING:
+
+    def _call_pair(address: int, arrays: ActuatorArrays, first: np.ndarray, second: np.ndarray) -> None: ...
+
+    def _call_step(address: int, arrays: ActuatorArrays, physics_dt: float, *vectors: np.ndarray) -> None: ...
+
+    def without_refcounts(arrays: Arrays) -> Arrays:
+        """For compiled code: an array, or a (named) tuple of arrays, that numba does not count references of.
+
+        Counting is an atomic instruction whenever an array is taken out of a tuple or cut to a view: a tenth of an
+        episode. The caller of a compiled episode holds every array until it returns.
+        """
+        ...
+
+else:
+
+    @intrinsic
+    def _call_pair(typingctx: Any, address: Any, arrays: Any, first: Any, second: Any) -> Any:
+        _require_types(arrays, (first, second))
+        return types.void(types.intp, arrays, first, second), _emit_call
+
+    @intrinsic
+    def _call_step(
+        typingctx: Any, address: Any, arrays: Any, physics_dt: Any, target: Any, pos: Any, vel: Any, torque: Any
+    ) -> Any:
+        _require_types(arrays, (target, pos, vel, torque))
+        return types.void(types.intp, arrays, types.float64, target, pos, vel, torque), _emit_call
+
+    @intrinsic
+    def without_refcounts(typingctx: Any, arrays: Any) -> Any:
+        """See above."""
+
+        def codegen(context, builder, signature, arguments):
+            value = _without_owners(context, builder, signature.args[0], arguments[0])
+            return impl_ret_untracked(context, builder, signature.return_type, value)
+
+        return arrays(arrays), codegen
+
+
+@njit(cache=True, nogil=True)
+def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    """Put the memory at rest, as if target and joint had always been where they are."""
+    arrays.clock[0] = 0
+    _call_pair(arrays.kernels.reset, arrays, position_target, joint_pos)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def step_actuator(
+    arrays: ActuatorArrays,
+    physics_dt: float,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    joint_vel: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write the (n,) torque [N·m] and ``arrays.damping`` for the physics step [s] that begins now."""
+    _call_step(arrays.kernels.step, arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
+    arrays.clock[0] += 1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
+    """For an engine that cannot renew its damping: put that of the coming step into the torque.
+
+    Only a kind that renews it does so. With the gear's stiffness k and a bare link of inertia I, a step h is stable
+    only while 2·k·h²/I + gear_damping·h/I < 4: see `ActuatorKind.limit_stiffness`.
+    """
+    _call_pair(arrays.kernels.make_explicit, arrays, joint_vel, torque)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def measure_joint_pos(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    """(n,) joint angle [rad] as the motors' own encoders report it."""
+    _call_pair(arrays.kernels.measure, arrays, joint_pos, out)

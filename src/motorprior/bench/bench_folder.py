@@ -1,0 +1,104 @@
+"""A bench folder: the motor log, and bench.json, from which the same motors can be drawn again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.artifacts import read_json
+from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
+from motorprior.bench.fleet import Fleet, fleet_of
+from motorprior.bounds import LARGEST_SEED, require_count
+from motorprior.exceptions import LogError
+from motorprior.logs.formats.parquet_io import read_parquet
+from motorprior.logs.motor_log import MotorLog
+from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
+
+LOG, BENCH_JSON = "log.parquet", "bench.json"
+MOTORS_STREAM = 11  # tag of the random stream that draws a bench's motors
+_LARGEST_COUNT = 2**31 - 1
+_REMEDY = "record the bench again"
+_SCHEMA = Schema(
+    {
+        **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
+        "family": one_of(*FAMILIES),
+        "parameters": TABLE,
+        "motors": integer(1, _LARGEST_COUNT),
+        "steps": integer(2, _LARGEST_COUNT),
+        "seed": integer(0, LARGEST_SEED),
+    },
+    _REMEDY,
+    optional=frozenset({"family"}),
+    name="bench",
+)
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """Settings of a bench, from which its motors can be drawn again."""
+
+    fleet: Fleet
+    preset: str
+    motors: int
+    steps: int
+    seed: int
+
+    def physical_motors(self) -> TrueMotors:
+        """The motors on the bench."""
+        return training_motors(self.fleet, self.motors, self.seed)
+
+    def as_json(self) -> dict[str, Any]:
+        """For bench.json and for a prior's provenance; a family is named where it is not `GEARED`."""
+        family = {} if self.fleet.family == GEARED.name else {"family": self.fleet.family}
+        return family | {
+            "fleet": self.fleet.name,
+            "motor": self.fleet.motor,
+            "robot": self.fleet.robot,
+            "parameters": self.fleet.summary(),
+            "preset": self.preset,
+            "motors": self.motors,
+            "steps": self.steps,
+            "seed": self.seed,
+        }
+
+
+def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> None:
+    """Raise `ConfigError` unless there is a motor and there are two samples of it."""
+    require_count("motors", motors)
+    require_count(steps_name, steps, 2)
+
+
+def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
+    """The motors of a bench with this seed; held-out motors come from another random stream."""
+    return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
+
+
+def bench_from_json(data: Any, where: str) -> BenchSettings:
+    """Read what `BenchSettings.as_json` wrote.
+
+    Raises:
+        ArtifactError: unknown or missing keys, or a value out of range.
+    """
+    _SCHEMA.check(data, where)
+    family = FAMILIES[data.get("family", GEARED.name)]
+    fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], where, family)
+    return BenchSettings(fleet, data["preset"], data["motors"], data["steps"], data["seed"])
+
+
+def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
+    """The log and the settings of a bench folder.
+
+    Raises:
+        LogError, ArtifactError: missing, truncated or inconsistent files.
+    """
+    log = read_parquet(folder / LOG)
+    bench = bench_from_json(read_json(folder / BENCH_JSON), str(folder / BENCH_JSON))
+    if (log.num_joints, log.num_rows) != (bench.motors, bench.steps):
+        raise LogError(
+            f"{log.num_joints} motors x {log.num_rows} rows; {BENCH_JSON} states {bench.motors} x {bench.steps}",
+            where=folder / LOG, remedy=_REMEDY,
+        )  # fmt: skip
+    return log, bench

@@ -1,0 +1,70 @@
+"""Identifiability of constants: halving and doubling one both increase the replay loss.
+
+The scale of all torques is not identifiable if halving, or doubling, everything that is a torque, the rotor's inertia
+included, replays the log as well: the load, which stays as it is, then hardly counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_constants import parameters_of
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.physics.fleet_fit import fixed_constants
+from motorprior.identification.physics.initial_motor import TORQUES
+from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
+from motorprior.logs.motor_log import PHYSICAL_GAINS
+
+THRESHOLD = 1.02  # loss with half or double of an identifiable constant, over the loss with it
+
+
+def identifiable_constants(
+    network: LatentNetwork, runs: WindowRuns, z: np.ndarray, names: Iterable[str]
+) -> frozenset[str]:
+    """Those of the constants ``names``, which are positive, that half of M motors or more identify.
+
+    ``network`` has a geared motor; ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
+    """
+    ratio = {name: np.median(_loss_ratio(network, runs, z, name), axis=1).min() for name in names}
+    return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
+
+
+def unidentifiable_limits(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
+    """Fitted limits of torque and speed -> (M,) motors whose own logs do not identify them; arguments as above."""
+    assert network.motor is not None
+    rows, fixed = parameters_of(network.motor.terms), fixed_constants(network.motor.terms, runs)
+    fitted = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
+    found = {name: _loss_ratio(network, runs, z, name).min(axis=0) <= THRESHOLD for name in fitted}
+    return {name: hidden for name, hidden in found.items() if hidden.any()}
+
+
+def unknown_torque_scale(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
+    """(M,) whether a motor's log leaves the scale of its torques open; never where gains are logged in N·m/rad."""
+    if runs.gain_unit == PHYSICAL_GAINS:
+        return np.zeros(len(z), bool)
+    losses = [MotorFit(_scaled_torques(network, factor), runs).losses(z) for factor in (0.5, 2.0)]
+    return np.min(losses, axis=0) <= THRESHOLD * MotorFit(network, runs).losses(z)
+
+
+def _scaled_torques(network: LatentNetwork, factor: float) -> LatentNetwork:
+    motor = network.motor
+    assert motor is not None
+    rows = np.isin(parameters_of(motor.terms), TORQUES)
+    return replace(
+        network, motor=replace(motor, center=motor.center + np.log(factor) * rows),
+        torque_scale=factor * network.torque_scale, torque_limit=factor * network.torque_limit,
+    )  # fmt: skip
+
+
+def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str) -> np.ndarray:
+    """(2, M) losses of the motors with half and with double of a constant, over those with it."""
+    motor = network.motor
+    assert motor is not None
+    row = np.array(parameters_of(motor.terms)) == name
+    changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
+    losses = [MotorFit(replace(network, motor=each), runs).losses(z) for each in changed]
+    return np.stack(losses) / MotorFit(network, runs).losses(z)
