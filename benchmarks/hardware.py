@@ -6,7 +6,6 @@ The host is this process, the robot another one. Writes a flat map:
     period_jitter_ms/p50|p99|max    |time between two commands - 10 ms|
     missed_share                    control steps that were skipped, or whose command was more than 5 ms late
     telemetry_age_ms/p50|p99|max    of the measurement that a command is computed from, when the command is sent
-    end_to_end_ms/p50|p99|max       from that measurement in the robot to the command's arrival in the robot
     faults                          walks ended by a fault, for example a slow host, and continued with another robot
     inference_ms/p50|p99            one step of the policy, compiled; interpreted_ms without numba
     kill_to_idle_ms/median|max      from SIGKILL of a walking host to an idle robot
@@ -30,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import Timing, clock_results, quantiles_ms
+from motorprior.hardware.control_loop import Timing, clock_results
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
@@ -75,18 +74,18 @@ def _run_robot(robot_name: str, connection: Connection) -> None:
     connection.send(robot.port)
     with real_time():
         robot.run(connection.poll)
-    connection.send((robot.started, robot.events))
+    connection.send(robot.events)
 
 
 @contextmanager
-def robot_process(robot_name: str) -> Iterator[tuple[str, Callable[[], tuple[float, list[tuple[float, str]]]]]]:
-    """A virtual robot: its port, and a function that ends it and returns when it started [s] and its events."""
+def robot_process(robot_name: str) -> Iterator[tuple[str, Callable[[], list[tuple[float, str]]]]]:
+    """A virtual robot: its port, and a function that ends it and returns its events."""
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_run_robot, args=(robot_name, theirs), daemon=True)
     process.start()
 
-    def end() -> tuple[float, list[tuple[float, str]]]:
+    def end() -> list[tuple[float, str]]:
         ours.send("end")
         return ours.recv()
 
@@ -99,30 +98,21 @@ def robot_process(robot_name: str) -> Iterator[tuple[str, Callable[[], tuple[flo
 
 def walking(folder: Path, policy: Policy, seconds: float) -> dict[str, float]:
     """Timing of a walk of so many seconds; one that a fault ends is followed by another."""
-    robot, runs, delays, faults = load_robot(policy.robot), list[Timing](), list[np.ndarray](), 0
+    robot, runs, faults = load_robot(policy.robot), list[Timing](), 0
     while (left := seconds - policy.control_dt * sum(len(run.sent) for run in runs)) > 1.0 and faults < MAX_FAULTS:
         timing, log = Timing(), folder / f"run_{len(runs)}.csv"
-        with robot_process(policy.robot) as (port, end):
-            with RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, log)) as link:
-                try:
-                    gains, stop = gains_for(robot, policy), StopRequest()
-                    walk(link, policy, gains, stop, command=(SPEED, 0.0), seconds=left, timing=timing)
-                except RobotFault as fault:
-                    print(fault, file=sys.stderr)
-                    faults += 1
-            delays.append(end_to_end(timing, *end(), policy.control_dt))
+        with (
+            robot_process(policy.robot) as (port, _),
+            RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, log)) as link,
+        ):
+            try:
+                gains, stop = gains_for(robot, policy), StopRequest()
+                walk(link, policy, gains, stop, command=(SPEED, 0.0), seconds=left, timing=timing)
+            except RobotFault as fault:
+                print(fault, file=sys.stderr)
+                faults += 1
         runs.append(timing)
-    results = clock_results(runs, policy.control_dt) + quantiles_ms("end_to_end_ms", np.concatenate(delays))
-    return results.to_figures() | {"faults": float(faults)}
-
-
-def end_to_end(timing: Timing, started: float, events: list[tuple[float, str]], period: float) -> np.ndarray:
-    """From a measurement in the robot to the arrival of the command computed from it [s]; without lost commands."""
-    sent, measured = np.asarray(timing.sent), started + np.asarray(timing.stamp)
-    arrived = np.array([at for at, what in events if what == "target"])
-    after = np.minimum(np.searchsorted(arrived, sent - 5e-4), len(arrived) - 1)  # the robot may read while we return
-    found = (arrived[after] >= sent - 5e-4) & (arrived[after] < sent + 0.5 * period)
-    return (arrived[after] - measured)[found]
+    return clock_results(runs, policy.control_dt).to_figures() | {"faults": float(faults)}
 
 
 def inference(policy: Policy, count: int = 5000) -> dict[str, float]:
@@ -162,7 +152,7 @@ def kill_to_idle(folder: Path, policy: Path) -> float:
         host.kill()
         host.wait()
         time.sleep(0.5)
-        return 1e3 * (min(at for at, what in end()[1] if what == "idle" and at >= killed) - killed)
+        return 1e3 * (min(at for at, what in end() if what == "idle" and at >= killed) - killed)
 
 
 def main() -> None:

@@ -67,8 +67,8 @@ def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
             walk(link, loaded, gains, StopRequest(), command=(SPEED, 0.0), seconds=seconds, timing=timing)
         except RobotFault as error:
             fault = error.kind
-    sent = np.float32([gains.kp, gains.kd, gains.max_current])
-    other = not np.array_equal(np.float32(port.firmware.gains), sent)
+    sent = np.array([gains.kp, gains.kd, gains.max_current], dtype=np.float32)
+    other = not np.array_equal(np.array(port.firmware.gains, dtype=np.float32), sent)
     return Walk(len(timing.sent) * loaded.control_dt, port.path, fault, other)
 
 

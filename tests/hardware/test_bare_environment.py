@@ -28,9 +28,8 @@ def in_bare_environment(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
-@pytest.mark.parametrize("name", ["numba", "jax", "mujoco", "tyro", "rich", "scipy", "pyarrow"])
-def test_the_bare_environment_is_bare(name: str):
-    assert f"No module named '{name}'" in in_bare_environment(name).stderr
+def test_the_bare_environment_is_bare():
+    assert "No module named 'numba'" in in_bare_environment("numba").stderr
 
 
 def test_every_module_of_hardware_can_be_imported():

@@ -1,4 +1,4 @@
-"""The virtual robot behaves as the firmware is known to."""
+"""The virtual robot behaves like the firmware."""
 
 import numpy as np
 import pytest
@@ -17,11 +17,11 @@ def started(body, **config) -> Firmware:
     return Firmware(PUPPER_V2, body, FirmwareConfig(**{"homes": False, **config}))
 
 
-def heard(firmware: Firmware, milliseconds: int) -> list[Telemetry | str]:
+def received(firmware: Firmware, milliseconds: int) -> list[Telemetry | str]:
     return telemetry_reader(JOINTS).feed(firmware.advance(milliseconds))
 
 
-def tell(firmware: Firmware, **command) -> None:
+def send(firmware: Firmware, **command) -> None:
     """Gains first, in a command of their own, as a host must."""
     pos = command.pop("pos", None)
     if command:
@@ -32,7 +32,7 @@ def tell(firmware: Firmware, **command) -> None:
 
 @pytest.mark.parametrize("period", [10, 5])
 def test_telemetry_comes_at_its_rate_on_the_robot_s_own_clock(still_body, period: int):
-    frames = [m for m in heard(started(still_body, telemetry_period=period), 100) if isinstance(m, Telemetry)]
+    frames = [m for m in received(started(still_body, telemetry_period=period), 100) if isinstance(m, Telemetry)]
     assert [frame.ts for frame in frames] == list(range(period, 101, period))
     assert all(frame.cur is None for frame in frames)
 
@@ -40,35 +40,35 @@ def test_telemetry_comes_at_its_rate_on_the_robot_s_own_clock(still_body, period
 def test_it_homes_by_itself_slowly_and_then_holds(still_body):
     still_body.pos = spec.JOINT_SIGNS * spec.CROUCH_POSE + 0.3
     firmware, modes = started(still_body, homes=True), []
-    lines = [m for m in heard(firmware, 150) if isinstance(m, str)]
+    lines = [m for m in received(firmware, 150) if isinstance(m, str)]
     assert firmware.mode == HOMING and lines == ["LED on", "Homing"]
-    tell(firmware, pos=NOMINAL, kp=50.0, kd=5.0, max_current=7.0)
+    send(firmware, pos=NOMINAL, kp=50.0, kd=5.0, max_current=7.0)
     assert firmware.mode == HOMING, "it takes no targets yet"
     assert still_body.drive.max_current == 6.0
-    lines = [m for m in heard(firmware, 200) if isinstance(m, str)]
+    lines = [m for m in received(firmware, 200) if isinstance(m, str)]
     assert firmware.mode == HOLDING and lines == ["Homed"], modes
-    heard(firmware, 1000)
+    received(firmware, 1000)
     np.testing.assert_allclose(still_body.pos, spec.JOINT_SIGNS * spec.CROUCH_POSE, atol=1e-3)
 
 
 def test_the_current_law_with_the_gains_that_were_sent(still_body):
     firmware = started(still_body, with_currents=True)
-    tell(firmware, pos=NOMINAL + 0.02, kp=30.0, kd=0.5, max_current=2.0)
-    (frame,) = (m for m in heard(firmware, 10) if isinstance(m, Telemetry))
+    send(firmware, pos=NOMINAL + 0.02, kp=30.0, kd=0.5, max_current=2.0)
+    (frame,) = (m for m in received(firmware, 10) if isinstance(m, Telemetry))
     assert frame.cur is not None
     np.testing.assert_allclose(frame.cur, 30.0 * (NOMINAL + 0.02 - frame.pos) - 0.5 * frame.vel, atol=1e-5)
-    tell(firmware, pos=NOMINAL + 3.0)
-    (frame,) = (m for m in heard(firmware, 10) if isinstance(m, Telemetry))
+    send(firmware, pos=NOMINAL + 3.0)
+    (frame,) = (m for m in received(firmware, 10) if isinstance(m, Telemetry))
     assert frame.cur is not None and np.abs(frame.cur).max() == 2.0
 
 
 def test_idle_takes_the_current_until_the_next_target(still_body):
     firmware = started(still_body)
-    tell(firmware, pos=NOMINAL)
-    tell(firmware, idle=True)
-    heard(firmware, 10)
+    send(firmware, pos=NOMINAL)
+    send(firmware, idle=True)
+    received(firmware, 10)
     assert firmware.mode == IDLE and not still_body.drive.kp.any() and not still_body.drive.kd.any()
-    tell(firmware, pos=NOMINAL)
+    send(firmware, pos=NOMINAL)
     assert firmware.mode == POSITION
 
 
@@ -82,9 +82,9 @@ def test_beyond_its_bounds_it_gives_up_and_says_so_every_millisecond(still_body,
         return sensors
 
     still_body.sense = sensed
-    heard(firmware, 10)
+    received(firmware, 10)
     assert firmware.mode == ERROR
-    assert heard(firmware, 100).count("ERROR") >= 90
+    assert received(firmware, 100).count("ERROR") >= 90
     assert not still_body.drive.kp.any()
-    tell(firmware, pos=NOMINAL)
+    send(firmware, pos=NOMINAL)
     assert firmware.mode == ERROR, "until it is switched off"

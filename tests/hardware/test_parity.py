@@ -64,11 +64,8 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     fleet = load_fleet("pupper_v2")
     config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
     spy = Spy(MujocoBackend(lambda draw: fleet.sample(12, draw).actuator(), config))
-    env, motion, action = (
-        WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)),
-        PolicyMotion(PUPPER_V2, policy),
-        np.zeros(17),
-    )
+    env, motion = WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)), PolicyMotion(PUPPER_V2, policy)
+    action = np.zeros(17)
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = ShownBody(spy.state)

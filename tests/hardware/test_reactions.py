@@ -5,7 +5,7 @@ The operating system's part, the port and the watchdog, is in test_watchdog.py.
 
 import signal
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,6 @@ class Incident:
     port: FaultyPort
     began: float = np.nan
     error: BaseException | None = None
-    said: list[str] = field(default_factory=list)
 
     @property
     def reaction(self) -> float:
@@ -57,7 +56,6 @@ def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
         incident = Incident(port)
 
         def show(text: str) -> None:
-            incident.said.append(text)
             if "m/s" in text and np.isnan(incident.began):
                 incident.began = port.now
                 happens(port)

@@ -5,8 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from full_disk import file_sizes_restored, limit_file_sizes
-from motorprior.exceptions import ArtifactError
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.telemetry_stream import Measurement
@@ -87,12 +85,3 @@ def test_pauses_and_other_modes_start_new_segments(tmp_path: Path):
     log = read_robot_run(tmp_path / "run.csv", PUPPER_V2)
     assert [part.stop - part.start for part in log.segment_slices()] == [100, 99, 90]
     assert len(list(read_robot_run(tmp_path / "run.csv", PUPPER_V2, (Mode.RAMP,)).segments())) == 1
-
-
-@pytest.mark.parametrize("space", [0, 100, 5000], ids=["none", "for half a header", "for some lines"])
-def test_a_full_disk_is_reported_and_written_lines_can_be_read(tmp_path: Path, space: int):
-    with file_sizes_restored(), pytest.raises(ArtifactError, match=r"run\.csv: cannot write .*free some space"):
-        limit_file_sizes(space)
-        recorded(tmp_path / "run.csv")
-    if space > 1000:
-        assert read_robot_run(tmp_path / "run.csv", PUPPER_V2).num_rows > 2

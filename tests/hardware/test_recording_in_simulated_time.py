@@ -1,4 +1,4 @@
-"""A recording in simulated time says when each target acted on the robot."""
+"""A recording in simulated time: when each target acted on the robot, and the default excitations."""
 
 from pathlib import Path
 

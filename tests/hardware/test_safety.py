@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.health import Electrical, FrozenImu, Pace, Tilt, Tracking
+from motorprior.hardware.health import Electrical, Pace, Tilt, Tracking
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import SafetyGate
 from motorprior.robots.pupper_v2 import spec
@@ -104,7 +104,7 @@ def test_one_tilted_frame_is_no_fall():
             tilt.check(telemetry(pitch=-1.0), time)
 
 
-def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
+def test_a_joint_that_follows_with_the_lag_of_its_gains_is_no_fault():
     """First-order lag kd/kp, and 0.2 rad of sag: a real motor."""
     tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
     for step in range(500):
@@ -115,7 +115,7 @@ def test_a_joint_that_follows_with_the_lag_of_its_gains_is_well():
 
 @pytest.mark.parametrize(("kp", "kd"), [(10.0, 6.0), (60.0, 1.0)])
 def test_the_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: float):
-    """A soft joint that follows in its own time is well; a stiff one that follows like a soft one is not."""
+    """A soft joint that follows with its own lag is no fault; a stiff one that follows with this lag is."""
 
     def follows(lag: float) -> bool:
         tracking, joint = Tracking(PUPPER_V2, LIMITS), np.zeros(12)
@@ -144,23 +144,7 @@ def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
     assert caught.value.safe_state == "idle"
 
 
-def alive(step: int) -> Telemetry:
-    noise = 1e-3 * (1 + step % 7)
-    return telemetry(roll=noise, pitch=noise, roll_rate=noise)
-
-
 FROZEN = {"the same": telemetry(roll=0.01, pitch=0.02, roll_rate=0.1), "zeros": telemetry()}
-
-
-@pytest.mark.parametrize("frozen", FROZEN.values(), ids=FROZEN)
-def test_an_imu_that_was_alive_and_stops_is_a_fault(frozen: Telemetry):
-    imu = FrozenImu(LIMITS)
-    for step in range(100):
-        imu.check(alive(step), 0.01 * step)
-    with pytest.raises(RobotFault, match="frozen IMU") as caught:
-        for step in range(100, 100 + round(100 * LIMITS.imu_time) + 2):
-            imu.check(frozen, 0.01 * step)
-    assert caught.value.safe_state == "crouch"
 
 
 def test_some_late_steps_are_allowed_and_many_are_not():
@@ -185,7 +169,7 @@ def test_a_pause_that_the_robot_survives_is_no_fault_and_several_in_a_row_are():
 
 
 @pytest.mark.parametrize(
-    ("bad", "well", "kind", "duration"),
+    ("bad", "good", "kind", "duration"),
     [
         ({"cur": np.full(12, -9.5)}, {"cur": np.full(12, 8.0)}, "current", LIMITS.current_time),
         ({"temp": np.full(12, 95.0)}, {"temp": np.full(12, 40.0)}, "temperature", LIMITS.warning_time),
@@ -193,11 +177,11 @@ def test_a_pause_that_the_robot_survives_is_no_fault_and_several_in_a_row_are():
     ],
 )
 def test_one_damaged_frame_is_no_overcurrent_no_heat_and_no_flat_battery(
-    bad: dict, well: dict, kind: str, duration: float
+    bad: dict, good: dict, kind: str, duration: float
 ):
     electrical = Electrical(PUPPER_V2, LIMITS)
     for step in range(100):
-        electrical.check(telemetry(**(bad if step % 3 == 0 else well)), 0.01 * step)
+        electrical.check(telemetry(**(bad if step % 3 == 0 else good)), 0.01 * step)
     with pytest.raises(RobotFault) as caught:
         for step in range(round(duration / 0.01) + 1):
             electrical.check(telemetry(**bad), 2.0 + 0.01 * step)

@@ -12,7 +12,7 @@ from simulated_port import SimulatedPort
 
 
 class FaultyPort(SimulatedPort):
-    """A simulated robot that breaks when told to.
+    """A simulated robot with faults.
 
     Attributes:
         events: (time [s], mode or "target"), in order.
@@ -51,18 +51,18 @@ class FaultyPort(SimulatedPort):
         return super().send(command)
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
-        heard = super().wait(until)
+        messages = super().wait(until)
         if "mute" in self.faults:
             return []
         if "restart" in self.faults:
             ahead = 1e3 * self.faults["restart"][0]
-            heard = [(at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m) for at, m in heard]
+            messages = [(at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m) for at, m in messages]
         if "lagging" in self.faults:  # later and later: buffers fill up
             delay = 0.5 * (self.now - self.faults["lagging"][0])
-            self._late += [(at + delay, message) for at, message in heard]
-            heard = [(self.now, message) for at, message in self._late if at <= self.now]
+            self._late += [(at + delay, message) for at, message in messages]
+            messages = [(self.now, message) for at, message in self._late if at <= self.now]
             self._late = [(at, message) for at, message in self._late if at > self.now]
-        return heard
+        return messages
 
 
 class FaultyBody:

@@ -48,7 +48,9 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     """
     _require("seconds", settings.seconds, 0.0, 1e6)
     policy = Policy.load(path)
-    deploy.check_policy(robot, policy)
+    policy.check()
+    policy.require_robot(robot)
+    policy.require_clock(robot.control_dt)
     gait = policy.commanded(robot).require_legs()
     _require("forward", settings.forward, *gait.forward, or_equal=True)
     _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)

@@ -32,7 +32,6 @@ class Timing:
         sent: when its command was sent.
         late: by how much its command was sent after the deadline.
         age: of the measurement it acted on, when its command was sent.
-        stamp: the robot's time stamp of that measurement.
         skipped: steps skipped because the one before took too long.
         aborted: lateness of the step that a fault ended before its command; None if there was none.
     """
@@ -40,7 +39,6 @@ class Timing:
     sent: array = field(default_factory=lambda: array("d"))
     late: array = field(default_factory=lambda: array("d"))
     age: array = field(default_factory=lambda: array("d"))
-    stamp: array = field(default_factory=lambda: array("d"))
     skipped: int = 0
     aborted: float | None = None
 
@@ -49,7 +47,6 @@ class Timing:
         self.sent.append(sent)
         self.late.append(late)
         self.age.append(sent - measurement.sampled)
-        self.stamp.append(1e-3 * measurement.telemetry.ts)
 
 
 def clock_results(runs: Sequence[Timing], period: float) -> Results:
@@ -69,15 +66,15 @@ def clock_results(runs: Sequence[Timing], period: float) -> Results:
     missed = (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped)
     return Results.of(
         [
-            *quantiles_ms("period_jitter_ms", np.abs(jitter)),
+            *_quantiles_ms("period_jitter_ms", np.abs(jitter)),
             Result("missed_share", "1", missed),
-            *quantiles_ms("telemetry_age_ms", age),
+            *_quantiles_ms("telemetry_age_ms", age),
             Result("control_steps", "1", float(sum(len(run.sent) for run in runs))),
         ]
     )
 
 
-def quantiles_ms(quantity: str, seconds: np.ndarray) -> Results:
+def _quantiles_ms(quantity: str, seconds: np.ndarray) -> Results:
     """Median, 99 % quantile and maximum of times [s], in ms."""
     quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
     return Results.of(

@@ -64,18 +64,6 @@ def gains_for(
     return Gains.of(wire, kp, kd, max_current)
 
 
-def check_policy(robot: Robot, policy: Policy) -> None:
-    """Check that this robot can run a policy.
-
-    Raises:
-        ArtifactError: the policy is damaged.
-        ConfigError: it is for another robot, other joints or another control period.
-    """
-    policy.check()
-    policy.require_robot(robot)
-    policy.require_clock(robot.control_dt)
-
-
 def walk(
     link: RobotLink,
     policy: Policy,
@@ -94,7 +82,7 @@ def walk(
 
     Args:
         link: idle.
-        policy: see `check_policy`.
+        policy: for this robot.
         gains: to send.
         stop: ends the walk.
         command: speed [m/s] and yaw rate [rad/s] without ``teleop``.
@@ -144,7 +132,7 @@ def dry_run(
 
     Args:
         link: idle.
-        policy: see `check_policy`.
+        policy: for this robot.
         stop: ends it.
         seconds: ends it too [s].
         status: gets a line twice a second.

@@ -20,9 +20,6 @@ class Recorder:
     A written line survives the death of this process. Nothing is forced to the disk, which would stop the control loop,
     so a power failure costs the last seconds.
 
-    Attributes:
-        rows: written lines of measurements.
-
     Args:
         robot: whose measurements they are.
         path: of the file; its folder is created.
@@ -39,7 +36,6 @@ class Recorder:
         self._file: int | None = None
         self._format, self._with_current = "", False
         self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
-        self.rows = 0
 
     def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
         """Remember a (joints,) target [rad] that was sent at ``time`` [s] on the host's clock."""
@@ -64,7 +60,6 @@ class Recorder:
             raise ArtifactError(
                 f"cannot write ({error.strerror})", where=self.path, remedy="free some space, or choose another folder"
             ) from error
-        self.rows += 1
 
     def close(self) -> None:
         """Close the file."""

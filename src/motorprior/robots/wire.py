@@ -40,7 +40,7 @@ class SafetyLimits:
         warning_time: temperature or battery beyond their bounds for so long [s].
         tick_delay: longest delay of one control step [s], while the motors hold the last target: every walk of a policy
             of 150 iterations stayed upright through so long a pause, and through twice that; policies that were trained
-            less may survive less (`benchmarks/hardware_stalls.py`).
+            less may survive less.
         late_ticks: so many late steps (by more than half a period) of the last hundred are a host that cannot keep up.
         stalled_time: so much lateness [s] of the last hundred steps together is another one; all walks of that policy
             with a pause of 20 ms at every tenth step stayed upright, with 50 ms 3 of 24 fell.
