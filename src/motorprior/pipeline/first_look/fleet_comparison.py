@@ -15,7 +15,7 @@ DRAWS = 400
 LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 ALIKE = 1.05
 """Largest over smallest value of a constant among the motors, up to which all of them count as having the same. Such a
-constant is not shown by the logs, unless these are sensitive to it (`identification.physics.identifiability`): the fit left it
+constant is not shown by the logs, unless these are sensitive to it (`physics.identifiability`): the fit left it
 near where its search happened to end."""
 TOLD = 3
 """Most constants in which motors are said to differ from each other."""
