@@ -37,8 +37,7 @@ UNMOVED_GAIN = 1e-3  # gain below which the phase is undefined [-]
 STEP = 0.3  # height of the step [rad]
 STEP_SETTLE, STEP_DURATION = 0.3, 1.2  # time before and after the step [s]
 STEP_FINAL = 0.1  # time at the end of a step whose mean is the final displacement [s]
-# the target creeps at this speed [rad/s] from -CREEP_REACH to +CREEP_REACH and back, evaluated at |target| <
-# CREEP_WINDOW
+# the target creeps at this speed [rad/s] to ±CREEP_REACH [rad], evaluated at |target| < CREEP_WINDOW
 CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
 GIVE = 0.01  # displacement that counts as breakaway [rad]
 RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.5, 0.2, 1.5  # of the torque ramp: time before [s], slope [N·m/s], end [N·m]
