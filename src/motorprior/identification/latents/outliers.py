@@ -54,8 +54,8 @@ def outliers(
 ) -> Outliers:
     """Test each of N motors against the M >= 2 training motors of a prior's network.
 
-    ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from `adapt`;
-    ``data``, ``preset`` and ``temperature`` are as for `adapt`.
+    ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
+    `adapt`; ``data``, ``preset`` and ``temperature`` are as for `adapt`.
     """
     known = network.decoder_latents(trained)
     mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SAME)
