@@ -81,7 +81,7 @@ def record(robot: VirtualRobot, folder: Path, seconds: float, excitation: Excita
     """The robot's recording, hung, as a motor log."""
     log = folder / f"log_{excitation}_{seconds:g}" / "run.parquet"
     if not log.is_file():
-        port = SimulatedPort(ROBOT, robot.number, hung=True, rate=200, wear=WEAR[robot.wear])
+        port = SimulatedPort(ROBOT, robot.number, hung=True, period=5, wear=WEAR[robot.wear])
         with on_its_clock(port):
             settings = RecordSettings(
                 folder / f"recorded_{excitation}_{seconds:g}", excitation, seconds=seconds, yes=True
@@ -101,7 +101,7 @@ def deploy(robot: VirtualRobot, policy: Path, life: int, speed: float) -> Outcom
             commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault as error:
             fault = error.kind
-    return Outcome(port.body.path, float(np.hypot(*(port.body.live.position() - start))), fault)
+    return Outcome(port.path, float(np.hypot(*(port.body.live.position() - start))), fault)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import tyro
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.gaits import GAITS
 from motorprior.locomotion.trajectory_generator import foot_path
-from motorprior.report.plots_gait import footfalls
 from motorprior.report.plots_style import png_bytes
+from motorprior.report.plots_walk import footfalls
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

@@ -30,8 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware import trot_policy
-from hardware_reactions import SPEED
+from hardware import SPEED, trot_policy
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
@@ -70,7 +69,7 @@ def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
             fault = error.kind
     sent = np.float32([gains.kp, gains.kd, gains.max_current])
     other = not np.array_equal(np.float32(port.firmware.gains), sent)
-    return Walk(len(timing.sent) * loaded.control_dt, port.body.path, fault, other)
+    return Walk(len(timing.sent) * loaded.control_dt, port.path, fault, other)
 
 
 def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:

@@ -1,7 +1,7 @@
-"""A virtual robot at a port whose clock moves only when the host waits: hours of a life in minutes, repeatable.
+"""A virtual robot at a port with a simulated clock, which advances only when the host waits: fast and reproducible.
 
 The host's own code runs, the firmware and the twin. The operating system (the port, priorities, the watchdog process)
-and its delays are left out; `hardware.py` measures them in real time.
+and its delays are left out; `hardware.py` measures them in real time. The line can lose and damage frames.
 """
 
 from __future__ import annotations
@@ -16,38 +16,73 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.hardware import commands, robot_link, run_facts, session
+from motorprior.hardware import commands, robot_link, run_files, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.protocol import Command, Sizes, Telemetry
+from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig
-from motorprior.hardware.virtual.injected import CommandCutter, NoisyLine
-from motorprior.pipeline.virtual.twin_body import TwinBody, draw_motors
+from motorprior.hardware.virtual.firmware import Body, Firmware, FirmwareConfig
+from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.robot import Robot
 
-WAY = 1e-4
-"""From the robot to the host, and back [s]."""
-_ROUNDING = 1e-6
-"""Of times [ms]."""
+DELAY = 1e-4  # of transmission, each way [s]
+_ROUNDING = 1e-6  # [ms]
+
+
+class NoisyLine:
+    """A line that loses, damages and delays frames.
+
+    Args:
+        drop: probability that a frame is lost.
+        corrupt: probability that one of its bytes is changed.
+        delay: of every frame [s].
+        rng: of these events.
+    """
+
+    def __init__(self, drop: float, corrupt: float, delay: float, rng: np.random.Generator):
+        self._drop, self._corrupt, self._delay, self._rng = drop, corrupt, delay, rng
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def put(self, frame: bytes, now: float) -> None:
+        """Send a frame at ``now`` [s]."""
+        rng = self._rng
+        if not frame or rng.random() < self._drop:
+            return
+        if rng.random() < self._corrupt:
+            at = int(rng.integers(len(frame)))
+            frame = frame[:at] + bytes([frame[at] ^ int(rng.integers(1, 256))]) + frame[at + 1 :]
+        rng.random()  # keeps the figures of an earlier version, in which a frame could come twice
+        self._waiting.append((now + self._delay, frame))
+
+    def take(self, now: float) -> bytes:
+        """The bytes that arrive by ``now`` [s]."""
+        arrived = [frame for at, frame in self._waiting if at <= now]
+        self._waiting = [(at, frame) for at, frame in self._waiting if at > now]
+        return b"".join(arrived)
+
+    def due(self) -> float:
+        """When the next frame arrives [s]."""
+        return min((at for at, _ in self._waiting), default=math.inf)
 
 
 class SimulatedPort(SerialLink):
-    """What `SerialLink` is to a host, and the robot behind it.
+    """A `SerialLink` with the robot behind it.
 
     Attributes:
-        now: the time on both ends [s].
+        now: the time at both ends [s].
         body: of the robot.
         firmware: of the robot.
+        path: distance walked [m], in straight lines of a second.
 
     Args:
         robot: that it is one of; its motors are of the first of its fleets.
         number: of the virtual robot, that is, of its motors.
-        life: seed of its sensors' noise and of the line's.
+        life: seed of the noise of its sensors and of the line.
         hung: it hangs in the air.
-        rate: telemetry frames per second.
+        period: of the telemetry [ms].
         drop: share of frames that are lost, both ways.
         corrupt: share of frames that are damaged, both ways.
         wear: of its motors, from those of the fleet; none if not given.
+        currents: the firmware sends currents.
     """
 
     def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
@@ -57,97 +92,91 @@ class SimulatedPort(SerialLink):
         life: int = 0,
         *,
         hung: bool = False,
-        rate: int = 100,
+        period: int = 10,
         drop: float = 0.0,
         corrupt: float = 0.0,
         wear: Callable[[MotorParameters, int], MotorParameters] | None = None,
+        currents: bool = False,
     ):
         self.port, self.now = f"simulated robot {number}", 0.0
-        self._sizes, fleet = Sizes.of(robot), load_fleet(robot.fleets[0][0])
-        motors = draw_motors(robot, fleet, number)
+        self._joints = robot.num_joints
+        motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
         self.body = TwinBody(robot, motors if wear is None else wear(motors, number), hung, life)
-        self._period = 1000 // rate
-        self.firmware = Firmware(robot, self.body, FirmwareConfig(self._period, homes=False))
+        self._period = period
+        config = FirmwareConfig(self._period, with_currents=currents, homes=False)
+        self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
         self._to_host, self._to_robot = (
-            NoisyLine(drop, corrupt, delay=delay, rng=np.random.default_rng([number, life, way]))
-            for way, delay in enumerate((0.0, WAY))
+            NoisyLine(drop, corrupt, delay, np.random.default_rng([number, life, way]))
+            for way, delay in enumerate((0.0, DELAY))
         )
-        self._cutter, self._reader = CommandCutter(), telemetry_reader(self._sizes)
+        self._reader = telemetry_reader(self._joints)
+        self.path, self._last_position = 0.0, self.body.live.position()
+
+    def firmware_body(self, body: TwinBody) -> Body:
+        """The body that the firmware moves; tests put one with faults here."""
+        return body
+
+    def on_change(self, what: str) -> None:
+        """See `Firmware`."""
 
     @property
     def unsent(self) -> int:
-        """The robot takes every byte at once."""
+        """The robot reads every byte at once."""
         return 0
 
     def fileno(self) -> int:
-        """No file: for a guardian that is none."""
+        """No file: the watchdog is replaced, too."""
         return -1
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
         """See `SerialLink.wait`."""
-        next_frame = 1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + WAY
+        next_frame = 1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + DELAY
         self.now = max(self.now, min(until, next_frame))
-        self._live()
+        self._advance()
         return [(self.now, message) for message in self._reader.feed(self._to_host.take(self.now))]
 
     def send(self, command: Command) -> float:
         """See `SerialLink.send`."""
-        self._live()
-        for piece in self._cutter.cut(command_frame(command, self._sizes)):
-            self._to_robot.put(piece, self.now)
+        self._advance()
+        self._to_robot.put(command_frame(command, self._joints), self.now)
         return self.now
 
-    def forget_unsent(self) -> None:
+    def discard_unsent(self) -> None:
         """Nothing waits."""
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to close."""
 
     def sleep(self, seconds: float) -> None:
         """`time.sleep` on this clock."""
         self.now += seconds
 
-    def _live(self) -> None:
-        """Bring the robot up to date; it reads what came before the beginning of each of its milliseconds."""
-        end = int(1e3 * (self.now - WAY) + _ROUNDING)
+    def _advance(self) -> None:
+        """Bring the robot to the present; it reads what came before the beginning of each of its milliseconds."""
+        end = int(1e3 * (self.now - DELAY) + _ROUNDING)
         while (due := 1e3 * self._to_robot.due() - _ROUNDING) <= end:
-            self._live_until(math.ceil(due))
+            self._advance_to(math.ceil(due))
             self.firmware.receive(self._to_robot.take(1e-3 * (self.firmware.now + _ROUNDING)))
-        self._live_until(end)
+        self._advance_to(end)
 
-    def _live_until(self, milliseconds: int) -> None:
-        for piece in self.firmware.frames(milliseconds - self.firmware.now):
-            self._to_host.put(piece, self.now)
-
-
-class _Nobody:
-    """In place of a process that lives in real time: the watchdog, the timer of the machine."""
-
-    def beat(self) -> None:
-        """Nobody listens."""
-
-    def release(self) -> None:
-        """Nobody ends."""
-
-    def stop(self) -> None:
-        """Nobody reports."""
-
-    abandon = kill = release
+    def _advance_to(self, milliseconds: int) -> None:
+        for frame in self.firmware.frames(milliseconds - self.firmware.now):
+            self._to_host.put(frame, self.now)
+            if self.firmware.now % 1000 == 0:
+                position = self.body.live.position()
+                self.path += float(np.hypot(*(position - self._last_position)))
+                self._last_position = position
 
 
 @contextmanager
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
-    """The host's clock is the port's while this is open, and nothing that lives in real time is started.
-
-    The commands `deploy` and `record` find it at any port.
-    """
+    """The host's clock is the port's while this is open, and the commands `deploy` and `record` find it at any port."""
     with (
         mock.patch.object(commands, "SerialLink", lambda *_: port),
         mock.patch.object(time, "monotonic", lambda: port.now),
         mock.patch.object(time, "sleep", port.sleep),
-        mock.patch.object(robot_link, "Guardian", lambda *_: _Nobody()),
-        mock.patch.object(run_facts, "BareTimers", _Nobody),
-        mock.patch.object(session, "real_time_priority", nullcontext),
-        mock.patch.object(session, "locked_memory", nullcontext),
+        mock.patch.object(robot_link, "Watchdog", mock.MagicMock()),
+        mock.patch.object(session, "real_time", nullcontext),
+        mock.patch.object(run_files, "real_time", lambda: nullcontext({})),
     ):
         yield

@@ -23,7 +23,6 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from turning import TURNS, followed, rows_of, told
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
@@ -48,10 +47,9 @@ from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.gait_quality import gait_quality
-from motorprior.transfer.quality_results import quality_results
-from motorprior.transfer.study import STUDY_SEED
-from motorprior.transfer.twin import HARD, NOISY, twin_of
+from motorprior.transfer.gait_quality import gait_quality, quality_results
+from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of
+from turning import TURNS, followed, rows_of, told
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)
@@ -127,7 +125,7 @@ class Stage:
         """One of every draw, told the same."""
         walk = WalkConfig(steps, commands=commands)
         executor = make_executor(partial(self.simulator, place, walk), self.workers)
-        episodes = executor.map(_walk, policy, [STUDY_SEED + draw for draw in range(draws)])
+        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(draws)])
         executor.close()
         return episodes
 

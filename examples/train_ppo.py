@@ -31,7 +31,5 @@ for seed in range(10_000, 10_010):
         over, steps = terminated or truncated, steps + 1
     walked.append((info["base_pos"][0] / 5, steps / 100))
 print(
-    "commanded 0.3 m/s on 10 new sets of motors: {:.2f} m/s, upright for {:.1f} of 5 s".format(
-        *np.mean(walked, axis=0)
-    )
+    "commanded 0.3 m/s on 10 new sets of motors: {:.2f} m/s, upright for {:.1f} of 5 s".format(*np.mean(walked, axis=0))
 )

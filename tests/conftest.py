@@ -37,8 +37,6 @@ SMALL_SERVO = {
 """A small geared servo, in SI units."""
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
-LIVES_IN_REAL_TIME = {"virtual", "host", "deploying"}
-"""Fixtures of robots and hosts that do not wait for the test."""
 LONGEST_FIRST = (
     "pipeline/test_demo.py", "cli/test_adapt.py", "identification/test_trained_prior.py",
     "identification/test_train.py", "cli/test_your_robot.py", "identification/test_recovery.py",
@@ -50,13 +48,11 @@ LONGEST_FIRST = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest begin. Tests in real time get another chance: a machine that stands still fails them."""
+    """The longest first. Tests in real time are repeated: a busy machine can fail them."""
     items.sort(key=_place)
     for item in items:
-        if LIVES_IN_REAL_TIME & set(getattr(item, "fixturenames", ())):
-            item.add_marker(pytest.mark.real_time)
-        if item.get_closest_marker("real_time") and not item.get_closest_marker("flaky"):
-            item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=1))
+        if item.get_closest_marker("real_time"):
+            item.add_marker(pytest.mark.flaky(reruns=2))
 
 
 def _place(item: pytest.Item) -> int:

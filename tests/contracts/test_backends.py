@@ -15,7 +15,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_backend import SerialBackend
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.virtual_robot import in_thread
-from motorprior.pipeline.virtual.virtual_robot import Virtual, make
+from motorprior.pipeline.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend
@@ -78,7 +78,7 @@ EVERYTHING = Randomization(
 
 def virtual_robot(_: object) -> Backend:
     """Over a real serial port object, in real time."""
-    robot, _ = make(PUPPER_V2, Virtual(homing=False))
+    robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(homing=False))
     safety = PUPPER_V2.require_wire().safety
     never = float("inf")
     patient = {"tick_delay": never, "late_ticks": 100, "stalled_time": never, "telemetry_age": 0.5, "watchdog": 0.5}
@@ -115,7 +115,7 @@ def test_a_target_after_a_late_step_is_held_as_long_as_others():
 
 SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_rough]
 """Backends whose time is their own: a seed says everything that happens."""
-BACKENDS = [*SIMULATED, virtual_robot]
+BACKENDS = [*SIMULATED, pytest.param(virtual_robot, marks=pytest.mark.real_time)]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)

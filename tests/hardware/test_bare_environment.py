@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from policies import random_policy
 
-from motorprior.hardware.axes import backend_state
-from motorprior.hardware.motions import Walker
+from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.sign_conventions import backend_state
 from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, new_gait
@@ -51,6 +51,7 @@ def test_the_command_itself_knows_what_a_robot_s_computer_can_do():
     assert "`motorprior walk` needs tyro" in done.stderr and "deploy, record, doctor" in done.stderr
 
 
+@pytest.mark.real_time
 def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
     pupper = virtual(currents=True)
     dry = in_bare_environment(
@@ -63,6 +64,7 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     assert pupper.received == 0
 
 
+@pytest.mark.real_time
 def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
     pupper, out = virtual(hung=True, currents=True), tmp_path / "run"
     settings = ("--excitation", "chirp", "--joint", "FR_knee", "--seconds", 1, "--yes", "--out", out)
@@ -107,5 +109,7 @@ def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
     still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
     assert np.all(
-        np.isfinite(Walker(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12))))
+        np.isfinite(
+            PolicyMotion(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12)))
+        )
     )

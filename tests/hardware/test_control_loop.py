@@ -34,7 +34,7 @@ class Clock:
     def send(self, target: np.ndarray, mode: Mode) -> float:
         return self.now
 
-    def after_pause(self) -> None:
+    def resume_after_pause(self) -> None:
         self.pauses += 1
 
 

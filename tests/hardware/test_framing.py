@@ -1,4 +1,4 @@
-"""Any bytes go in, however they are cut; nothing but frames and lines comes out, and memory stays bounded."""
+"""From any bytes, however they are cut, come only frames and lines, and memory stays bounded."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from motorprior.hardware.framing import (
     COMMAND_FRAMING,
-    LONGEST_LINE,
+    MAX_LINE,
     TELEMETRY_FRAMING,
     FrameReader,
     command_frame,
@@ -18,11 +18,11 @@ from motorprior.hardware.framing import (
     telemetry_frame,
     telemetry_reader,
 )
-from motorprior.hardware.protocol import IDLE, Command, Sizes, Telemetry, encode_command, encode_telemetry
+from motorprior.hardware.protocol import IDLE, Command, Telemetry, encode_command, encode_telemetry
 
-SIZES = Sizes(12, 4)
-READERS = {"command": lambda: command_reader(SIZES), "telemetry": lambda: telemetry_reader(SIZES)}
-MOST_KEPT = max(framing.largest for framing in (COMMAND_FRAMING, TELEMETRY_FRAMING)) + 8 + LONGEST_LINE
+JOINTS = 12
+READERS = {"command": lambda: command_reader(JOINTS), "telemetry": lambda: telemetry_reader(JOINTS)}
+MOST_KEPT = max(framing.max_payload for framing in (COMMAND_FRAMING, TELEMETRY_FRAMING)) + 8 + MAX_LINE
 
 
 def telemetry(ts: int) -> Telemetry:
@@ -35,13 +35,13 @@ def target(step: int) -> Command:
 
 
 def framed(message: Command | Telemetry) -> bytes:
-    return telemetry_frame(message, SIZES) if isinstance(message, Telemetry) else command_frame(message, SIZES)
+    return telemetry_frame(message, JOINTS) if isinstance(message, Telemetry) else command_frame(message, JOINTS)
 
 
 def as_bytes(message) -> bytes | str:
     if isinstance(message, str):
         return message
-    return encode_telemetry(message, SIZES) if isinstance(message, Telemetry) else encode_command(message, SIZES)
+    return encode_telemetry(message, JOINTS) if isinstance(message, Telemetry) else encode_command(message, JOINTS)
 
 
 def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
@@ -93,10 +93,10 @@ def test_a_million_bytes_of_noise_with_frames_in_them(kind: str):
 
 
 def test_text_between_frames_is_read_and_costs_no_frame():
-    reader = telemetry_reader(SIZES)
+    reader = telemetry_reader(JOINTS)
     stream = b"Homing\r\n" + framed(telemetry(1)) + b"ERROR\r\n" + b"FEET OK\r\n" + framed(telemetry(2))
     assert read(reader, [stream]) == [
-        "Homing", encode_telemetry(telemetry(1), SIZES), "ERROR", "FEET OK", encode_telemetry(telemetry(2), SIZES),
+        "Homing", encode_telemetry(telemetry(1), JOINTS), "ERROR", "FEET OK", encode_telemetry(telemetry(2), JOINTS),
     ]  # fmt: skip
 
 
@@ -106,22 +106,14 @@ def test_a_damaged_head_costs_one_frame_only(place: int):
     frame = framed(telemetry(0))
     broken = bytearray(frame)
     broken[place] ^= 0x03
-    reader = telemetry_reader(SIZES)
+    reader = telemetry_reader(JOINTS)
     found = read(reader, [bytes(broken), *(framed(telemetry(n)) for n in range(1, 8))])
-    assert found == [encode_telemetry(telemetry(n), SIZES) for n in range(1, 8)]
-
-
-def test_a_lost_byte_costs_one_frame_only():
-    for place in range(len(framed(telemetry(0)))):
-        frame = framed(telemetry(0))
-        reader = telemetry_reader(SIZES)
-        found = read(reader, [frame[:place] + frame[place + 1 :], *(framed(telemetry(n)) for n in (1, 2))])
-        assert found[-1] == encode_telemetry(telemetry(2), SIZES), place
+    assert found == [encode_telemetry(telemetry(n), JOINTS) for n in range(1, 8)]
 
 
 def test_a_robot_hears_idle_after_half_a_command():
     """What a host leaves when it is killed within a write, and then the watchdog's idle frames."""
     frame = framed(target(0))
     for length in range(len(frame)):
-        heard = [message for message in command_reader(SIZES).feed(frame[:length] + 40 * framed(IDLE))]
+        heard = [message for message in command_reader(JOINTS).feed(frame[:length] + 40 * framed(IDLE))]
         assert any(isinstance(message, Command) and message.idle for message in heard), length

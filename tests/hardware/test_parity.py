@@ -1,15 +1,15 @@
-"""A robot's policy sees and says what it would in simulation: same state, same observation, same targets."""
+"""A policy on the robot: the same observations and targets as in simulation for the same states."""
 
 import numpy as np
 import pytest
 from policies import as_file_content, random_policy
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.hardware.axes import backend_state, from_wire, quaternion, to_wire
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.motions import Walker
-from motorprior.hardware.protocol import Command, Sizes, Telemetry
-from motorprior.hardware.safety import SafetyGate
+from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.safety_gate import SafetyGate
+from motorprior.hardware.sign_conventions import backend_state, from_wire, to_wire
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
 from motorprior.locomotion.command import Commands
@@ -22,7 +22,7 @@ from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.world_config import WorldConfig
 
 WIRE = PUPPER_V2.require_wire()
-SIZES = Sizes.of(PUPPER_V2)
+JOINTS = 12
 
 
 class ShownBody:
@@ -58,29 +58,33 @@ class Spy:
         self._backend.close()
 
 
-def test_the_policy_on_the_robot_sees_and_says_what_it_does_in_simulation():
+def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation():
     """Two seconds of a random policy: env and wire side by side; the wire's float32 is all that is lost."""
     policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
     config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
     spy = Spy(MujocoBackend(lambda draw: fleet.sample(12, draw).actuator(), config))
-    env, walker, action = WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)), Walker(PUPPER_V2, policy), np.zeros(17)
+    env, motion, action = (
+        WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)),
+        PolicyMotion(PUPPER_V2, policy),
+        np.zeros(17),
+    )
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = ShownBody(spy.state)
-    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(SIZES)
+    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(JOINTS)
     gate = SafetyGate(PUPPER_V2, WIRE.safety, spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
-    gate.take_hold(spec.NOMINAL_POSE, 0.0)
+    gate.start_at(spec.NOMINAL_POSE, 0.0)
     for step in range(200):
         body.state = spy.state
         (telemetry,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
-        walker.forward, walker.yaw_rate = schedule[step]
-        target = walker(Measurement(from_wire(WIRE, telemetry), 0.0, 0.0))
-        np.testing.assert_allclose(walker.observation, observation, rtol=0, atol=2e-6)
+        motion.forward, motion.yaw_rate = schedule[step]
+        target = motion(Measurement(from_wire(WIRE, telemetry), 0.0, 0.0))
+        np.testing.assert_allclose(motion.observation, observation, rtol=0, atol=2e-6)
         act(policy.arrays(), observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
-        firmware.receive(command_frame(gate.admit(target, 0.01 * (step + 1)), SIZES))
+        firmware.receive(command_frame(gate.limited(target, 0.01 * (step + 1)), JOINTS))
         firmware.advance(0)
         assert not terminated
         np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)
@@ -96,22 +100,6 @@ def test_signs_on_the_wire_are_the_robot_s_own():
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
         np.testing.assert_array_equal(series, factor * to_wire(WIRE, angles))
     np.testing.assert_array_equal(seen.temp, angles)
-
-
-def test_a_target_on_the_wire_moves_the_joint_it_names(still_body):
-    firmware = Firmware(PUPPER_V2, still_body, FirmwareConfig(homes=False))
-    wire = spec.JOINT_SIGNS * spec.NOMINAL_POSE
-    wire[0] = -0.3
-    firmware.receive(command_frame(Command(pos=wire), SIZES))
-    firmware.advance(2000)
-    assert still_body.pos[0] < -0.29 and abs(still_body.pos[3]) < 1e-6
-
-
-def test_attitude_survives_the_way_through_a_quaternion():
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        angles = rng.uniform(-1.4, 1.4, 3)
-        np.testing.assert_allclose(roll_pitch_yaw(quaternion(*angles)), angles, atol=1e-12)
 
 
 def test_the_height_of_a_standing_robot_follows_from_its_legs():

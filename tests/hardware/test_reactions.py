@@ -1,323 +1,210 @@
-"""Every fault of the table in docs/hardware.md, on a virtual Pupper that walks: it is seen, and the safe state reached.
+"""Every fault of the table in docs/hardware.md, in simulated time: it is reported, and the safe state reached.
 
-What happens stands here, and in test_watchdog.py where the host is dead; how fast, in benchmarks/hardware.py.
+The operating system's part, the port and the watchdog, is in test_watchdog.py.
 """
 
-import os
 import signal
-import threading
-import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_faults import FaultyPort
 
+from full_disk import file_sizes_restored, limit_file_sizes
+from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop
-from motorprior.hardware.motions import Walker
-from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, StopRequest, run_armed
-from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.hardware.virtual.firmware import ERROR, IDLE, POSITION
-from motorprior.locomotion.policy import Policy
+from motorprior.hardware.commands import run_deploy, run_record
+from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.virtual.firmware import ERROR, IDLE
 from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from simulated_port import on_its_clock
 
-WIRE = PUPPER_V2.require_wire()
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
-STEPS_BEFORE, STEPS_AFTER = 30, 300
-SENSED = [
-    ("frozen", "FR_knee", {"stuck"}),
-    ("jumping", "FL_hip", {"implausible telemetry"}),
-    ("stalled", "RR_knee", {"stuck", "tracking"}),
-    ("dead", "FR_knee", {"stuck", "tracking", "fall"}),
-    ("tilted", None, {"fall"}),
-    ("hot_current", "RL_hip", {"current"}),
-    ("mute", None, {"stale telemetry"}),
-    ("lagging", None, {"stale telemetry"}),
-    ("restart", None, {"implausible telemetry"}),
-]
-BEFORE_RESTART = 2.0
-"""A clock that goes back by less [s] is that of an old frame: such a robot says nothing new, its telemetry is stale."""
+LIMITS = PUPPER_V2.require_wire().safety
+DROP, SIT = 1.0, 8.0
+"""[s] from a fault to an idle robot: dropped at once, or after coming to rest and sitting down."""
+
+
+@dataclass
+class Incident:
+    """A walk and what ended it."""
+
+    port: FaultyPort
+    began: float = np.nan
+    error: BaseException | None = None
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def reaction(self) -> float:
+        return next(at for at, what in self.port.events if what == IDLE and at >= self.began) - self.began
+
+    @property
+    def sat(self) -> bool:
+        """Whether it was in the pose in which losing current is soft when it lost it."""
+        return bool(np.abs(self.port.pose_at_idle - spec.CROUCH_POSE).max() < 0.35)
 
 
 @pytest.fixture
-def walker(trot: Path, virtual: Callable, host: Callable) -> Walker:
-    made = Walker(PUPPER_V2, Policy.load(trot))
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    made.warm_up(Measurement(Telemetry(**zeros, pos=np.zeros(12), vel=np.zeros(12)), 0.0, 0.0))
-    made.forward = 0.3
-    return made
+def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
+    """Deploy, and let something happen half a second into the walk."""
+
+    def walk(happens: Callable[[FaultyPort], object], currents: bool = False, seconds: float = 4.0) -> Incident:
+        port = FaultyPort(PUPPER_V2, currents)
+        incident = Incident(port)
+
+        def show(text: str) -> None:
+            incident.said.append(text)
+            if "m/s" in text and np.isnan(incident.began):
+                incident.began = port.now
+                happens(port)
+
+        with on_its_clock(port):
+            try:
+                settings = DeploySettings(out=tmp_path / "run", seconds=seconds, forward=0.3, yes=True)
+                run_deploy(PUPPER_V2, trot, "a port", settings, show)
+            except (ArtifactError, RobotFault, ValueError) as error:
+                incident.error = error
+        assert port.events[-1][1] in (IDLE, ERROR), "nothing moves it again"
+        return incident
+
+    return walk
 
 
-def walk_into(loop: ControlLoop, walker: Walker, disaster: Callable[[], object]) -> RobotFault:
-    """Walk, let something happen, and go on walking; the fault that ended it."""
-    with pytest.raises(RobotFault) as caught:
-        walk_until(loop, walker, disaster)
-    return caught.value
+ROBOT_FAULTS = [
+    ("frozen", "FR_knee", {"stuck"}, "idle"),
+    ("jumping", "FL_hip", {"implausible telemetry"}, "idle"),
+    ("stalled", "RR_knee", {"stuck", "tracking"}, "idle"),
+    ("dead", "FR_knee", {"stuck", "tracking", "fall"}, "idle"),
+    ("tilted", None, {"fall"}, "idle"),
+    ("hot_current", "RL_hip", {"current"}, "idle"),
+    ("mute", None, {"stale telemetry"}, "idle"),
+    ("lagging", None, {"stale telemetry"}, "idle"),
+    ("restart", None, {"implausible telemetry"}, "idle"),
+    ("hot_motor", "FL_knee", {"temperature"}, "crouch"),
+    ("flat", None, {"battery"}, "crouch"),
+    ("numb", None, {"frozen IMU"}, "crouch"),
+    ("blind", None, {"frozen IMU"}, "crouch"),
+]
 
 
-def walk_until(loop: ControlLoop, walker: Walker, disaster: Callable[[], object]) -> None:
-    steps = 0
-
-    def after_step(_: Measurement) -> None:
-        nonlocal steps
-        steps += 1
-        if steps == STEPS_BEFORE:
-            disaster()
-        assert steps < STEPS_BEFORE + STEPS_AFTER, "walked on"
-
-    loop.play(walker, Mode.WALK, after_step)
-
-
-@pytest.mark.parametrize(("kind", "joint", "found"), SENSED, ids=[row[0] for row in SENSED])
-def test_what_telemetry_shows_ends_in_idle(
-    virtual: Callable, host: Callable, when: Callable, walker: Walker, kind: str, joint: str | None, found: set[str]
+@pytest.mark.parametrize(("kind", "joint", "reported", "state"), ROBOT_FAULTS, ids=[row[0] for row in ROBOT_FAULTS])
+def test_a_fault_of_the_robot_ends_in_its_safe_state(
+    walk_into: Callable[..., Incident], tmp_path: Path, kind: str, joint: str | None, reported: set[str], state: str
 ):
-    pupper = virtual(currents=True)
-    robot = host(pupper.port)
-    index, broke = spec.JOINT_NAMES.index(joint) if joint else 0, 0.0
-
-    def break_down() -> None:
-        nonlocal broke
-        broke = pupper.break_down(kind, index)
-
-    if kind == "restart":
-        time.sleep(BEFORE_RESTART)
-    if kind == "lagging":  # the real limit: with a patient one, joints seen late look stuck first
-        robot.limits = replace(robot.limits, telemetry_age=WIRE.safety.telemetry_age)
-    robot.receive(time.monotonic() + 0.1)
-    with pytest.raises(RobotFault) as caught:
-        run(robot, lambda loop: walk_until(loop, walker, break_down))
-    fault = caught.value
-    assert fault.kind in found and fault.safe_state == "idle"
-    assert joint is None or fault.kind in ("fall", "implausible telemetry") or joint in str(fault)
-    idle = when(pupper, IDLE, broke)
-    time.sleep(0.1)
-    assert [event for at, event in pupper.events if at > idle] == [], "nothing moves it again"
-
-
-@pytest.mark.parametrize("full", [False, True], ids=["a buffer that can be emptied", "a buffer that stays full"])
-def test_a_robot_that_takes_no_more_bytes_is_said_and_idles_when_it_listens_again(
-    virtual: Callable, host: Callable, when: Callable, monkeypatch: pytest.MonkeyPatch, full: bool
-):
-    """While it is told to stand still: a joint that is led somewhere would be stuck before.
-
-    What the host cannot get rid of any more, the watchdog can.
-    """
-    pupper, steps = virtual(), 0
-    robot = host(pupper.port)
-    if full:
-        monkeypatch.setattr("motorprior.hardware.serial_link.termios.tcflush", lambda *_: None)
-
-    def stand(_: Measurement) -> np.ndarray | None:
-        nonlocal steps
-        steps += 1
-        if steps == STEPS_BEFORE:
-            pupper.break_down("deaf")
-        return spec.NOMINAL_POSE if steps < 10 * STEPS_AFTER else None
-
-    with pytest.raises(RobotFault, match="takes no more bytes") as caught:
-        run(robot, lambda loop: loop.play(stand, Mode.WALK))
-    assert caught.value.kind == "unplugged" and "by hand" in str(caught.value)
-    assert (robot._port.unsent > 0) == full, "what this test is about"
-    pupper._faults.clear()
-    when(pupper, IDLE)
-
-
-def test_the_firmware_giving_up_is_heard(virtual: Callable, host: Callable, stand_up: Callable, walker: Walker):
-    """12 A, which a host without currents cannot see; the firmware can, and takes the current away by itself."""
-    pupper = virtual()
-    robot = host(pupper.port)
-    fault = walk_into(stand_up(robot), walker, lambda: pupper.break_down("surge", 4))
-    assert fault.kind == "firmware" and "ERROR" in str(fault)
-    assert pupper.firmware.mode == ERROR
-
-
-def test_unplugging_is_said_with_what_to_do(virtual: Callable, host: Callable, stand_up: Callable, walker: Walker):
-    pupper = virtual()
-    robot = host(pupper.port)
-    fault = walk_into(stand_up(robot), walker, lambda: pupper.break_down("unplugged"))
-    assert fault.kind == "unplugged" and "by hand" in str(fault)
-    robot.idle()  # cannot reach it any more, and must not fail
-
-
-def run(robot: RobotLink, work: Callable, stop: StopRequest | None = None) -> None:
-    """`run_armed` with a watchdog that would be a minute late: it is not the one who makes the robot idle."""
-    robot.limits = replace(robot.limits, watchdog=60.0)
-    run_armed(robot, Gains.of(WIRE), stop or StopRequest(), work)
-
-
-def slow(_: Measurement) -> None:
-    time.sleep(0.1)
-
-
-def test_a_slow_host_sits_down_and_idles(
-    virtual: Callable, host: Callable, walker: Walker, when: Callable, sits: Callable
-):
-    pupper = virtual()
-    robot = host(pupper.port)
-    robot.limits = replace(robot.limits, tick_delay=0.09)
-
-    def work(loop: ControlLoop) -> None:
-        loop.play(walker, Mode.WALK, slow)
-
-    with pytest.raises(RobotFault) as caught:
-        run(robot, work)
-    assert caught.value.kind == "slow host" and caught.value.safe_state == "crouch"
-    when(pupper, IDLE)
-    assert sits(pupper)
-
-
-@pytest.mark.parametrize("error", [ValueError("a bug"), np.full(12, np.nan)], ids=["exception", "not finite"])
-def test_an_error_in_the_program_sits_down_and_idles(
-    virtual: Callable, host: Callable, when: Callable, sits: Callable, error: Exception | np.ndarray
-):
-    pupper = virtual()
-    robot = host(pupper.port)
-
-    def broken(_: Measurement) -> np.ndarray:
-        if isinstance(error, Exception):
-            raise error
-        return error
-
-    with pytest.raises((ValueError, RobotFault), match=r"a bug|not 12 finite angles"):
-        run(robot, lambda loop: loop.play(broken, Mode.WALK))
-    when(pupper, IDLE)
-    assert sits(pupper)
-
-
-def test_a_hanging_host_is_idled_by_the_watchdog(
-    virtual: Callable, host: Callable, stand_up: Callable, walker: Walker, when: Callable
-):
-    """And when the host comes back it hears so, instead of walking on."""
-    pupper = virtual()
-    robot = host(pupper.port)
-    hung_at = 0.0
-
-    def hang() -> None:
-        nonlocal hung_at
-        hung_at = time.monotonic()
-        when(pupper, IDLE, hung_at)
-
-    robot.limits = replace(robot.limits, telemetry_age=float("inf"))
-    loop = stand_up(robot)
-    fault = walk_into(loop, walker, hang)
-    assert fault.kind == "watchdog" and "silent" in str(fault)
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["dead", "asleep"])
-def test_the_death_of_the_watchdog_sits_down_and_idles(
-    virtual: Callable, host: Callable, walker: Walker, when: Callable, sits: Callable, number: signal.Signals
-):
-    """Asleep, it is found when its pipe is full, after a second; nobody waits for it while the robot moves."""
-    pupper = virtual()
-    robot = host(pupper.port)
-    steps = 0
-
-    def after_step(_: Measurement) -> None:
-        nonlocal steps
-        steps += 1
-        if steps == STEPS_BEFORE:
-            assert robot._guardian is not None
-            os.kill(robot._guardian.pid, number)
-
-    with pytest.raises(RobotFault, match="watchdog process is dead"):
-        run(robot, lambda loop: loop.play(walker, Mode.WALK, after_step))
-    when(pupper, IDLE)
-    assert sits(pupper)
-    targets = [at for at, event in pupper.events if event == "target"]
-    assert np.diff(targets).max() < 0.5, "targets never stop coming"
-
-
-@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
-def test_a_signal_sits_down_and_idles(
-    virtual: Callable, host: Callable, walker: Walker, when: Callable, sits: Callable, number: signal.Signals
-):
-    from motorprior.hardware.session import stop_on_signals
-
-    pupper = virtual()
-    robot = host(pupper.port)
-    with stop_on_signals() as stop:
-        timer = threading.Timer(1.3, lambda: os.kill(os.getpid(), number))
-        timer.start()
-        try:
-            run(robot, lambda loop: loop.play(walker, Mode.WALK), stop)
-        finally:  # a run that a fault ended before leaves no signal for pytest
-            timer.cancel()
-            timer.join()
-    assert stop.reason == number.name
-    when(pupper, IDLE)
-    assert sits(pupper)
-
-
-def test_many_signals_drop_the_robot_and_do_not_hinder_it(
-    virtual: Callable, deploying: Callable, trot: Path, tmp_path: Path, when: Callable
-):
-    """Somebody who leans on Ctrl-C: the second one drops everything, the others change nothing."""
-    pupper = virtual()
-    walking = deploying(pupper.port, trot, tmp_path / "run")
-    first = when(pupper, POSITION, patience=30.0)
-    time.sleep(max(0.0, first + 1.5 - time.monotonic()))
-    pressed = time.monotonic()
-    while walking.poll() is None and time.monotonic() < pressed + 5.0:
-        os.kill(walking.pid, signal.SIGINT)
-        time.sleep(0.004)
-    assert when(pupper, IDLE, pressed) - pressed < 0.5 and pupper.events[-1][1] == IDLE
-    assert walking.wait(timeout=10.0) in (2, -signal.SIGINT)
-
-
-@pytest.mark.parametrize(
-    ("kind", "joint", "found"),
-    [
-        ("hot_motor", "FL_knee", "temperature"),
-        ("flat", None, "battery"),
-        ("numb", None, "frozen IMU"),
-        ("blind", None, "frozen IMU"),
-    ],
-)
-def test_what_leaves_time_sits_down_and_idles(
-    virtual: Callable,
-    host: Callable,
-    walker: Walker,
-    when: Callable,
-    sits: Callable,
-    kind: str,
-    joint: str | None,
-    found: str,
-):
-    pupper = virtual()
-    robot = host(pupper.port)
     index = spec.JOINT_NAMES.index(joint) if joint else 0
-    with pytest.raises(RobotFault) as caught:
-        run(robot, lambda loop: walk_until(loop, walker, lambda: pupper.break_down(kind, index)))
-    assert caught.value.kind == found and (joint is None or joint in str(caught.value))
-    when(pupper, IDLE)
-    assert sits(pupper)
+    incident = walk_into(lambda port: port.inject(kind, index), currents=kind == "hot_current")
+    fault = incident.error
+    assert isinstance(fault, RobotFault) and fault.kind in reported and fault.safe_state == state
+    assert joint is None or fault.kind in ("fall", "implausible telemetry") or joint in str(fault)
+    assert incident.reaction < (DROP if state == "idle" else SIT)
+    assert incident.sat == (state == "crouch")
+    facts = read_json(tmp_path / "run" / "run.json")
+    assert (facts["outcome"], facts["message"]) == (fault.kind, str(fault))
+    assert facts["frames"]["accepted"] > 100 and facts["settings"]["forward"] == 0.3
 
 
-@pytest.mark.parametrize("room", [0, 40_000])
-def test_a_full_disk_sits_down_and_idles(
-    virtual: Callable,
-    host: Callable,
-    walker: Walker,
-    when: Callable,
-    sits: Callable,
-    tmp_path: Path,
-    full_disk: Callable,
-    room: int,
+def test_the_firmware_giving_up_is_reported(walk_into: Callable[..., Incident]):
+    """12 A, which a host without currents cannot see; the firmware removes the current by itself."""
+    incident = walk_into(lambda port: port.inject("surge", 4))
+    assert isinstance(incident.error, RobotFault) and incident.error.kind == "firmware"
+    assert incident.port.firmware.mode == ERROR
+
+
+def raise_an_error(_: FaultyPort) -> None:
+    raise ValueError("a bug")
+
+
+HOST_FAULTS = [
+    (lambda port: port.pause_host(LIMITS.tick_delay + 0.01), "slow host"),
+    (raise_an_error, "program error"),
+    (lambda _: limit_file_sizes(0), "recording"),
+]
+
+
+@pytest.mark.parametrize(("happens", "outcome"), HOST_FAULTS, ids=[row[1] for row in HOST_FAULTS])
+def test_after_a_fault_of_the_host_the_robot_sits_down(
+    walk_into: Callable[..., Incident], tmp_path: Path, happens: Callable, outcome: str
 ):
-    """The disk is a limit of the file size here; without any room not even the header can be written."""
-    pupper = virtual()
-    robot = host(pupper.port, recorder=Recorder(PUPPER_V2, tmp_path / "run.csv"))
-    with full_disk(room), pytest.raises(ArtifactError, match=r"run\.csv: cannot write"):
-        run(robot, lambda loop: loop.play(walker, Mode.WALK))
-    when(pupper, IDLE)
-    assert sits(pupper)
-    if room:
-        assert read_robot_run(tmp_path / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows > 10
+    with file_sizes_restored():
+        incident = walk_into(happens)
+    assert incident.error is not None and incident.sat and incident.reaction < SIT
+    if outcome == "recording":
+        assert read_robot_run(tmp_path / "run" / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows > 10
+    else:
+        assert read_json(tmp_path / "run" / "run.json")["outcome"] == outcome
+
+
+def test_targets_that_are_not_finite_are_not_sent(walk_into: Callable[..., Incident], monkeypatch: pytest.MonkeyPatch):
+    def break_policy(_: FaultyPort) -> None:
+        monkeypatch.setattr(PolicyMotion, "__call__", lambda *_: np.full(12, np.nan))
+
+    incident = walk_into(break_policy)
+    assert isinstance(incident.error, RobotFault) and incident.error.kind == "impossible command" and incident.sat
+
+
+def test_a_pause_within_the_limit_is_ridden_out(walk_into: Callable[..., Incident], tmp_path: Path):
+    incident = walk_into(lambda port: port.pause_host(LIMITS.tick_delay - 0.01), seconds=1.5)
+    assert incident.error is None and incident.sat
+    figures = read_json(tmp_path / "run" / "figures.json")
+    assert figures["period_jitter_ms/max"] > 80.0 and figures["telemetry_age_ms/p99"] < 20.0
+    assert read_json(tmp_path / "run" / "run.json")["outcome"] == "time"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP])
+def test_a_signal_sits_the_robot_down(walk_into: Callable[..., Incident], tmp_path: Path, number: signal.Signals):
+    incident = walk_into(lambda _: signal.raise_signal(number))
+    assert incident.error is None and incident.sat
+    assert read_json(tmp_path / "run" / "run.json")["outcome"] == number.name
+
+
+def test_a_second_signal_drops_the_robot_and_more_change_nothing(walk_into: Callable[..., Incident]):
+    def press_often(_: FaultyPort) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    incident = walk_into(press_often)
+    assert isinstance(incident.error, RobotFault) and incident.error.kind == "stopped" and incident.reaction < DROP
+
+
+def test_a_fault_while_the_robot_sits_down_does_not_start_the_walk_again(
+    walk_into: Callable[..., Incident], tmp_path: Path
+):
+    def stop_and_break(port: FaultyPort) -> None:
+        signal.raise_signal(signal.SIGINT)
+        port.inject("flat")
+
+    incident = walk_into(stop_and_break)
+    assert isinstance(incident.error, RobotFault) and incident.error.kind == "battery" and incident.sat
+    modes = [int(row.split(",")[1]) for row in (tmp_path / "run" / "run.csv").read_text().splitlines()[1:]]
+    assert modes == sorted(modes) and modes[-1] == Mode.CROUCH
+
+
+def test_a_hung_robot_does_not_crouch(tmp_path: Path):
+    port = FaultyPort(PUPPER_V2, hung=True)
+    with on_its_clock(port):
+        run_record(PUPPER_V2, "a port", RecordSettings(tmp_path / "run", "sine", seconds=1.0, yes=True), print)
+    assert port.events[-1][1] == IDLE and np.abs(port.pose_at_idle - spec.CROUCH_POSE).max() > 0.35
+
+
+def test_clipped_targets_are_counted(
+    trot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk_into: Callable[..., Incident]
+):
+    """Thirty control steps with a target beyond an end stop, and a warm-up step."""
+    walk, steps = PolicyMotion.__call__, 0
+
+    def beyond(self: PolicyMotion, measurement) -> np.ndarray:
+        nonlocal steps
+        steps += 1
+        return np.where((np.arange(12) == 3) & (1 < steps <= 31), 9.0, walk(self, measurement))
+
+    monkeypatch.setattr(PolicyMotion, "__call__", beyond)
+    walk_into(lambda _: None, seconds=0.8)
+    facts = read_json(tmp_path / "run" / "run.json")
+    assert facts["position_clips"] == 30 and facts["slew_clips"] >= 1

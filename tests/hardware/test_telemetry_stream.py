@@ -1,4 +1,4 @@
-"""Which frames are believed, and how old they are said to be."""
+"""Which frames are accepted, and how old they are."""
 
 from dataclasses import replace
 
@@ -20,25 +20,25 @@ def frame(ts: float, **values) -> Telemetry:
 
 
 def running(frames: int = 100) -> TelemetryStream:
-    """100 Hz, 3 ms on the way."""
+    """100 Hz, 3 ms of transmission."""
     stream = TelemetryStream(WIRE.safety)
     for n in range(frames):
-        assert stream.take(frame(10.0 * n), 5.0 + 0.01 * n + 0.003) is not None
+        assert stream.accept(frame(10.0 * n), 5.0 + 0.01 * n + 0.003) is not None
     return stream
 
 
-def test_age_is_what_a_frame_waited_beyond_the_quickest_way():
+def test_age_is_the_delay_beyond_the_shortest_transmission():
     stream = running()
-    late = stream.take(frame(1000.0), 6.0 + 0.003 + 0.04)
+    late = stream.accept(frame(1000.0), 6.0 + 0.003 + 0.04)
     assert late is not None and late.arrival - late.sampled == pytest.approx(0.04)
 
 
-def test_a_damaged_stamp_that_looks_possible_makes_no_other_frame_look_old():
-    """25 ms ahead: any real frame could be, once; the three that follow look overtaken, no later one looks late."""
+def test_a_damaged_time_stamp_does_not_make_later_frames_look_old():
+    """25 ms ahead, which a real frame could be; the three that follow look overtaken."""
     stream = running()
-    assert stream.take(frame(1025.0), 6.003) is not None
-    assert [stream.take(frame(1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)] == [True, True, False]
-    later = stream.take(frame(1040.0), 6.043)
+    assert stream.accept(frame(1025.0), 6.003) is not None
+    assert [stream.accept(frame(1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)] == [True, True, False]
+    later = stream.accept(frame(1040.0), 6.043)
     assert later is not None and later.arrival - later.sampled == pytest.approx(0.0)
 
 
@@ -46,7 +46,7 @@ def test_a_drifting_clock_is_followed():
     """100 ppm for ten minutes are 60 ms."""
     stream, ages = TelemetryStream(WIRE.safety), []
     for n in range(60_000):
-        measurement = stream.take(frame(round(10.0 * n * (1 - 1e-4))), 0.01 * n)
+        measurement = stream.accept(frame(round(10.0 * n * (1 - 1e-4))), 0.01 * n)
         if measurement is not None:
             ages.append(measurement.arrival - measurement.sampled)
     assert max(ages) < 0.004 and stream.impossible == 0
@@ -54,7 +54,7 @@ def test_a_drifting_clock_is_followed():
 
 def test_duplicates_and_overtaken_frames_are_dropped():
     stream = running()
-    assert stream.take(frame(990.0), 6.0) is None and stream.take(frame(980.0), 6.01) is None
+    assert stream.accept(frame(990.0), 6.0) is None and stream.accept(frame(980.0), 6.01) is None
     assert stream.repeated == 2
 
 
@@ -72,19 +72,19 @@ def test_duplicates_and_overtaken_frames_are_dropped():
     ],
     ids=str,
 )
-def test_a_frame_that_no_robot_can_be_in_is_not_believed(values: dict):
+def test_an_impossible_frame_is_not_accepted(values: dict):
     stream = running()
-    assert stream.take(replace(frame(1000.0), **values), 6.003) is None and stream.impossible == 1
-    after = stream.take(frame(1010.0), 6.013)
-    assert after is not None and after.arrival - after.sampled == pytest.approx(0.0), "the clock is not misled"
+    assert stream.accept(replace(frame(1000.0), **values), 6.003) is None and stream.impossible == 1
+    after = stream.accept(frame(1010.0), 6.013)
+    assert after is not None and after.arrival - after.sampled == pytest.approx(0.0), "the clock offset is unchanged"
     assert stream.impossible_in_a_row == 0
 
 
-def test_a_row_of_impossible_frames_is_a_fault():
+def test_several_impossible_frames_in_a_row_are_a_fault():
     stream = running()
     for n in range(WIRE.safety.implausible_frames):
         check_stream(stream, WIRE.safety, 6.0)
-        stream.take(frame(1000.0 + 10 * n, pos=np.full(12, 0.9)), 6.003 + 0.01 * n)
+        stream.accept(frame(1000.0 + 10 * n, pos=np.full(12, 0.9)), 6.003 + 0.01 * n)
     with pytest.raises(RobotFault, match="implausible"):
         check_stream(stream, WIRE.safety, 6.04)
 
@@ -92,7 +92,7 @@ def test_a_row_of_impossible_frames_is_a_fault():
 def test_a_restart_of_the_robot_is_a_fault():
     stream = running(1000)
     for n in range(3):
-        stream.take(frame(10.0 * n), 16.0 + 0.01 * n)
+        stream.accept(frame(10.0 * n), 16.0 + 0.01 * n)
     with pytest.raises(RobotFault, match="implausible"):
         check_stream(stream, WIRE.safety, 16.04)
 
@@ -103,8 +103,8 @@ def test_old_telemetry_is_a_fault_whether_it_stops_or_is_late():
     with pytest.raises(RobotFault, match="stale"):
         check_stream(stream, WIRE.safety, 6.2)
     for n in range(1, 4):  # frames keep coming, each 150 ms late
-        stream.take(frame(990.0 + 10.0 * n), 6.14 + 0.01 * n)
+        stream.accept(frame(990.0 + 10.0 * n), 6.14 + 0.01 * n)
     with pytest.raises(RobotFault, match="stale"):
         check_stream(stream, WIRE.safety, 6.171)
-    with pytest.raises(RobotFault, match="nothing came yet"):
+    with pytest.raises(RobotFault, match="none yet"):
         check_stream(TelemetryStream(WIRE.safety), WIRE.safety, 0.0)

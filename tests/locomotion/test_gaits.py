@@ -1,6 +1,5 @@
 """Which foot touches down after which, and that every gait is its own mirror image."""
 
-
 import numpy as np
 import pytest
 

@@ -1,6 +1,5 @@
 """A mirror swaps left and right, twice is nothing, and a symmetric policy cannot limp."""
 
-
 import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS

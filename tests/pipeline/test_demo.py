@@ -1,4 +1,4 @@
-"""The demo, as small as it gets: every figure and every chapter, and a second run that finds it all done."""
+"""A minimal demo: every figure and every section, and a second run that repeats no stage."""
 
 import math
 import re
@@ -22,15 +22,12 @@ WITHOUT_LOGS = (
     *(f"{figure}/{model}" for figure in ("standing_torque_hf", "hung_torque_hf") for model in MODELS),
     *(f"{figure}/{name}" for figure in ("own_speed", "own_upright") for name in CONDITIONS),
     *(f"{figure}/{name}" for figure in ("twin_speed", "twin_upright", "twin_drift") for name in CONDITIONS),
-    *("mj_step_share/rollout", "seconds"),
 )
-MEASURED_AGAIN = re.compile("seconds|.*mj_step_share/.*|control_steps_per_s/.*|.*_over_.*")
 WITH_LOGS = ("Your motors",)
 CHAPTERS = (
-    *("Bench: excitation and response", "Motor prior: what makes motors differ", "Torque fit: open loop, one step"),
+    *("Bench: excitation and response", "Motor prior: how motors differ", "Torque fit: open loop, one step"),
     *("Closed loop on the bench", "Closed loop inside the robot", "Real robot logs", "Learning to walk", "Transfer"),
     "Robustness",
-    "Where the time goes",
 )
 
 STAGES = ("bench", "priors", "validate", "replay", "walk", "transfer", "robustness")
@@ -94,21 +91,11 @@ def test_the_page_has_every_chapter(demo: Run):
     assert chapters(demo.page) == [*first, *CHAPTERS]
 
 
-def test_the_page_needs_nothing_but_itself(demo: Run):
-    elsewhere = (
-        r"""(?:src|href|srcset|data|action)\s*=\s*["']?\s*(?:https?:)?//|url\(\s*["']?\s*(?:https?:)?//|@import"""
-    )
-    assert re.findall(elsewhere, demo.page) == []
-
-
 def test_a_second_run_finds_every_stage_done(demo: Run):
     before = {stage: modified(demo.config.out / stage) for stage in STAGES}
     run_demo(replace(demo.config, workers=1))
     assert {stage: modified(demo.config.out / stage) for stage in STAGES} == before
-    again = finished(demo.config).figures
-    assert again.keys() == demo.figures.keys()
-    changed = {name for name, value in again.items() if value != demo.figures[name]}
-    assert [name for name in changed if not MEASURED_AGAIN.fullmatch(name)] == []
+    assert finished(demo.config).figures == demo.figures
 
 
 def test_the_page_of_an_unfinished_demo_shows_what_is_there(demo: Run, tmp_path: Path):
@@ -119,19 +106,12 @@ def test_the_page_of_an_unfinished_demo_shows_what_is_there(demo: Run, tmp_path:
     assert CHAPTERS[0] in found and CHAPTERS[1] not in found
 
 
-@pytest.fixture
-def moved(demo: Run, tmp_path: Path) -> Demo:
-    """The same demo in a folder of another place."""
-    shutil.copytree(demo.config.out, tmp_path / "elsewhere")
-    return replace(demo.config, out=tmp_path / "elsewhere")
-
-
-def test_stages_of_other_settings_are_not_shown(moved: Demo, monkeypatch: pytest.MonkeyPatch):
+def test_stages_of_other_settings_are_not_shown(demo: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def interrupted(*args: object) -> None:
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as context, pytest.raises(KeyboardInterrupt):
-        context.setattr(demo_module, "run_bench", interrupted)
-        run_demo(replace(moved, seed=moved.seed + 1, logs=None))
-    page = build_report(moved.out).read_text("utf-8")
-    assert chapters(page) == ["Real robot logs"] and "Where the time goes" not in page and "None were given" in page
+    shutil.copytree(demo.config.out, tmp_path / "moved")
+    monkeypatch.setattr(demo_module, "run_bench", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_demo(replace(demo.config, out=tmp_path / "moved", seed=demo.config.seed + 1, logs=None))
+    assert chapters(build_report(tmp_path / "moved").read_text("utf-8")) == ["Real robot logs"]

@@ -11,7 +11,7 @@ from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError
 from motorprior.pipeline.demo import _Stages
 from motorprior.pipeline.progress import SILENT
-from motorprior.pipeline.report import belonging_stages
+from motorprior.pipeline.report import finished_stages
 from motorprior.pipeline.stage import MARKER, description, in_parallel, is_finished, locked, seconds_of, working
 
 WANTED = {"stage": "walk", "config": {"seed": 0}}
@@ -85,7 +85,7 @@ def test_only_the_stages_that_the_settings_ask_for_belong_to_a_run(tmp_path: Pat
     stages = _Stages(tmp_path)
     for name in ("walk/rollout_0", "validate"):
         stages.run(name, lambda name=name: work(name))
-    assert belonging_stages(tmp_path) == ["validate", "walk/rollout_0"]
+    assert finished_stages(tmp_path) == ["validate", "walk/rollout_0"]
     _Stages(tmp_path).run("walk/rollout_0", lambda: None)
-    assert belonging_stages(tmp_path) == ["walk/rollout_0"]
+    assert finished_stages(tmp_path) == ["walk/rollout_0"]
     assert read_json(tmp_path / "validate" / MARKER)["stage"] == "walk"

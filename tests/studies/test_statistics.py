@@ -35,7 +35,7 @@ def test_the_interquartile_mean_is_that_of_the_middle_half():
     assert iqm(np.array([[7.0]])) == 7.0
 
 
-def test_what_is_not_known_counts_neither_as_high_nor_as_low():
+def test_nan_scores_are_ignored():
     known = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
     with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, np.inf, 4.0])
     assert iqm(np.where(np.isinf(with_gaps), np.nan, with_gaps)) == iqm(known) == 3.0
@@ -45,23 +45,23 @@ def test_what_is_not_known_counts_neither_as_high_nor_as_low():
     np.testing.assert_allclose(rows, [2.0, 1.5])
 
 
-def test_an_interval_covers_the_truth_about_as_often_as_it_says():
+def test_intervals_have_their_nominal_coverage():
     found = [estimate(one, resamples=300) for one, _ in studies(200)]
     covered = np.mean([each.low <= 0.0 <= each.high for each in found])
     assert 0.86 < covered < 0.995
     assert all(each.low <= each.value <= each.high for each in found)
 
 
-def test_without_a_difference_few_comparisons_find_one():
+def test_p_values_without_a_difference_are_uniform():
     p = np.array([compare_scores(one, other, resamples=2).p for one, other in studies(200)])
     assert np.mean(p < 0.05) < 0.09 and 0.4 < np.mean(p < 0.5) < 0.6
 
 
-def test_a_study_without_differences_seldom_finds_one_after_the_correction():
-    """Where policies differ and draws do not: a bootstrap of policies finds one in four of ten such studies."""
+def test_the_corrected_family_wise_error_is_below_its_level():
+    """Policies differ and samples of motors do not."""
     rng, found = np.random.default_rng(5), 0
     for _ in range(400):
-        of_policies = rng.standard_normal((2, 6, 1))  # what a policy does on a twin it does on the others, in part
+        of_policies = rng.standard_normal((2, 6, 1))  # correlated between environments
         scores = 0.7 * of_policies + 0.7 * rng.standard_normal((2, 6, 12))
         p_values = {twin: permutation_p(*scores[:, :, twin]) for twin in range(12)}
         found += min(holm(p_values).values()) < 0.05
@@ -69,7 +69,7 @@ def test_a_study_without_differences_seldom_finds_one_after_the_correction():
 
 
 @pytest.mark.parametrize(("first", "second"), [(4, 4), (3, 6), (2, 5)])
-def test_the_test_is_scipys(first: int, second: int):
+def test_permutation_p_is_scipys(first: int, second: int):
     rng = np.random.default_rng(first)
     one, other = rng.standard_normal(first) + 0.7, rng.standard_normal(second)
 
@@ -80,22 +80,21 @@ def test_the_test_is_scipys(first: int, second: int):
     assert permutation_p(one, other) == permutation_p(other, one) == pytest.approx(wanted.pvalue)
 
 
-def test_few_policies_are_never_sure():
+def test_p_values_of_few_policies_have_their_lower_bound():
     assert permutation_p(np.ones(2), np.zeros(2)) == pytest.approx(1 / 3)
     assert permutation_p(np.ones(8), np.zeros(8)) == pytest.approx(2 / 12_870)
-    assert permutation_p(np.ones(12), np.zeros(12)) == pytest.approx(1 / 20_000), "of so many ways some are drawn"
+    assert permutation_p(np.ones(12), np.zeros(12)) == pytest.approx(1 / 20_000), "sampled permutations"
     assert permutation_p(np.array([np.nan]), np.ones(3)) == 1.0
     assert permutation_p(np.array([1.0, np.nan, 1.0]), np.zeros(2)) == pytest.approx(1 / 3)
 
 
-def test_draws_that_a_policy_shares_make_the_interval_wider():
-    """The walks of a policy are no independent ones: of 4 policies there are 4, however often they walk."""
+def test_walks_of_one_policy_are_not_independent():
     policies = np.array([0.1, 0.2, 0.3, 0.4])[:, None] + np.zeros((4, 200))
     nested, naive = estimate(policies), estimate(policies.reshape(-1, 1))
     assert nested.high - nested.low > 4.0 * (naive.high - naive.low) > 0.0
 
 
-def test_shared_draws_tell_more():
+def test_shared_samples_narrow_the_interval():
     rng = np.random.default_rng(3)
     luck = rng.standard_normal(12)
     one, other = (luck + level + 0.02 * rng.standard_normal((4, 12)) for level in (0.2, 0.0))
@@ -135,15 +134,14 @@ def test_holm_is_the_textbooks():
     assert holm({}) == {}
 
 
-def test_signs_of_pairs_are_changed_in_all_ways():
-    """Of 2^3 ways to give signs to 1, 2 and 3 two have a sum of 6 or -6; four of 2^2 of 1 and 1 with an unknown one."""
+def test_sign_p_enumerates_all_signs():
     assert sign_p(np.array([1.0, 2.0, 3.0])) == 2 / 8
     assert sign_p(np.array([1.0, np.nan, 1.0])) == 2 / 4
     assert sign_p(np.array([1.0, -1.0])) == 1.0
     assert sign_p(np.array([np.nan])) == 1.0
 
 
-def test_robots_that_differ_more_than_policies_hide_nothing_from_a_comparison_of_pairs():
+def test_paired_comparison_is_independent_of_differences_between_robots():
     rng = np.random.default_rng(5)
     robots = rng.standard_normal((8, 1)) + 0.01 * rng.standard_normal((8, 16))
     better = robots + 0.1 + 0.01 * rng.standard_normal((8, 16))

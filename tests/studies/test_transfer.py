@@ -1,4 +1,4 @@
-"""The transfer study, as small as it gets: every condition in every environment, resumed to the same bytes."""
+"""A minimal transfer study: every condition in every environment, resumable to the same bytes."""
 
 import shutil
 from pathlib import Path
@@ -8,11 +8,11 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ConfigError
+from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.settings import CONDITIONS, Study
 from motorprior.studies.transfer import difference_table, headline_table, run_study, summarise
+from motorprior.studies.walk_table import OWN, OWN_FOREIGN, WalkRow, WalkTable
 from motorprior.studies.walks import WALKS
-from motorprior.transfer.places import TWINS
-from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkRow, WalkTable
 
 FIXED = {"ideal_pd", "tuned_pd", "pd_friction", "pd_adapted", "prior_mean", "one_network"}
 DRAWS = 2
@@ -30,22 +30,22 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 
 @pytest.mark.slow
-def test_every_policy_walks_every_draw_where_it_belongs(done: Study):
+def test_every_policy_walks_every_draw_in_its_environments(done: Study):
     table = WalkTable.load(done.out / WALKS)
-    for place in (OWN, *TWINS):
+    for place in (OWN, *ENVIRONMENTS):
         for condition in CONDITIONS:
             if condition == "untrained":
                 assert len(table.at(place, condition)) == (0 if place == OWN else DRAWS)
                 continue
             draws = 1 if place == OWN and condition in FIXED else DRAWS
             assert table.scores(place, condition, "speed").shape == (done.seeds, draws)
-    assert set(table.at(OWN_ABROAD).distinct("condition")) == {"oracle", "prior_adapted", "pd_adapted"}
+    assert set(table.at(OWN_FOREIGN).distinct("condition")) == {"oracle", "prior_adapted", "pd_adapted"}
 
 
 @pytest.mark.slow
 def test_figures_have_intervals_and_p_values(done: Study):
     figures = read_json(done.out / "figures.json")
-    for twin in TWINS:
+    for twin in ENVIRONMENTS:
         for condition in CONDITIONS:
             low, value, high = (figures[f"{twin}/{condition}/upright{end}"] for end in ("/low", "", "/high"))
             assert low <= value <= high
@@ -59,7 +59,7 @@ def test_figures_have_intervals_and_p_values(done: Study):
 
 
 @pytest.mark.slow
-def test_an_interrupted_study_goes_on_to_the_same_bytes(done: Study):
+def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
     before = (done.out / WALKS).read_bytes()
     shutil.rmtree(done.out / "watched" / "prior_0")
     (done.out / "walk" / "prior_1" / "stage.json").unlink()
@@ -94,7 +94,7 @@ def test_a_clear_difference_is_significant_and_none_is_not():
     ("change", "argument"),
     [({"foreign": "pupper_v2"}, "foreign"), ({"conditions": ("nothing",)}, "conditions"), ({"motors": 4}, "motors")],
 )
-def test_impossible_studies_are_refused(tmp_path: Path, change: dict, argument: str):
-    with pytest.raises(ConfigError) as refusal:
+def test_invalid_settings_are_an_error(tmp_path: Path, change: dict, argument: str):
+    with pytest.raises(ConfigError) as error:
         Study(tmp_path, **change).sized()
-    assert refusal.value.argument == argument
+    assert error.value.argument == argument

@@ -13,7 +13,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.real_replay import COMMAND_PERIOD
+from motorprior.transfer.log_replay import COMMAND_PERIOD
 
 STEPS = 600
 LEAD_IN = 500

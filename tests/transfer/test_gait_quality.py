@@ -1,4 +1,4 @@
-"""Measures of a walk, on walks that were made by hand and whose measures are known."""
+"""Measures of constructed walks with known values."""
 
 from dataclasses import replace
 
@@ -11,8 +11,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.foot_motion import FootMotion
 from motorprior.simulation.rollout import Episode
 from motorprior.transfer import gait_quality as module
-from motorprior.transfer.gait_quality import GaitQuality, gait_quality
-from motorprior.transfer.quality_results import quality_results
+from motorprior.transfer.gait_quality import GaitQuality, gait_quality, quality_results
 
 DT, STEPS, JOINTS = ROBOT.control_dt, 500, ROBOT.num_joints
 TIME = DT * np.arange(STEPS)
@@ -37,14 +36,14 @@ def measured(episode: Episode, forward: float = 0.3, yaw_rate: float = 0.0) -> G
     return gait_quality(ROBOT, episode, forward, yaw_rate, STEPS)
 
 
-def test_a_walk_as_it_was_told():
+def test_a_walk_that_follows_its_command_has_no_error():
     found = measured(gliding(height=0.1))
     assert found.speed == pytest.approx(0.3) and found.upright == 1.0
     for name in ("speed_error", "heading_deg_per_m", "lateral_share", "slip", "roll_deg", "pitch_deg", "torque"):
         assert getattr(found, name) == pytest.approx(0.0, abs=1e-9), name
 
 
-def test_speed_is_along_the_robots_own_heading_and_its_error_a_share_of_the_command():
+def test_speed_is_along_the_heading_and_its_error_relative_to_the_command():
     assert measured(gliding(0.27)).speed_error == pytest.approx(0.1)
     away = measured(gliding(0.3, aside=0.15, yaw=0.5))
     assert away.speed == pytest.approx(0.3)
@@ -54,20 +53,20 @@ def test_speed_is_along_the_robots_own_heading_and_its_error_a_share_of_the_comm
     assert slowly.speed_error == pytest.approx(0.2), "a tenth of the fastest command, 0.5 m/s"
 
 
-def test_the_share_to_the_side_is_of_the_line_that_it_was_told_to_walk():
+def test_lateral_share_is_relative_to_the_commanded_line():
     assert measured(gliding(0.3, aside=0.015)).lateral_share == pytest.approx(0.05)
     assert measured(gliding(0.3, aside=-0.015, yaw=2.5)).lateral_share == pytest.approx(0.05)
 
 
-def test_a_heading_that_drifts_is_told_per_metre():
+def test_heading_drift_is_per_metre():
     found = measured(gliding(0.3, yaw=0.1 * TIME))
     way = 0.3 * (STEPS - 1 - 100) * DT
     assert found.heading_deg_per_m == pytest.approx(np.degrees(0.1 * TIME[-1]) / way)
 
 
-def test_a_turn_as_it_was_told_is_no_heading_error_and_nothing_to_the_side():
+def test_a_commanded_turn_is_no_error():
     """The command comes into force over half a second, and a heading goes round."""
-    yaw = told_heading(0.6)
+    yaw = commanded_heading(0.6)
     assert 2.0 * yaw.max() > np.pi
     found = measured(gliding(0.3, yaw=yaw), yaw_rate=0.6)
     assert found.heading_deg_per_m == pytest.approx(0.0, abs=1e-6)
@@ -76,8 +75,8 @@ def test_a_turn_as_it_was_told_is_no_heading_error_and_nothing_to_the_side():
     assert wrong.heading_deg_per_m > 10.0
 
 
-def told_heading(rate: float) -> np.ndarray:
-    """(steps,) heading [rad] before every control step of who obeys `follow_command` at once."""
+def commanded_heading(rate: float) -> np.ndarray:
+    """(steps,) heading [rad] before every control step that follows `follow_command` exactly."""
     body, gait, headings = body_of(ROBOT), new_gait(JOINTS, len(ROBOT.legs)), [0.0]
     for _ in range(STEPS - 1):
         follow_command(body, gait, 0.3, rate, DT, np.zeros(observation_size(JOINTS)))
@@ -85,12 +84,12 @@ def told_heading(rate: float) -> np.ndarray:
     return np.array(headings)
 
 
-def test_feet_that_stay_on_the_ground_slide_all_the_way_and_feet_in_the_air_do_not():
+def test_dragged_feet_slip_the_whole_distance_and_lifted_feet_do_not():
     assert measured(gliding()).slip == pytest.approx(1.0, rel=0.01)
     assert measured(gliding(height=0.02)).slip == 0.0
 
 
-def test_the_lift_of_a_foot_is_its_highest_clearance_in_the_middle_one_of_its_swings():
+def test_foot_lift_is_the_median_of_the_maximum_clearance_of_swings():
     episode, leg = gliding(), ROBOT.legs[1]
     _, hip, knee = leg.joints
     for begin, height in ((110, 0.01), (200, 0.03), (300, 0.02), (490, 0.9)):  # the last one does not end
@@ -119,9 +118,7 @@ def trotting(lifts: np.ndarray, way: float) -> FootMotion:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_foot_that_drags_in_six_of_ten_steps_is_told_so_though_the_others_are_lifted(
-    monkeypatch: pytest.MonkeyPatch, way: float
-):
+def test_dragged_steps_count_a_foot_that_drags_in_six_of_ten_steps(monkeypatch: pytest.MonkeyPatch, way: float):
     """Ten whole steps; in three of the six it is lifted by less than 2 mm, in three not at all."""
     lifts = np.full((4, 12), 0.02)
     lifts[0, [1, 2, 3]], lifts[0, [6, 7, 8]] = 0.0, 0.0015
@@ -159,7 +156,7 @@ def test_torque_and_cost_of_transport():
     assert found.transport == pytest.approx(1.2 / (ROBOT.weight * 0.3)), "only the third joint moves"
 
 
-def test_a_walk_that_fell_is_measured_up_to_the_fall_and_one_that_fell_at_once_got_nowhere():
+def test_a_walk_is_measured_up_to_its_fall_and_an_early_fall_has_speed_zero():
     fell = measured(gliding(0.3, steps=300))
     assert fell.upright == 0.0 and fell.speed == pytest.approx(0.3)
     assert measured(replace(gliding(), fault=1)).upright == 0.0
@@ -167,7 +164,7 @@ def test_a_walk_that_fell_is_measured_up_to_the_fall_and_one_that_fell_at_once_g
     assert (late.speed, early.speed) == (pytest.approx(0.3), 0.0), "a second is left, and a little less"
     tumbles = gliding(0.3, steps=300)
     tumbles.motion[-45:, 3:5] = 9.0
-    assert measured(tumbles).body_rate == pytest.approx(fell.body_rate), "who tumbles does not walk"
+    assert measured(tumbles).body_rate == pytest.approx(fell.body_rate), "tumbling is not measured"
     at_once = measured(gliding(steps=150))
     assert (at_once.upright, at_once.speed, at_once.speed_error) == (0.0, 0.0, 1.0) and np.isnan(
         at_once.foot_lift_mm

@@ -1,4 +1,4 @@
-"""A log's posture is what it states, or the one in which its motors replay it; falls are not compared."""
+"""The posture of a log is the logged one, or that with the lower replay error; falls are not compared."""
 
 from dataclasses import replace
 
@@ -7,30 +7,30 @@ import pytest
 
 from motorprior.logs.motor_log import POSTURES
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.transfer.log_replay import Replayer, prepare
 from motorprior.transfer.posture import FALLEN_TILT, find_posture, with_posture
-from motorprior.transfer.real_replay import Replayer, prepare
 
 CODE = {name: code for code, name in enumerate(POSTURES)}
 
 
 @pytest.mark.parametrize("hung", [True, False])
-def test_replays_tell_a_hung_robot_from_a_standing_one(record_log, fleet, hung: bool):
+def test_replays_distinguish_a_suspended_robot_from_a_standing_one(record_log, fleet, hung: bool):
     log = record_log(fleet.sample(ROBOT.num_joints, 3).actuator(), hung)
     found = find_posture(log, prepare(log, ROBOT, "log"), ROBOT, fleet.center(ROBOT.num_joints).actuator())
     assert found.name == ("hung" if hung else "standing")
     assert "mrad standing" in found.evidence and "mrad hung" in found.evidence
 
 
-def test_a_stated_posture_is_believed_and_its_own_motors_replay_the_log_exactly(record_log, fleet):
+def test_a_logged_posture_is_used_and_the_true_motors_replay_the_log_exactly(record_log, fleet):
     motors = fleet.center(ROBOT.num_joints).actuator()
     log = with_posture(record_log(motors, hung=True), "hung")
-    assert find_posture(log, log, ROBOT, motors).evidence == "hung, as the log states"
+    assert find_posture(log, log, ROBOT, motors).evidence == "hung, as logged"
     error = {name: np.nanmax(Replayer(both, ROBOT, both).run(motors).rmse) for name in ("hung", "standing")
              for both in [with_posture(log, name)]}  # fmt: skip
     assert error["hung"] < 1e-3 < 10e-3 < error["standing"]
 
 
-def test_rows_from_a_fall_on_are_not_compared(record_log, fleet):
+def test_rows_after_a_fall_are_not_compared(record_log, fleet):
     motors = fleet.center(ROBOT.num_joints).actuator()
     log = record_log(motors, hung=False)
     tilt, spoiled = np.zeros((log.num_rows, 2)), log.joint_pos.copy()

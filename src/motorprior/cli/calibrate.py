@@ -9,7 +9,7 @@ import tyro
 
 from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.replay.calibrate import FLEET, PICTURE, PRIOR_BANDS, Calibrate, run_calibrate
-from motorprior.report.calibration_tables import calibrated_constants, calibration_errors, optima
+from motorprior.report.tables import calibrated_constants, calibration_errors, optima
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,17 @@ from motorprior.cli.real_motors import show_real_motors
 from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
-from motorprior.pipeline.demo import FIGURES, Demo, DemoResult, run_demo
+from motorprior.pipeline.demo import Demo, DemoResult, run_demo
+from motorprior.pipeline.stage import FIGURES
 
 _ALWAYS = ("seed",)
 _NO_MATTER = ("out", "workers")
 """What the result does not depend on."""
 
 
-def demo(config: Demo, started: float | None = None) -> None:
-    """See `run_demo`; prints what was found, and where the time went."""
-    _show(config, run_demo(config, TERMINAL, started, demo_command(config), show_real_motors))
+def demo(config: Demo) -> None:
+    """See `run_demo`; prints its tables."""
+    _show(config, run_demo(config, TERMINAL, demo_command(config), show_real_motors))
 
 
 def demo_command(config: Demo) -> str:
@@ -45,5 +46,4 @@ def _show(config: Demo, found: DemoResult) -> None:
             "(Apache-2.0): --logs FOLDER"
         )
     show_transfer(found.results)
-    seconds = found.results.value(quantity="seconds")
-    print(f"Report: {found.page}   Figures: {config.out / FIGURES}   {seconds:.0f} s")
+    print(f"Report: {found.page}   Figures: {config.out / FIGURES}")

@@ -18,7 +18,7 @@ from motorprior.robots.load import load_robot
 
 @dataclass(frozen=True)
 class Deploy:
-    """Walk a robot: look at it, arm, stand up, walk, sit down, record."""
+    """Walk a robot: check, arm, stand up, walk, sit down, record."""
 
     policy: tyro.conf.Positional[Path]
     """Policy that `motorprior walk` wrote."""
@@ -29,7 +29,7 @@ class Deploy:
 
 
 def run_deploy_command(config: Deploy) -> None:
-    """Deploy and print how well the clock was kept.
+    """Deploy, and print the timing of the control loop.
 
     Raises:
         ConfigError: pyserial or msgpack is not installed.
@@ -37,12 +37,12 @@ def run_deploy_command(config: Deploy) -> None:
     """
     require_robot_extra()
     from motorprior.hardware.commands import run_deploy
-    from motorprior.hardware.terminal import careful
+    from motorprior.hardware.teleop import non_blocking
 
     Policy.load(config.policy)  # before a virtual robot is started for nothing
-    say = careful(TERMINAL.note, sys.stderr)
+    show = non_blocking(TERMINAL.note, sys.stderr)
     with config.choice.open() as port:
-        results = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, say)
+        results = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, show)
     if results:
         rows = [[name, f"{value:.3f}"] for name, value in results.to_figures().items()]
-        table("Clock", ["figure", "value"], rows)
+        table("Control loop", ["figure", "value"], rows)

@@ -1,4 +1,4 @@
-"""``motorprior doctor``: diagnosis of a robot before it moves."""
+"""``motorprior doctor``: checks of a robot before it moves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Doctor:
     seconds: float = 3.0
     """Duration of the check [s]."""
     idle: bool = False
-    """Take the current from the motors first, so that legs can be moved by hand; a standing robot sinks."""
+    """Remove the current from the motors first, so that legs move by hand; a standing robot sinks."""
 
 
 def run_doctor_command(config: Doctor) -> None:
@@ -30,13 +30,13 @@ def run_doctor_command(config: Doctor) -> None:
 
     Raises:
         ConfigError: pyserial or msgpack is not installed.
-        RobotFault: after the table, if something is not as it should be.
+        RobotFault: after the table, if a check failed.
     """
     require_robot_extra()
-    from motorprior.hardware.commands import require_well, run_doctor
+    from motorprior.hardware.commands import require_ok, run_doctor
 
     with config.choice.open() as port:
-        found = run_doctor(load_robot(config.choice.kind), port, config.seconds, config.idle)
-    rows = [["ok" if one.well else "BAD", one.check, one.finding, "" if one.well else one.remedy] for one in found]
+        checks = run_doctor(load_robot(config.choice.kind), port, config.seconds, config.idle)
+    rows = [["ok" if one.ok else "BAD", one.name, one.finding, "" if one.ok else one.remedy] for one in checks]
     table(f"{port}, {config.seconds:g} s", ["", "check", "finding", "remedy"], rows)
-    require_well(found)
+    require_ok(checks)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from functools import partial
 from typing import Annotated, Any, NoReturn, Union
-
-_STARTED = time.monotonic()
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
@@ -31,7 +28,6 @@ from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
-from motorprior.cli.virtual_robot import VirtualRobotCommand, run_virtual_robot  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
 from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
@@ -45,7 +41,7 @@ LOGS: dict[str, tuple[type, Any]] = {
     "check": (LogsCheck, run_logs_check),
 }
 COMMANDS: dict[str, tuple[type, Any]] = {
-    "demo": (Demo, partial(demo, started=_STARTED)),
+    "demo": (Demo, demo),
     "calibrate": (CalibrateCommand, run_calibrate_command),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (IdentifyCommand, partial(run_identify, progress=TERMINAL)),
@@ -60,7 +56,6 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "doctor": (Doctor, run_doctor_command),
     "deploy": (Deploy, run_deploy_command),
     "record": (Record, run_record_command),
-    "virtual-robot": (VirtualRobotCommand, run_virtual_robot),
     "report": (MakeReport, run_report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])

@@ -33,12 +33,12 @@ def run_record_command(config: Record) -> None:
     """
     require_robot_extra()
     from motorprior.hardware.commands import run_record
-    from motorprior.hardware.terminal import careful
+    from motorprior.hardware.teleop import non_blocking
 
-    say = careful(TERMINAL.note, sys.stderr)
+    show = non_blocking(TERMINAL.note, sys.stderr)
     settings, choice = config.settings, config.choice
     if choice.virtual and not settings.standing:
         choice = replace(choice, robot=replace(choice.robot, hung=True))
     with choice.open() as port:
-        log = run_record(load_robot(choice.kind), port, settings, say)
-    say(f"{log}: next, motorprior logs check {log}")
+        log = run_record(load_robot(choice.kind), port, settings, show)
+    show(f"{log}: next, motorprior logs check {log}")

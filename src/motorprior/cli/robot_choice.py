@@ -1,4 +1,4 @@
-"""Which robot a command talks to: a port, or a virtual one."""
+"""The robot of a command: at a port, or virtual."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.virtual.virtual_robot import Virtual, living
+from motorprior.pipeline.virtual_robot import VirtualRobotSettings, running_virtual_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
@@ -16,12 +16,12 @@ class RobotChoice:
     """A robot at a port, or a virtual one."""
 
     port: str | None = None
-    """Serial port, for example /dev/ttyACM0; the only one there is if not given."""
+    """Serial port, for example /dev/ttyACM0; the only one if not given."""
     kind: str = DEFAULT_ROBOT
-    """Which robot: a shipped one by name."""
+    """Name of a shipped robot."""
     virtual: bool = False
     """Start a virtual robot and use it."""
-    robot: Virtual = field(default_factory=Virtual)
+    robot: VirtualRobotSettings = field(default_factory=VirtualRobotSettings)
     """The virtual robot."""
 
     @contextlib.contextmanager
@@ -29,19 +29,19 @@ class RobotChoice:
         """Its port, while this is open.
 
         Raises:
-            ConfigError: both a port and a virtual robot, none, or several ports.
+            ConfigError: both a port and a virtual robot; no port, or several.
             RobotFault: the virtual robot did not start.
         """
         if self.virtual and self.port is not None:
             raise ConfigError(f"--port {self.port} and --virtual", remedy="give one of them")
-        if not self.virtual and self.robot != Virtual():
+        if not self.virtual and self.robot != VirtualRobotSettings():
             raise ConfigError(
                 "settings of a virtual robot without --virtual", remedy="give --virtual, or leave them out"
             )
         if not self.virtual:
-            from motorprior.hardware.commands import the_port
+            from motorprior.hardware.serial_link import the_port
 
             yield the_port(self.port)
             return
-        with living(self.kind, self.robot) as port:
+        with running_virtual_robot(self.kind, self.robot) as port:
             yield port

@@ -1,4 +1,4 @@
-"""``motorprior transfer``: every policy in its own simulation and on the twin, or the whole study of it."""
+"""``motorprior transfer``: policies in their training simulation and on the twin, or the whole study."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
 from motorprior.studies.settings import Study
 from motorprior.studies.transfer import TABLES, run_study
-from motorprior.transfer.study import DRAWS
+from motorprior.transfer.twin import DRAWS
 
 
 @dataclass(frozen=True)
 class TransferCommand(Transfer, Study):
-    """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise.
+    """Evaluate policies in their training simulation and on the twin: unseen motors, 1 kHz, encoder noise.
 
     With --study, policies are trained on each model of a bench's motors, with several seeds, and evaluated in their
     training simulation and four environments; the folder gets walks.csv, figures.json and report.html.
@@ -30,8 +30,8 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """The whole study, about two hours on two cores; a rerun continues where it stopped. The options from foreign to
-    quick, and those of the executor, are for it."""
+    """The whole study, about two hours on two cores; a rerun resumes. Options from foreign to quick, and those of the
+    executor, are for it."""
 
 
 def transfer(config: TransferCommand) -> None:
@@ -42,9 +42,7 @@ def transfer(config: TransferCommand) -> None:
         values = {field.name: getattr(config, field.name) for field in fields(Transfer)}
         return show_transfer(run_transfer(Transfer(**values), TERMINAL))
     if config.walks or config.engine is not None:
-        raise ConfigError(
-            "a study trains its own policies in its own engines", remedy="give neither walks nor an engine"
-        )
+        raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
     run_study(Study(**given), TERMINAL, _command(given))
     CONSOLE.print(Markdown((config.out / TABLES).read_text("utf-8")))
     print(config.out / PAGE)
@@ -52,7 +50,7 @@ def transfer(config: TransferCommand) -> None:
 
 
 def _command(given: dict) -> str:
-    """What makes the same page again."""
+    """The command line of these settings, for the page."""
     words = ["motorprior", "transfer", "--study"]
     for field in fields(Study):
         value, option = given[field.name], f"--{field.name.replace('_', '-')}"
@@ -66,13 +64,12 @@ def _command(given: dict) -> str:
 
 
 def _refuse_others(given: dict, known: tuple[str, ...]) -> None:
-    """Refuse a study's options without a study."""
+    """Reject options of a study without --study."""
     for field in fields(Study):
         if field.name not in known and field.default is not MISSING and given[field.name] != field.default:
-            remedy = "run the whole study, or leave it out"
-            raise ConfigError(f"{field.name} is for the study", remedy=remedy, argument=field.name)
+            raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
 
 
 def show_transfer(results: Results) -> None:
-    """The transfer table on the terminal."""
-    table(f"Transfer, {DRAWS} motor draws x 5 s, means over seeds", TRANSFER_COLUMNS, transfer_rows(results))
+    """Print the transfer table."""
+    table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", TRANSFER_COLUMNS, transfer_rows(results))

@@ -1,7 +1,6 @@
-"""``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, safetensors, pyserial and msgpack.
+"""``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, safetensors, pyserial and msgpack only.
 
-The same commands and settings as elsewhere, without what those need on top for a simulated robot and a nice terminal.
-Also as ``python -m motorprior.hardware``.
+The same commands and settings as elsewhere, but no virtual robot. Also as ``python -m motorprior.hardware``.
 """
 
 from __future__ import annotations
@@ -15,29 +14,29 @@ from typing import Any, get_args, get_type_hints
 
 from motorprior.exceptions import ConfigError, MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
-from motorprior.hardware.terminal import Say, careful
+from motorprior.hardware.teleop import Print, non_blocking
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
-SECONDS = 3.0
-IDLE_FIRST = "take the current from the motors first, so that legs can be moved by hand; a standing robot sinks"
-
 
 def parser() -> argparse.ArgumentParser:
-    """The command line, made from the settings and their docstrings."""
-    top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or examine a robot.")
+    """The command line, from the settings and their docstrings."""
+    top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or check a robot.")
     commands = top.add_subparsers(dest="command", required=True)
     for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
         command = commands.add_parser(name)
-        command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one there is if not given")
-        command.add_argument("--kind", default=DEFAULT_ROBOT, help="which robot: a shipped one by name")
+        command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one if not given")
+        command.add_argument("--kind", default=DEFAULT_ROBOT, help="name of a shipped robot")
         if name == "deploy":
             command.add_argument("policy", type=Path, help="policy.safetensors")
-        if settings is None:
-            command.add_argument("--seconds", type=float, default=SECONDS, help="duration of the check [s]")
-            command.add_argument("--idle", action="store_true", help=IDLE_FIRST)
-        else:
+        if settings is not None:
             _add_options(command, settings)
+        else:
+            command.add_argument("--seconds", type=float, default=3.0, help="duration of the check [s]")
+            command.add_argument(
+                "--idle", action="store_true",
+                help="remove the current from the motors first, so that legs move by hand; a standing robot sinks",
+            )  # fmt: skip
     return top
 
 
@@ -48,7 +47,7 @@ def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
         if kind is bool:
             command.add_argument(option, action="store_true", help=texts[field.name])
             continue
-        choices = [word for words in (kind, *get_args(kind)) for word in get_args(words) if isinstance(word, str)]
+        choices = [choice for type_ in (kind, *get_args(kind)) for choice in get_args(type_) if isinstance(choice, str)]
         plain = next((inner for inner in get_args(kind) if isinstance(inner, type)), kind)
         command.add_argument(
             option, type=str if choices else plain, choices=choices or None, default=field.default,
@@ -66,49 +65,38 @@ def _texts(settings: type) -> dict[str, str]:
 
 def main() -> None:
     """Run a command line; exit code 2 and one line on bad input or a robot fault."""
-    say = careful(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
+    show = non_blocking(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
     try:
-        _require_no_virtual_robot(sys.argv[1:])
+        if virtual := [word for word in sys.argv[1:] if word == "--virtual" or word.startswith("--robot.")]:
+            raise ConfigError(f"{virtual[0]} needs the simulator", remedy="pip install 'motorprior[full,robot]'")
         arguments = vars(parser().parse_args())
         require_robot_extra()
-        _run(arguments, say)
+        _run(arguments, show)
     except (MotorPriorError, OSError) as error:
-        say(f"error: {error.on_command_line() if isinstance(error, MotorPriorError) else error}")
+        show(f"error: {error.on_command_line() if isinstance(error, MotorPriorError) else error}")
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
 
 
-def _require_no_virtual_robot(words: list[str]) -> None:
-    """Refuse options that need a simulator, which this computer lacks.
-
-    Raises:
-        ConfigError: a virtual robot was asked for.
-    """
-    asked = [word for word in words if word == "--virtual" or word.startswith("--robot.")]
-    if asked:
-        raise ConfigError(f"{asked[0]} needs the simulator", remedy="pip install 'motorprior[full,robot]'")
-
-
-def _run(arguments: dict[str, Any], say: Say) -> None:
-    from motorprior.hardware.commands import require_well, run_deploy, run_doctor, run_record, the_port
+def _run(arguments: dict[str, Any], show: Print) -> None:
+    from motorprior.hardware.commands import require_ok, run_deploy, run_doctor, run_record
+    from motorprior.hardware.serial_link import the_port
 
     command, policy = arguments.pop("command"), arguments.pop("policy", None)
     robot, port = load_robot(arguments.pop("kind")), the_port(arguments.pop("port"))
     if command == "deploy":
-        results = run_deploy(robot, policy, port, DeploySettings(**arguments), say)
+        results = run_deploy(robot, policy, port, DeploySettings(**arguments), show)
         for name, value in results.to_figures().items():
-            say(f"{name} {value:.4g}")
+            show(f"{name} {value:.4g}")
     elif command == "record":
-        say(f"recorded {run_record(robot, port, RecordSettings(**arguments), say)}")
+        show(f"recorded {run_record(robot, port, RecordSettings(**arguments), show)}")
     else:
-        found = run_doctor(robot, port, arguments["seconds"], arguments["idle"])
-        for line in found:
-            say(
-                f"{'ok ' if line.well else 'BAD'} {line.check}: {line.finding}"
-                + ("" if line.well else f" -> {line.remedy}")
-            )
-        require_well(found)
+        checks = run_doctor(robot, port, arguments["seconds"], arguments["idle"])
+        for check in checks:
+            remedy = "" if check.ok else f" -> {check.remedy}"
+            show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{remedy}")
+        require_ok(checks)
 
 
 if __name__ == "__main__":

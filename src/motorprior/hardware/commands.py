@@ -1,6 +1,6 @@
-"""The commands deploy, record and doctor: checks, the files they leave, and messages to the user.
+"""The commands deploy, record and doctor: checks of the settings, output files, and messages to the user.
 
-The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both end here.
+The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both call them.
 """
 
 from __future__ import annotations
@@ -10,198 +10,156 @@ from datetime import datetime
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware import deploy, excitation_run
+from motorprior.hardware import deploy
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.doctor import Diagnosis, examine
-from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.pilot import pilot, walks_alone
+from motorprior.hardware.doctor import Check, check_telemetry
+from motorprior.hardware.excitations import excitation_targets, excite, joints_of
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.run_facts import RunFacts
-from motorprior.hardware.serial_link import SerialLink, find_ports
+from motorprior.hardware.run_files import RunFiles
+from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import Gains, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
-from motorprior.hardware.terminal import HUNG, STANDING, WALKING, Say, ask_to_arm, require_terminal
+from motorprior.hardware.teleop import (
+    HUNG,
+    STANDING,
+    WALKING,
+    Print,
+    autonomous_speed,
+    confirm_arming,
+    require_terminal,
+    teleop,
+)
 from motorprior.locomotion.policy import Policy
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
-LOG = "run.csv"
-_FAST, _CAREFUL = 40.0, 8.0
-"""Fastest targets [rad/s], see `RecordSettings`."""
-_NEVER_PUSHED = (
-    "note: this policy was trained without pushes, and a pause of this computer may throw it over: measure how long a "
-    "pause it survives, and give that as longest_pause ('A machine that stands still' in docs/hardware.md)"
-)
-_SHORTEST_PAUSE = 0.02
-"""The shortest one that was measured [s]; nearly every computer pauses for less now and then."""
-_RECOGNISED = 0.3
-"""Time in which telemetry must prove that the device is a robot [s]."""
+_LOG = "run.csv"
+_FAST, _GENTLE = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
 
 
-def the_port(port: str | None) -> str:
-    """The port that was given, or the only one there is.
-
-    Raises:
-        ConfigError: none, or more than one.
-    """
-    if port is not None:
-        return port
-    found = find_ports()
-    if len(found) == 1:
-        return found[0]
-    if not found:
-        raise ConfigError(
-            "no serial port that a robot could be on", remedy="plug it in and switch it on, or give its name"
-        )
-    raise ConfigError(f"several ports: {', '.join(found)}", remedy="give one of them as port", argument="port")
-
-
-def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, say: Say) -> Results:
-    """Walk; returns how well its clock was kept.
+def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> Results:
+    """Walk with the policy at ``path``; returns the timing of the control loop.
 
     Raises:
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
-        RobotFault: why the walk ended early.
+        RobotFault: what ended the walk early.
     """
     _require("seconds", settings.seconds, 0.0, 1e6)
     policy = Policy.load(path)
     deploy.check_policy(robot, policy)
     gait = policy.commanded(robot).require_legs()
-    if settings.forward is not None:
-        _require("forward", settings.forward, *gait.forward, or_equal=True)
+    _require("forward", settings.forward, *gait.forward, or_equal=True)
     _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
-    command = walks_alone(gait) if settings.forward is None else settings.forward, settings.yaw_rate
+    command = autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, robot.require_wire().safety)
-    limits = _with_pause(robot.require_wire().safety, settings.longest_pause)
     if settings.dry_run:
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             seconds, has_imu = settings.seconds or 5.0, not settings.without_imu
-            steps = deploy.rehearse(link, policy, stop, seconds, say, command, has_imu)
-        say(f"dry run: {steps} control steps, nothing was sent")
+            steps = deploy.dry_run(link, policy, stop, seconds, show, command, has_imu)
+        show(f"dry run: {steps} control steps, nothing was sent")
         return Results()
     require_terminal(settings.yes)
-    if settings.longest_pause is None and never_pushed(policy):
-        say(_NEVER_PUSHED)
     out = settings.out or _dated("deploy")
-    facts, timing = RunFacts(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), limits, Recorder(robot, out / LOG))
-    with link, stop_on_signals() as stop, facts.kept(link, timing, policy.control_dt):
+    recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
+    link = RobotLink(robot, SerialLink(robot, port), recorder=recorder)
+    with link, stop_on_signals() as stop, files.written_at_end(link, timing, policy.control_dt):
 
         def confirm() -> None:
-            ask_to_arm(stop, settings.yes, WALKING, say)
+            confirm_arming(stop, settings.yes, WALKING, show)
             more = {"policy": str(path), "provenance": dict(policy.provenance)}
-            facts.begin("deploy", port, settings, gains, link, more)
+            files.begin("deploy", port, settings, gains, link, more)
 
-        run = deploy.walk(
+        files.outcome = deploy.walk(
             link, policy, gains, stop,
-            command=command, seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            pilot=lambda: pilot(gait, settings.forward, settings.yaw_rate), status=say, timing=timing,
+            seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
+            teleop=lambda: teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=timing,
         )  # fmt: skip
-        facts.outcome = run.stopped_by
-    say(f"stopped by {run.stopped_by}; {out / LOG}")
+    show(f"stopped by {files.outcome}; {out / _LOG}")
     return clock_results([timing], policy.control_dt)
 
 
-def never_pushed(policy: Policy) -> bool:
-    """Whether a policy says that nothing pushed its robots in training."""
-    randomization = policy.provenance.get("randomization")
-    return isinstance(randomization, dict) and randomization.get("push") == 0.0
-
-
-def run_record(robot: Robot, port: str, settings: RecordSettings, say: Say) -> Path:
-    """Excite and record; returns the log.
+def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -> Path:
+    """Excite and record; returns the recording.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a folder in use.
-        RobotFault: why it ended early; the recording is kept.
+        RobotFault: what ended it early; the recording is kept.
     """
-    wire = robot.require_wire()
+    safety, settings = robot.require_wire().safety, _with_defaults(robot, settings)
+    excitation, amplitude, speed = settings.excitation, settings.amplitude, settings.speed
+    assert excitation is not None and amplitude is not None and speed is not None, "defaults"
     _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
-    _require("amplitude", settings.amplitude, 0.0, 1.5)
-    excitation, amplitude = _excitation(settings), _amplitude(settings)
-    speed = _speed(settings, wire.safety.target_speed)
-    _require("speed", speed, 0.0, wire.safety.target_speed)
-    if settings.seed < 0:
-        raise ConfigError(f"seed {settings.seed} is below 0", remedy="give 0 or more", argument="seed")
-    gains = Gains.of(wire, settings.kp, settings.kd, settings.max_current)
-    _require_gains(gains, wire.safety)
+    _require("amplitude", amplitude, 0.0, 1.5)
+    _require("speed", speed, 0.0, safety.target_speed)
+    _require("seed", settings.seed, 0, 2**32, or_equal=True)
+    gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
+    _require_gains(gains, safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     require_terminal(settings.yes)
     out = settings.out or _dated("record")
-    used = replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
-    limits = replace(wire.safety, target_speed=speed)
+    limits = replace(safety, target_speed=speed)
     if not settings.standing:
-        limits = replace(limits, max_tilt=float("inf"))  # it may hang askew
-    facts, timing = RunFacts(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), limits, Recorder(robot, out / LOG))
-    with link, stop_on_signals() as stop, facts.kept(link, timing, robot.control_dt):
+        limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
+    recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
+    link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
+    with link, stop_on_signals() as stop, files.written_at_end(link, timing, robot.control_dt):
 
         def confirm() -> None:
-            ask_to_arm(stop, settings.yes, STANDING if settings.standing else HUNG, say)
-            facts.begin("record", port, used, gains, link)
+            confirm_arming(stop, settings.yes, STANDING if settings.standing else HUNG, show)
+            files.begin("record", port, settings, gains, link)
 
-        excitation_run.excite(
+        excite(
             link, targets, gains, stop,
             hung=not settings.standing, need_imu=settings.standing and not settings.without_imu,
-            confirm=confirm, status=say, timing=timing,
+            confirm=confirm, status=show, timing=timing,
         )  # fmt: skip
-        facts.outcome = stop.reason or "time"
-    return out / LOG
+        files.outcome = stop.reason or "time"
+    return out / _LOG
 
 
-def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Diagnosis]:
+def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
     """Check the telemetry of a robot; sends nothing, or only idle.
 
     Raises:
         ConfigError: less than a second.
-        RobotFault: nothing came, or the port is gone.
+        RobotFault: no telemetry, or the port is gone.
     """
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
-            examine(link, _RECOGNISED)  # an unknown device at the port gets no bytes
+            check_telemetry(link, 0.3)  # an unknown device at the port is sent nothing
             link.relax()
-        return examine(link, seconds)
+        return check_telemetry(link, seconds)
 
 
-def require_well(found: list[Diagnosis]) -> None:
-    """Refuse a robot with a finding that is not as it should be.
+def require_ok(checks: list[Check]) -> None:
+    """Check that all checks passed.
 
     Raises:
-        RobotFault: something is not as it should be.
+        RobotFault: at least one failed.
     """
-    bad = [one.check for one in found if not one.well]
-    if bad:
-        raise RobotFault("doctor", f"{', '.join(bad)}: not as it should be", remedy="see the remedies above")
+    failed = [check.name for check in checks if not check.ok]
+    if failed:
+        raise RobotFault("doctor", f"failed: {', '.join(failed)}", remedy="see the remedies above")
 
 
-def _amplitude(settings: RecordSettings) -> float:
-    """The largest amplitude [rad]; a smaller one on the ground, where feet that are pushed into it look blocked."""
-    if settings.amplitude is not None:
-        return settings.amplitude
-    return 0.1 if settings.standing else 0.4
-
-
-def _excitation(settings: RecordSettings) -> Excitation:
-    """Steps of a leg that carries would tip a standing robot."""
-    if settings.excitation is not None:
-        return settings.excitation
-    return "multisine" if settings.standing else "varied"
-
-
-def _speed(settings: RecordSettings, most: float) -> float:
-    """The fastest target [rad/s], no faster than the robot's ``most`` unless asked for.
-
-    In the air steps must be fast, to bring a motor to its limit of torque.
-    """
-    if settings.speed is not None:
-        return settings.speed
-    fast = _excitation(settings) in ("steps", "varied") and not settings.standing
-    return min(most, _FAST if fast else _CAREFUL)
+def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
+    """Excitation, amplitude and speed for a robot in the air or standing, where they are not given."""
+    standing = settings.standing
+    # Steps of a leg that carries weight would tip a standing robot.
+    excitation: Excitation = settings.excitation or ("multisine" if standing else "varied")
+    amplitude = settings.amplitude
+    if amplitude is None:  # small on the ground: feet that push into it look blocked
+        amplitude = 0.1 if standing else 0.4
+    speed = settings.speed
+    if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
+        fast = excitation in ("steps", "varied") and not standing
+        speed = min(robot.require_wire().safety.target_speed, _FAST if fast else _GENTLE)
+    return replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
 
 
 def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:
@@ -217,17 +175,6 @@ def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
     _require("kp", gains.kp, 0.0, limits.highest_kp)
     _require("kd", gains.kd, 0.0, limits.highest_kd)
     _require("max_current", gains.max_current, 0.0, limits.max_current)
-
-
-def _with_pause(limits: SafetyLimits, longest: float | None) -> SafetyLimits:
-    """Limits with a shorter pause to ride out [s].
-
-    The watchdog waits as long as before, so that after a pause between the two the host is there to sit down.
-    """
-    if longest is None:
-        return limits
-    _require("longest_pause", longest, _SHORTEST_PAUSE, limits.tick_delay, or_equal=True)
-    return replace(limits, tick_delay=longest)
 
 
 def _dated(command: str) -> Path:

@@ -1,52 +1,28 @@
-"""Let a trained policy walk a robot."""
+"""Walk a robot with a trained policy."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Timing
-from motorprior.hardware.motions import Walker
+from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, StopRequest, first_look, look_and_confirm, run_armed
+from motorprior.hardware.session import Gains, StopRequest, check_and_confirm, check_before_arming, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 
-GAIN_TOLERANCE = 0.15
-"""A policy's gains may differ from the robot's by this share: they come out of a fit."""
-_STATUS_EVERY = 50
-_WIND_DOWN = 1.0
-"""Time to come to rest before crouching [s]: of 36 walks on the twin that were stopped at full speed, 11 tilted beyond
-0.5 rad without it, none with it."""
-
-
-class Pilot(Protocol):
-    """A person who steers, with keyboard or gamepad."""
-
-    def command(self) -> tuple[float, float] | None:
-        """Speed [m/s] and yaw rate [rad/s], or None to stop."""
-        ...
-
-
-@dataclass(frozen=True)
-class Run:
-    """Outcome of a walk.
-
-    Attributes:
-        timing: of the walk.
-        stopped_by: "time", "pilot", or the name of a signal.
-    """
-
-    timing: Timing
-    stopped_by: str
+_GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit
+_STATUS_PERIOD = 50  # control steps
+# On the twin, 11 of 36 walks that crouched at once from full speed tilted beyond 0.5 rad; with it, none.
+_STOPPING_TIME = 1.0  # [s]
 
 
 def gains_for(
@@ -58,8 +34,8 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy.
 
-    A policy states the gains of the motors it was trained on in N·m/rad, a wire its own in A/rad; the torque constant
-    [N·m/A] is between them. The fleets were identified at the wire's, so where the two agree to 15 % these are sent.
+    A policy's gains are in N·m/rad, a wire's in A/rad; the torque constant [N·m/A] converts them. Where the two agree
+    to 15 % the wire's are sent, at which the fleets were identified.
 
     Args:
         robot: with a wire.
@@ -69,7 +45,7 @@ def gains_for(
         max_current: sent instead of the robot's own [A].
 
     Raises:
-        ConfigError: the policy's gains are others and none were given.
+        ConfigError: the policy was trained with other gains, and none were given.
     """
     wire = robot.require_wire()
     for name, unit, given, of_policy, of_robot, highest in (
@@ -77,11 +53,11 @@ def gains_for(
         ("kd", "A·s/rad", kd, policy.kd, wire.kd, wire.safety.highest_kd),
     ):
         wanted = of_policy / wire.torque_constant
-        if given is None and np.abs(wanted / of_robot - 1.0).max() > GAIN_TOLERANCE:
+        if given is None and np.abs(wanted / of_robot - 1.0).max() > _GAIN_TOLERANCE:
             mean = float(wanted.mean())
             raise ConfigError(
                 f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {of_robot:g}",
-                remedy=(f"give {name} {mean:.1f} if that is meant, or " if mean <= highest else "")
+                remedy=(f"give {name} {mean:.1f} if that is intended, or " if mean <= highest else "")
                 + "train it with the robot's gains",
                 argument=name,
             )
@@ -89,11 +65,11 @@ def gains_for(
 
 
 def check_policy(robot: Robot, policy: Policy) -> None:
-    """Refuse a policy that this robot cannot run.
+    """Check that this robot can run a policy.
 
     Raises:
-        ArtifactError: a damaged one.
-        ConfigError: one for another robot, other joints or another control period.
+        ArtifactError: the policy is damaged.
+        ConfigError: it is for another robot, other joints or another control period.
     """
     policy.check()
     policy.require_robot(robot)
@@ -110,52 +86,52 @@ def walk(
     seconds: float | None = None,
     need_imu: bool = True,
     confirm: Callable[[], None] = lambda: None,
-    pilot: Callable[[], AbstractContextManager[Pilot | None]] = nullcontext,
+    teleop: Callable[[], AbstractContextManager[Teleop | None]] = nullcontext,
     status: Callable[[str], None] = lambda _: None,
     timing: Timing | None = None,
-) -> Run:
-    """Look at the robot, arm it, stand up, walk, sit down.
+) -> str:
+    """Check the robot, arm it, stand up, walk, crouch; returns what ended it: "time", "operator" or a signal's name.
 
     Args:
         link: idle.
         policy: see `check_policy`.
         gains: to send.
         stop: ends the walk.
-        command: speed [m/s] and yaw rate [rad/s] where nobody steers; a ``pilot`` has its own to begin with.
+        command: speed [m/s] and yaw rate [rad/s] without ``teleop``.
         seconds: ends it too [s].
-        need_imu: refuse a robot whose IMU is not read.
-        confirm: the arm step; raises if the user does not want to.
-        pilot: opened when the robot walks, and asked at every control step.
+        need_imu: reject a robot whose IMU is not read.
+        confirm: raises if the user does not confirm arming.
+        teleop: opened when the robot walks, and read at every control step.
         status: gets a line twice a second.
-        timing: filled with the walk's, also if a fault ends it.
+        timing: filled, also if a fault ends the walk.
 
     Raises:
-        RobotFault: why the walk ended early; the robot is idle.
+        RobotFault: what ended the walk early; the robot is idle.
     """
-    walker = Walker(link.robot, policy, need_imu)
-    walker.rates_at_rest = look_and_confirm(link, confirm, need_imu, walker.warm_up).rates
-    timing, ended_by = timing or Timing(), ""
+    motion = PolicyMotion(link.robot, policy, need_imu)
+    motion.gyro_bias = check_and_confirm(link, confirm, need_imu, motion.warm_up).gyro_bias
+    ended_by = ""
 
     def work(loop: ControlLoop) -> None:
         end = time.monotonic() + seconds if seconds is not None else float("inf")
 
-        def motion(measurement: Measurement) -> np.ndarray | None:
+        def steered(measurement: Measurement) -> np.ndarray | None:
             nonlocal ended_by
-            wanted = steering.command() if steering is not None else command
+            wanted = operator.command() if operator is not None else command
             if wanted is None or time.monotonic() >= end:
-                ended_by = "pilot" if wanted is None else "time"
+                ended_by = "operator" if wanted is None else "time"
                 return None
-            walker.forward, walker.yaw_rate = wanted
-            return walker(measurement)
+            motion.forward, motion.yaw_rate = wanted
+            return motion(measurement)
 
-        with pilot() as steering:
-            loop.play(motion, Mode.WALK, _status_line(link, walker, status), timing)
+        with teleop() as operator:
+            loop.play(steered, Mode.WALK, _status_line(link, motion, status), timing)
 
-    run_armed(link, gains, stop, work, wind_down=lambda: walker.winding_down(_WIND_DOWN))
-    return Run(timing, ended_by or stop.reason or "")
+    run_armed(link, gains, stop, work, stopping=lambda: motion.stopping(_STOPPING_TIME))
+    return ended_by or stop.reason or ""
 
 
-def rehearse(
+def dry_run(
     link: RobotLink,
     policy: Policy,
     stop: StopRequest,
@@ -164,7 +140,7 @@ def rehearse(
     command: tuple[float, float] = (0.0, 0.0),
     has_imu: bool = True,
 ) -> int:
-    """Compute the targets of a policy for a command, and send nothing; returns the number of control steps.
+    """Compute a policy's targets from the robot's telemetry, and send nothing; returns the number of control steps.
 
     Args:
         link: idle.
@@ -173,24 +149,24 @@ def rehearse(
         seconds: ends it too [s].
         status: gets a line twice a second.
         command: speed [m/s] and yaw rate [rad/s].
-        has_imu: see `Walker`.
+        has_imu: see `PolicyMotion`.
 
     Raises:
-        RobotFault: targets that are not finite, or a robot that `first_look` or `RobotLink.check` refuses.
+        RobotFault: targets that are not finite, or see `check_before_arming` and `RobotLink.check`.
     """
-    walker = Walker(link.robot, policy, has_imu)
-    look = first_look(link, need_imu=False)
-    walker.warm_up(look.measurement)
-    walker.rates_at_rest = look.rates
-    walker.forward, walker.yaw_rate = command
-    show, steps = _status_line(link, walker, status), 0
+    motion = PolicyMotion(link.robot, policy, has_imu)
+    state = check_before_arming(link, need_imu=False)
+    motion.warm_up(state.measurement)
+    motion.gyro_bias = state.gyro_bias
+    motion.forward, motion.yaw_rate = command
+    show, steps = _status_line(link, motion, status), 0
     deadline = time.monotonic()
     end = deadline + seconds
     while deadline < end and not stop():
         deadline += policy.control_dt
         link.receive(deadline)
         measurement = link.check()
-        target = walker(measurement)
+        target = motion(measurement)
         if not np.all(np.isfinite(target)):
             raise RobotFault("impossible command", f"the policy's targets are {target.tolist()}")
         show(measurement)
@@ -198,21 +174,21 @@ def rehearse(
     return steps
 
 
-def _status_line(link: RobotLink, walker: Walker, status: Callable[[str], None]) -> Callable[[Measurement], None]:
-    """A function that gives ``status`` a line every 50 control steps."""
+def _status_line(link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]) -> Callable[[Measurement], None]:
+    """A function of the measurement that gives ``status`` a line every 50 control steps."""
     count, period = 0, link.robot.control_dt
 
     def show(measurement: Measurement) -> None:
         nonlocal count
         count += 1
-        if count % _STATUS_EVERY:
+        if count % _STATUS_PERIOD:
             return
         telemetry, stream = measurement.telemetry, link.stream
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
             f"{period * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  command "
-            f"{walker.forward:+.2f} m/s {walker.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
+            f"{motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
             f"{link.rejected + stream.impossible}{battery}"
         )
 

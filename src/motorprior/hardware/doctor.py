@@ -1,4 +1,4 @@
-"""Diagnosis of a robot at a port, before it is armed. Sends nothing."""
+"""Checks of a robot's telemetry before it is armed. Sends nothing."""
 
 from __future__ import annotations
 
@@ -16,61 +16,57 @@ from motorprior.robots.wire import SafetyLimits
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """One line of a doctor's report.
+class Check:
+    """One line of the doctor's report.
 
     Attributes:
-        check: name of the check.
+        name: what was checked.
         finding: the measured value.
-        well: whether the check passed.
+        ok: whether the check passed.
         remedy: what to do if it did not.
     """
 
-    check: str
+    name: str
     finding: str
-    well: bool
+    ok: bool
     remedy: str = ""
 
 
-def examine(link: RobotLink, seconds: float) -> list[Diagnosis]:
-    """Check the telemetry of some seconds.
-
-    Args:
-        link: idle.
-        seconds: how long [s].
+def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
+    """Check ``seconds`` [s] of telemetry.
 
     Raises:
-        RobotFault: the port is gone, or nothing came that can be read.
+        RobotFault: the port is gone, or no frame came.
     """
     started, before = time.monotonic(), link.stream.accepted
-    ages, heard, worst_age = [], [], 0.0
+    ages, telemetry, max_age = [], [], 0.0
     while time.monotonic() < started + seconds:
         link.receive(time.monotonic() + 0.005)
         latest = link.stream.latest
         if latest is not None:
-            worst_age = max(worst_age, time.monotonic() - latest.sampled)
+            max_age = max(max_age, time.monotonic() - latest.sampled)
             ages.append(latest.arrival - latest.sampled)
-            heard.append(latest.telemetry)
-    if not heard:
-        text = f"{len(link.text)} lines of text" if link.text else "nothing that is a frame"
+            telemetry.append(latest.telemetry)
+    if not telemetry:
+        found = f"{len(link.text)} lines of text" if link.text else "no frame"
         raise RobotFault(
-            "stale telemetry", f"{text} in {seconds:g} s", remedy="check power, cable and the firmware's version"
+            "stale telemetry", f"{found} in {seconds:g} s", remedy="check power, cable and the firmware's version"
         )
     return [
         _frames(link, (link.stream.accepted - before) / seconds),
-        Diagnosis("telemetry", f"{1e3 * np.median(ages):.1f} ms on the way, {1e3 * worst_age:.0f} ms old at most",
-                  worst_age < link.limits.telemetry_age, "close other programs, use another cable or port"),
-        _imu(heard, link.limits),
-        *_joints(link.robot, np.array([telemetry.pos for telemetry in heard])),
-        *_extras(link),
-        Diagnosis("text", link.text[-1] if link.text else "none", not any("ERROR" in line for line in link.text),
-                  "switch the robot off and on with its legs free"),
+        Check("telemetry", f"{1e3 * np.median(ages):.1f} ms delay, {1e3 * max_age:.0f} ms maximum age",
+              max_age < link.limits.telemetry_age, "close other programs, use another cable or port"),
+        _imu(telemetry, link.limits),
+        *_joints(link.robot, np.array([one.pos for one in telemetry])),
+        *_electrical(telemetry[-1], link.limits),
+        Check("text", link.text[-1] if link.text else "none", not any("ERROR" in line for line in link.text),
+              "switch the robot off and on with its legs free"),
     ]  # fmt: skip
 
 
-def _frames(link: RobotLink, rate: float) -> Diagnosis:
+def _frames(link: RobotLink, rate: float) -> Check:
     stream, damaged, wanted = link.stream, link.rejected + link.stream.impossible, 1.0 / link.robot.control_dt
-    return Diagnosis(
+    return Check(
         "frames",
         f"{rate:.0f} per second, {damaged} damaged, {stream.repeated} repeated",
         rate > 0.9 * wanted and damaged <= 0.01 * stream.accepted + 1,
@@ -78,48 +74,41 @@ def _frames(link: RobotLink, rate: float) -> Diagnosis:
     )
 
 
-def _imu(heard: list[Telemetry], limits: SafetyLimits) -> Diagnosis:
-    """Alive, and not the same for longer than a walk would allow."""
-    frozen, last = FrozenImu(limits), heard[-1]
+def _imu(telemetry: list[Telemetry], limits: SafetyLimits) -> Check:
+    """Whether it is read, and not frozen."""
+    frozen, last = FrozenImu(limits), telemetry[-1]
     finding = f"roll {last.roll:+.3f} rad, pitch {last.pitch:+.3f} rad"
     try:
-        for telemetry in heard:
-            frozen.check(telemetry, 1e-3 * telemetry.ts)
+        for one in telemetry:
+            frozen.check(one, 1e-3 * one.ts)
     except RobotFault as fault:
-        return Diagnosis("IMU", f"{finding}; {fault.problem}", False, fault.remedy or "")
+        return Check("IMU", f"{finding}; {fault.problem}", False, fault.remedy or "")
     remedy = "flash a firmware that reads the IMU; without it a fall cannot be detected"
-    return Diagnosis("IMU", finding, is_imu_alive(last), remedy)
+    return Check("IMU", finding, is_imu_alive(last), remedy)
 
 
-def _joints(robot: Robot, poses: np.ndarray) -> list[Diagnosis]:
-    """One line per joint: where it is, where it was, and its range."""
-    found = []
-    for joint, place in zip(robot.joints, poses.T, strict=True):
-        low, high = place.min(), place.max()
+def _joints(robot: Robot, poses: np.ndarray) -> list[Check]:
+    """Present angle, range covered and joint limits of each joint."""
+    checks = []
+    for joint, angles in zip(robot.joints, poses.T, strict=True):
+        low, high = angles.min(), angles.max()
         inside = joint.lower - 0.1 <= low and high <= joint.upper + 0.1
-        span = f"{joint.lower:+.2f} to {joint.upper:+.2f}"
-        finding = f"{place[-1]:+.3f} rad, was {low:+.3f} to {high:+.3f} of {span}"
+        limits = f"{joint.lower:+.2f} to {joint.upper:+.2f}"
+        finding = f"{angles[-1]:+.3f} rad, was {low:+.3f} to {high:+.3f}; limits {limits}"
         remedy = "switch the robot on with its legs free so that it finds its end stops"
-        found.append(Diagnosis(f"joint {joint.name}", finding, bool(inside), remedy))
-    return found
+        checks.append(Check(f"joint {joint.name}", finding, bool(inside), remedy))
+    return checks
 
 
-def _extras(link: RobotLink) -> list[Diagnosis]:
-    assert link.stream.latest is not None
-    telemetry, limits = link.stream.latest.telemetry, link.limits
-    found = []
-    if telemetry.cur is None:
-        found.append(Diagnosis("currents", "not sent (position only)", True))
-    else:
-        most = float(np.abs(telemetry.cur).max())
-        found.append(
-            Diagnosis("currents", f"up to {most:.2f} A", most < limits.measured_current, "something is blocked")
-        )
+def _electrical(telemetry: Telemetry, limits: SafetyLimits) -> list[Check]:
+    checks = [Check("currents", "not sent", True)]
+    if telemetry.cur is not None:
+        current = float(np.abs(telemetry.cur).max())
+        ok = current < limits.measured_current
+        checks = [Check("currents", f"up to {current:.2f} A", ok, "look for a blocked joint")]
     if telemetry.temp is not None:
         hottest = float(telemetry.temp.max())
-        found.append(
-            Diagnosis("temperature", f"up to {hottest:.0f} °C", hottest < limits.temperature, "let it cool down")
-        )
+        checks.append(Check("temperature", f"up to {hottest:.0f} °C", hottest < limits.temperature, "let it cool down"))
     if telemetry.bat is not None:
-        found.append(Diagnosis("battery", f"{telemetry.bat:.1f} V", telemetry.bat > limits.battery, "charge it"))
-    return found
+        checks.append(Check("battery", f"{telemetry.bat:.1f} V", telemetry.bat > limits.battery, "charge it"))
+    return checks

@@ -1,16 +1,22 @@
-"""Excitation of the motors of a hung or standing robot, within an amplitude and a speed."""
+"""Excite the motors of a hung or standing robot: the targets, and the run that plays them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
+from motorprior.hardware.control_loop import ControlLoop, Timing
+from motorprior.hardware.motions import played
+from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.session import Gains, StopRequest, check_and_confirm, run_armed
 from motorprior.hardware.settings import Excitation
+from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
+from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 
 _SIGNALS: dict[str, excitation.Signal] = {
@@ -19,14 +25,13 @@ _SIGNALS: dict[str, excitation.Signal] = {
     "steps": excitation.held_steps,
     "multisine": excitation.multisine,
 }
-_SLOW = 0.5
-"""Frequency and speed of the gait, as shares of the robot's usual frequency and highest speed [-]."""
-_FADE = 0.5
-"""The amplitude grows from 0, and goes back to it, in this time [s]."""
+_SLOW = 0.5  # frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
+_FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
+_STATUS_PERIOD = 500  # control steps
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
-    """Indices of the joints named by ``all``, a joint (FR_knee), or a part of joints' names: a leg (FR), a kind (knee).
+    """Indices of the joints named ``all``, a joint (FR_knee), or a part of joint names: a leg (FR), a kind (knee).
 
     Raises:
         ConfigError: no joint has that name.
@@ -53,39 +58,36 @@ def excitation_targets(
 ) -> np.ndarray:
     """(steps, joints) targets [rad] about the nominal pose.
 
-    Every joint gets a signal of its own, scaled to ``amplitude`` at its largest, and then down until no target is
-    faster than ``speed``; `gait` is a trot of the whole robot, scaled likewise. Steps are the exception: a step has no
-    speed, the gate slows it down to ``speed``. Half of
-    `varied` is a multisine, the other half steps of one joint after the other.
+    Every joint gets a signal of its own, scaled to ``amplitude`` and then down to ``speed``; ``gait`` is a trot of the
+    whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits their slew rate. ``varied`` is
+    a multisine of all joints in its first half, and then steps of one joint after the other.
 
     Args:
-        robot: whose nominal pose, limits and control period hold.
+        robot: its nominal pose, limits and control period hold.
         kind: of the signal, see `bench.excitation`.
-        joints: which joints move.
+        joints: that move.
         seconds: duration [s].
-        amplitude: largest distance from the nominal pose [rad].
-        speed: fastest target [rad/s].
+        amplitude: maximum distance from the nominal pose [rad].
+        speed: limit of the targets [rad/s].
         seed: of the random signals.
 
     Raises:
-        ConfigError: it would move none of the joints: a trot does not move the abductions; or a trot without legs.
+        ConfigError: none of the joints would move: a trot does not move the abductions; or a trot without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
     if kind == "varied":
         together = _away(robot, "multisine", joints, steps // 2, amplitude, speed, rng)
         alone = _away(robot, "steps", joints, steps - steps // 2, amplitude, speed, rng)
-        away = np.concatenate([together, _one_after_the_other(alone, joints)])
+        away = np.concatenate([together, _one_at_a_time(alone, joints)])
     else:
         away = _away(robot, kind, joints, steps, amplitude, speed, rng)
     return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 
-def _one_after_the_other(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
-    """The same targets (steps, joints), but each of these joints moves in its own share of the time only.
-
-    The load of a joint comes from the motion of all, and where all of them jump, it is known so badly that gears seem
-    better damped than they are.
-    """
+def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
+    """The same targets (steps, joints), but each of these joints moves in its own share of the time only."""
+    # A joint's load depends on the motion of all. Where all jump at once, it is known so badly that gears seem better
+    # damped than they are.
     alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
     for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
         alone[first:end, joint] = away[first:end, joint]
@@ -101,7 +103,7 @@ def _away(
     speed: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """(steps, joints) distance of the targets from the nominal pose, 0 at both ends [rad]."""
+    """(steps, joints) distances of the targets from the nominal pose [rad], 0 at both ends."""
     control_dt, names, nominal = robot.control_dt, robot.joint_names, robot.nominal_pose
     if kind == "gait":
         body = body_of(robot)
@@ -116,10 +118,53 @@ def _away(
         raise ConfigError(f"{kind} does not move {still}", remedy="choose another joint, or a sine", argument="joint")
     time = np.arange(steps) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are each joint's own
+    over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are scaled joint by joint
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
     away *= fade
     if kind != "steps":
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
+
+
+def excite(
+    link: RobotLink,
+    targets: np.ndarray,
+    gains: Gains,
+    stop: StopRequest,
+    *,
+    hung: bool,
+    need_imu: bool,
+    confirm: Callable[[], None] = lambda: None,
+    status: Callable[[str], None] = lambda _: None,
+    timing: Timing | None = None,
+) -> None:
+    """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
+
+    Args:
+        link: idle; with recorder and limits.
+        targets: from `excitation_targets`.
+        gains: to send.
+        stop: ends it early.
+        hung: the robot hangs in the air, and does not crouch at the end.
+        need_imu: reject a robot whose IMU is not read.
+        confirm: raises if the user does not confirm arming.
+        status: gets a line every five seconds.
+        timing: filled, also if a fault ends the run.
+
+    Raises:
+        RobotFault: what ended the run early; the robot is idle and the recording is kept.
+    """
+    check_and_confirm(link, confirm, need_imu)
+    done, period = 0, link.robot.control_dt
+
+    def count(_: Measurement) -> None:
+        nonlocal done
+        done += 1
+        if done % _STATUS_PERIOD == 0:
+            status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
+
+    def work(loop: ControlLoop) -> None:
+        loop.play(played(targets), Mode.EXCITE, count, timing)
+
+    run_armed(link, gains, stop, work, crouch=not hung)

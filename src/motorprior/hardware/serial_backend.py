@@ -1,4 +1,4 @@
-"""A robot at a serial port behind the `Backend` contract: the same environment and policy as in simulation."""
+"""A robot at a serial port as a `Backend`: the same environment and policy as in simulation."""
 
 from __future__ import annotations
 
@@ -8,32 +8,31 @@ import numpy as np
 
 from motorprior.backend import BackendState
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.axes import backend_state
 from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.motions import ramp
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.servo_law import servo_current
-from motorprior.hardware.session import Gains, first_look
+from motorprior.hardware.session import Gains, check_before_arming
+from motorprior.hardware.sign_conventions import backend_state, servo_current
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
 
 FAULT = 1
-"""Fault number of a state after which the robot is idle; `SerialBackend.fault` is the reason."""
+"""Fault number of the state after which the robot is idle; `SerialBackend.fault` is the reason."""
 
 
 class SerialBackend:
-    """The Gymnasium environment `locomotion.env.WalkEnv` on a real robot; `deploy` does not use it.
+    """For the Gymnasium environment `locomotion.env.WalkEnv` on a real robot; `deploy` does not use it.
 
-    Holds targets in real time: `step` returns one control period after the step before. The caller must step
-    again in time: after 130 ms without a step the watchdog takes the current away.
+    `step` returns one control period after the step before. The caller must step again in time: after 130 ms without a
+    step the watchdog makes the robot idle.
 
     Attributes:
-        fault: why the robot is idle, None while it is well.
+        fault: why the robot is idle; None without a fault.
 
     Args:
         link: idle; closed with the backend.
         gains: to send; the robot's own if not given.
-        need_imu: refuse a robot whose IMU is not read.
+        need_imu: reject a robot whose IMU is not read.
     """
 
     def __init__(self, link: RobotLink, gains: Gains | None = None, need_imu: bool = True):
@@ -47,11 +46,11 @@ class SerialBackend:
         """Ramp to the nominal pose; a real robot's motors do not depend on the seed.
 
         Raises:
-            RobotFault: the robot is not well.
+            RobotFault: the robot has a fault.
         """
         try:
             if not self._armed:
-                first_look(self._link, self._need_imu)
+                check_before_arming(self._link, self._need_imu)
                 self._link.arm(self._gains.kp, self._gains.kd, self._gains.max_current)
                 self._armed, self.fault = True, None
             limits, target = self._link.limits, self._link.gate.target
@@ -62,18 +61,17 @@ class SerialBackend:
             self._last = loop.play(motion, Mode.RAMP)
             self._link.gate.slow = False
         except RobotFault as fault:
-            self._give_up(fault)
+            self._stop(fault)
             raise
         self._deadline = time.monotonic() + self._period
         return self._state()
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Send (joints,) targets [rad] and wait out the control period.
+        """Send (joints,) targets [rad], within the limits of the safety gate, and wait until the period's end.
 
-        The gate may slow a target down or bring it inside the limits. A fault makes the robot idle and stands in the
-        state. A step that comes so late that its target would hardly act begins a period of its own.
+        A fault makes the robot idle and is reported in the state.
         """
-        now = time.monotonic()
+        now = time.monotonic()  # a step that comes late starts a period of its own, or its target would hardly act
         if self._deadline - now < 0.5 * self._period:
             self._deadline = now + self._period
         try:
@@ -81,20 +79,20 @@ class SerialBackend:
             self._link.receive(self._deadline)
             self._last = self._link.check()
         except RobotFault as fault:
-            self._give_up(fault)
+            self._stop(fault)
         self._deadline += self._period
         return self._state()
 
     def close(self) -> None:
-        """Idle, and give the port back."""
+        """Idle, and close the port."""
         self._link.close()
 
-    def _give_up(self, fault: RobotFault) -> None:
+    def _stop(self, fault: RobotFault) -> None:
         self.fault, self._armed = self.fault or fault, False
         self._link.idle()
 
     def _state(self) -> BackendState:
-        assert self._last is not None, "reset comes first"
+        assert self._last is not None, "reset first"
         telemetry, target, robot = self._last.telemetry, self._link.target, self._link.robot
         torque, torque_constant = np.zeros(robot.num_joints), robot.require_wire().torque_constant
         if telemetry.cur is not None:

@@ -10,25 +10,21 @@ import termios
 import time
 from pathlib import Path
 
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.protocol import Command, Sizes, Telemetry
+from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.robots.robot import Robot
 
-BAUD_RATE = 500_000  # 8N1; on a USB port the number means nothing, on a converter it does
-_READ_SIZE = 4096
-_BACKLOG = 2048
-"""Bytes [B] that may wait for the robot to take them: about 20 commands."""
+BAUD_RATE = 500_000  # 8N1; a USB port ignores it, a serial converter does not
+_MAX_UNSENT = 2048  # [bytes] that may wait for the robot to read them: about 20 commands
+_UNPLUGGED = "switch the robot's motors off by hand: without its host it holds its last target"
 
 
 class SerialLink:
     """One open port.
 
-    Attributes:
-        rejected: frames that were damaged.
-
     Args:
-        robot: whose messages travel over it.
+        robot: at the port.
         port: path of the device, for example /dev/ttyACM0.
 
     Raises:
@@ -42,19 +38,20 @@ class SerialLink:
         try:
             self._serial = serial.Serial(self.port, BAUD_RATE, timeout=0, write_timeout=0, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
-            raise RobotFault("no port", f"cannot open {self.port} ({_reason(error)})", remedy=_remedy(error)) from error
-        self._sizes = Sizes.of(robot)
-        self._reader = telemetry_reader(self._sizes)
+            reason, remedy = _explanation(error)
+            raise RobotFault("no port", f"cannot open {self.port} ({reason})", remedy=remedy) from error
+        self._joints = robot.num_joints
+        self._reader = telemetry_reader(self._joints)
         self._unsent = bytearray()
 
     @property
     def rejected(self) -> int:
-        """Starts of frames that were none."""
+        """Damaged frames."""
         return self._reader.rejected
 
     @property
     def unsent(self) -> int:
-        """Bytes that the port has not taken yet."""
+        """Bytes that the port has not accepted yet."""
         return len(self._unsent)
 
     def fileno(self) -> int:
@@ -62,14 +59,14 @@ class SerialLink:
         return self._serial.fileno()
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
-        """Sleep until ``until`` on the monotonic clock or until bytes come; what they complete, with their time [s].
+        """Messages with their arrival times [s]; returns when bytes come, or at ``until`` on the monotonic clock [s].
 
         Raises:
             RobotFault: the port is gone.
         """
         try:
             ready, _, _ = select.select([self.fileno()], [], [], max(0.0, until - time.monotonic()))
-            data = os.read(self.fileno(), _READ_SIZE) if ready else None
+            data = os.read(self.fileno(), 4096) if ready else None
         except BlockingIOError:
             return []
         except (OSError, ValueError, TypeError) as error:  # pyserial's fileno is None once it is closed
@@ -82,13 +79,13 @@ class SerialLink:
         return [(now, message) for message in self._reader.feed(data)]
 
     def send(self, command: Command) -> float:
-        """Write a command; returns the time at which it was handed over [s].
+        """Write a command; returns when [s].
 
         Raises:
-            RobotFault: the port is gone, or the robot takes nothing any more.
-            ProtocolError: a command that the firmware would refuse.
+            RobotFault: the port is gone, or the robot reads no more.
+            ProtocolError: the firmware would reject the command.
         """
-        self._unsent += command_frame(command, self._sizes)
+        self._unsent += command_frame(command, self._joints)
         try:
             sent = os.write(self.fileno(), self._unsent)
             del self._unsent[:sent]
@@ -96,18 +93,18 @@ class SerialLink:
             pass
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from error
-        if len(self._unsent) > _BACKLOG:
+        if len(self._unsent) > _MAX_UNSENT:
             raise RobotFault("unplugged", f"{self.port}: the robot takes no more bytes", remedy=_UNPLUGGED)
         return time.monotonic()
 
-    def forget_unsent(self) -> None:
-        """Drop what waits to be sent, here and in the kernel: what follows is more urgent."""
+    def discard_unsent(self) -> None:
+        """Empty the send queue, here and in the kernel: what follows is more urgent."""
         self._unsent.clear()
         with contextlib.suppress(termios.error, ValueError, TypeError):
             termios.tcflush(self.fileno(), termios.TCOFLUSH)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         with contextlib.suppress(OSError):
             self._serial.close()
 
@@ -115,11 +112,24 @@ class SerialLink:
         return RobotFault("unplugged", f"{self.port} is gone ({error})", remedy=_UNPLUGGED)
 
 
-_UNPLUGGED = "switch the robot's motors off by hand: without its host it holds its last target"
+def the_port(port: str | None) -> str:
+    """The given port, or the only one that a robot could be on.
+
+    Raises:
+        ConfigError: none, or more than one.
+    """
+    if port is not None:
+        return port
+    found = find_ports()
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise ConfigError("no serial port of a robot", remedy="plug it in and switch it on, or give port")
+    raise ConfigError(f"several ports: {', '.join(found)}", remedy="give one of them as port", argument="port")
 
 
 def find_ports() -> list[str]:
-    """Serial ports that a robot could be on, USB devices of the kind that a Teensy is first."""
+    """USB serial ports, those of Teensy boards first."""
     from serial.tools import list_ports
 
     found = [port for port in list_ports.comports() if port.vid is not None]
@@ -127,26 +137,17 @@ def find_ports() -> list[str]:
     return [port.device for port in sorted(found, key=lambda port: (port.vid != teensy, port.device))]
 
 
-def _number(error: Exception) -> int | None:
-    """The errno of an error, or of the one of termios behind it."""
-    if isinstance(error, OSError) and error.errno:
-        return error.errno
-    behind = error.__context__
-    return behind.args[0] if isinstance(behind, termios.error) else None
-
-
-def _reason(error: Exception) -> str:
-    number = _number(error)
-    return os.strerror(number) if number is not None else str(error)
-
-
-def _remedy(error: Exception) -> str:
-    number = _number(error)
+def _explanation(error: Exception) -> tuple[str, str]:
+    """Why a port cannot be opened, and the remedy."""
+    number, behind = getattr(error, "errno", None), error.__context__
+    if not number and isinstance(behind, termios.error):
+        number = behind.args[0]
+    remedy = "close every other program that uses the port"
     if number == errno.ENOTTY:
-        return "that is no serial port; give one such as /dev/ttyACM0"
-    if number == errno.EACCES:
-        return "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again"
-    if number == errno.ENOENT:
+        remedy = "this is no serial port; give one such as /dev/ttyACM0"
+    elif number == errno.EACCES:
+        remedy = "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again"
+    elif number == errno.ENOENT:
         found = find_ports()
-        return f"use one of {', '.join(found)}" if found else "plug the robot in and switch it on; no port is there"
-    return "close every other program that uses the port"
+        remedy = f"use one of {', '.join(found)}" if found else "plug the robot in and switch it on; no port was found"
+    return os.strerror(number) if number else str(error), remedy

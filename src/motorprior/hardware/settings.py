@@ -1,4 +1,4 @@
-"""Settings of a robot's run, for every command line, and the libraries that it needs."""
+"""Settings of the commands deploy and record, and the libraries that talking to a robot needs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Excitation = Literal["varied", "sine", "chirp", "steps", "multisine", "gait"]
 
 
 def require_robot_extra() -> None:
-    """Refuse to go on without the two libraries of the serial port and its messages.
+    """Check that the libraries for serial port and messages are installed.
 
     Raises:
         ConfigError: pyserial or msgpack is not installed.
@@ -28,17 +28,15 @@ class DeploySettings:
     """How to walk.
 
     Attributes:
-        out: folder for run.csv (measurements, and the target then in force), run.json (settings, gains, limits,
-            outcome) and figures.json (how well the clock was kept); runs/deploy/<date> if not given.
+        out: folder for run.csv (measurements, and the target in force), run.json (settings, gains, limits, outcome) and
+            figures.json (timing of the control loop); runs/deploy/<date> if not given.
         seconds: time to walk [s]; until it is stopped if not given.
-        forward: speed to begin with [m/s]. If it is not given, a robot that somebody steers with keys or a gamepad
-            stands until it is told to walk, and one that nobody steers walks at 0.3 m/s.
-        yaw_rate: turn to the left to begin with [rad/s].
+        forward: initial speed [m/s]. If not given, a robot with keyboard or gamepad stands at first, and one without
+            walks at 0.3 m/s.
+        yaw_rate: initial turn to the left [rad/s].
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A]; the robot's own if not given.
-        longest_pause: the longest pause of this machine that the policy survives, to be ridden out [s]; after a longer
-            one, of less than the watchdog's time, the robot sits down. The robot's own if not given.
         without_imu: walk a robot whose IMU is not read: a fall is not detected.
         dry_run: compute everything and send nothing, for ``seconds`` or 5 s.
         yes: arm without asking.
@@ -51,7 +49,6 @@ class DeploySettings:
     kp: float | None = None
     kd: float | None = None
     max_current: float | None = None
-    longest_pause: float | None = None
     without_imu: bool = False
     dry_run: bool = False
     yes: bool = False
@@ -64,12 +61,13 @@ class RecordSettings:
     Attributes:
         out: folder for run.csv, ready for `motorprior logs import`, run.json and figures.json; runs/record/<date> if
             not given.
-        excitation: sine, chirp, steps and multisine are each joint's own signal, gait is a trot, varied is a multisine
-            of all and then steps of one joint after the other; if not given, varied in the air and otherwise multisine.
+        excitation: sine, chirp, steps and multisine are a signal per joint, gait is a trot, varied is a multisine of
+            all joints and then steps of one after the other; if not given, varied in the air and multisine standing.
         joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
-        amplitude: largest distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
-        speed: fastest target [rad/s]; if not given, 40 for steps and varied in the air, as a walk has, and otherwise 8.
+        amplitude: maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
+        speed: limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk, and 8
+            otherwise.
         standing: the robot stands on the ground and sits down afterwards; otherwise it hangs in the air.
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.

@@ -1,14 +1,12 @@
-"""Acceptance of frames, and their age.
+"""Which telemetry frames are accepted, and how old they are.
 
-Without a checksum a damaged frame can look right, so a frame is accepted only if the robot could have moved there
-since the last one. The robot's clock is tied to the host's by the quickest frames:
+Without a checksum a damaged frame can decode, so a frame is accepted only if the robot could have moved there since the
+last one. The fastest frames synchronise the robot's clock with the host's:
 
-    host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), not after its arrival
+    host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), at most its arrival
 
-so the age of a measurement includes what it waited in buffers, less the shortest way that frames took. The smallest may
-be that of a damaged stamp, which would make every frame of the next seconds look old. A stamp ahead of all others is
-taken for damaged, unless those that follow agree with it: then all before had waited, in the buffer of a port that was
-opened long before it was read.
+so a measurement's age includes its time in buffers, minus the shortest transmission time. The second smallest, because
+the smallest may come from a damaged time stamp, which would make all frames of the next seconds look old.
 """
 
 from __future__ import annotations
@@ -21,13 +19,13 @@ import numpy as np
 from motorprior.hardware.protocol import Telemetry
 from motorprior.robots.wire import SafetyLimits
 
-_WINDOW = 5.0
-_FURTHEST_ANGLE = 2.0 * math.pi  # the firmware's own bound of a joint angle
-_SLACK = 0.05  # [rad] on top of speed times time: the time stamps are whole milliseconds
-_EARLIEST = 0.03  # [s] by which a frame may come quicker than any before; a stamp further ahead is a damaged one
-_AGREEING = 3  # stamps in a row that are right together
-_SETTLING = 20  # frames until the quickest way is known
-_RESTART = 2.0  # [s] of a clock that runs from 0 again
+_WINDOW = 5.0  # [s]
+_MAX_ANGLE = 2.0 * math.pi  # the firmware's own bound on joint angles
+_SLACK = 0.05  # [rad] in addition to speed times time: time stamps are whole milliseconds
+_MAX_LEAD = 0.03  # [s] by which a frame may be faster than all before; a time stamp further ahead is damaged
+_NUM_AGREEING = 3  # this many leading time stamps in a row that agree are right
+_WARM_UP = 20  # frames until the shortest transmission time is known
+_RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
 
 
 @dataclass(frozen=True)
@@ -36,8 +34,8 @@ class Measurement:
 
     Attributes:
         telemetry: the frame.
-        arrival: when it came, on the host's monotonic clock [s].
-        sampled: when it was measured, on the same clock [s].
+        arrival: time of arrival on the host's monotonic clock [s].
+        sampled: time of measurement on the same clock [s].
     """
 
     telemetry: Telemetry
@@ -45,8 +43,8 @@ class Measurement:
     sampled: float
 
 
-class ClockTie:
-    """Offset between the robot's clock and the host's over a moving window, so that drift is followed."""
+class ClockOffset:
+    """Offset between the host's and the robot's clock, over a moving window that follows drift."""
 
     def __init__(self) -> None:
         self._since = -math.inf
@@ -55,12 +53,12 @@ class ClockTie:
 
     @property
     def offset(self) -> float:
-        """Host's clock minus robot's [s]; infinite before the first frame."""
+        """Host's time minus robot's [s]; infinite before the first frame."""
         smallest = sorted((*self._current, *self._previous))[:2]
         return smallest[-1] if smallest else math.inf
 
     def host_time(self, ts: float, arrival: float) -> float:
-        """When something stamped ``ts`` [s] happened, on the clock of ``arrival`` [s]."""
+        """The time stamp ``ts`` [s] on the host's clock, on which the frame arrived at ``arrival`` [s]."""
         if arrival - self._since > _WINDOW:
             self._since, self._previous, self._current = arrival, self._current, []
         self._current = sorted((*self._current, arrival - ts))[:2]
@@ -68,16 +66,16 @@ class ClockTie:
 
 
 class TelemetryStream:
-    """Sorts frames into accepted, repeated and impossible ones, and counts them."""
+    """Accepts telemetry frames, and counts accepted, repeated and impossible ones."""
 
     def __init__(self, limits: SafetyLimits):
-        self._limits, self._tie = limits, ClockTie()
+        self._limits, self._clock = limits, ClockOffset()
         self._ahead: list[float] = []
         self.latest: Measurement | None = None
         self.accepted = self.repeated = self.impossible = self.impossible_in_a_row = 0
 
-    def take(self, telemetry: Telemetry, arrival: float) -> Measurement | None:
-        """The measurement, or None for a frame that is not accepted."""
+    def accept(self, telemetry: Telemetry, arrival: float) -> Measurement | None:
+        """The measurement; None for a frame that is repeated or impossible."""
         last = self.latest
         if last is not None and _is_old(telemetry, last.telemetry):
             self.repeated += 1
@@ -88,15 +86,15 @@ class TelemetryStream:
             return None
         self.accepted += 1
         self.impossible_in_a_row = 0
-        sampled = self._tie.host_time(1e-3 * telemetry.ts, arrival)
+        sampled = self._clock.host_time(1e-3 * telemetry.ts, arrival)
         self.latest = Measurement(telemetry, arrival, sampled)
         return self.latest
 
     def _is_possible(self, new: Telemetry, arrival: float) -> bool:
         limits = self._limits
-        if new.ts < 0 or np.abs(new.pos).max() > _FURTHEST_ANGLE or np.abs(new.vel).max() > 3.0 * limits.joint_speed:
+        if new.ts < 0 or np.abs(new.pos).max() > _MAX_ANGLE or np.abs(new.vel).max() > 3.0 * limits.joint_speed:
             return False
-        if max(map(abs, (new.roll, new.pitch, new.yaw))) > _FURTHEST_ANGLE:
+        if max(map(abs, (new.roll, new.pitch, new.yaw))) > _MAX_ANGLE:
             return False
         if max(map(abs, (new.roll_rate, new.pitch_rate, new.yaw_rate))) > limits.body_rate:
             return False
@@ -113,15 +111,18 @@ class TelemetryStream:
         )
 
     def _is_in_time(self, offset: float) -> bool:
-        """Whether a stamp, by its host time minus robot time [s], is not from the future, or no other than the last."""
-        if self.accepted <= _SETTLING or self._tie.offset - offset <= _EARLIEST:
+        """Whether a time stamp, given as arrival - ts [s], is not ahead of all before.
+
+        If several in a row agree, the frames before had waited: in the buffer of a port opened long before it was read.
+        """
+        if self.accepted <= _WARM_UP or self._clock.offset - offset <= _MAX_LEAD:
             self._ahead = []
             return True
-        agreeing = [each for each in self._ahead if abs(each - offset) <= _EARLIEST]
-        self._ahead = [*agreeing, offset][-_AGREEING:]
-        return len(self._ahead) == _AGREEING
+        agreeing = [each for each in self._ahead if abs(each - offset) <= _MAX_LEAD]
+        self._ahead = [*agreeing, offset][-_NUM_AGREEING:]
+        return len(self._ahead) == _NUM_AGREEING
 
 
 def _is_old(new: Telemetry, last: Telemetry) -> bool:
-    """A duplicate, or a frame that was overtaken. A clock that begins at 0 again is not old, but impossible."""
+    """A duplicate or an overtaken frame. A clock that starts again at 0 is not old, but impossible."""
     return 0.0 <= 1e-3 * (last.ts - new.ts) < _RESTART

@@ -1,95 +1,108 @@
-"""The watchdog's own process: sends idle when the host is silent or dead, and does nothing else.
+"""The host's side of the watchdog: starts the process, sends heartbeats, and reads whether it has tripped."""
 
-The firmware has no watchdog: a robot whose host dies holds its last target. So a second process inherits the open
-port and the read end of a pipe. The host writes a byte per control step; when the pipe ends (the host is dead, the
-kernel closed it) or nothing comes for `timeout` (it hangs), this process takes over the port. It uses the standard
-library only, leaves the terminal's session and ignores its signals, so that what ends the host does not end it.
-
-    python -I -S watchdog.py PORT_FD BEAT_FD REPORT_FD TIMEOUT IDLE_FRAME_HEX
-
-Beats: any bytes; "q" ends it, and it sends nothing. Reports: "r" ready, "t" tripped.
-"""
+from __future__ import annotations
 
 import contextlib
-import ctypes
+import fcntl
 import os
 import select
-import signal
+import subprocess
 import sys
-import termios
-import time
+from pathlib import Path
 
-_PRIORITY = 20
-_NOW = 1
-"""Flag of mlockall(2): the pages that are there; it allocates next to nothing later, and no limit can stop that."""
-_BURST = 40
-"""Idle frames at once: more bytes than the longest command, of which the dead host may have sent a part."""
-_REPEAT = 0.02
-_LINGER = 1.0
-"""[s] between repetitions, and how long they go on after the host is dead."""
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.framing import IDLE_FRAME
 
-
-def main(arguments: list[str]) -> None:
-    """Guard until the host releases this process or is gone."""
-    port, beats, report = map(int, arguments[:3])
-    timeout, idle = float(arguments[3]), bytes.fromhex(arguments[4])
-    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
-        signal.signal(ignored, signal.SIG_IGN)
-    with contextlib.suppress(OSError, AttributeError):  # needs a right, and a system that has it
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-    with contextlib.suppress(OSError, AttributeError):  # the host's lock does not outlive the start of this program
-        ctypes.CDLL(None).mlockall(_NOW)
-    os.set_blocking(port, False)
-    os.write(report, b"r")
-    if guard(beats, timeout):
-        with contextlib.suppress(OSError):  # the host is dead
-            os.write(report, b"t")
-        hold_idle(port, beats, idle)
+_MAX_START = 10.0  # [s] for the start of an interpreter
+# Unread heartbeats of 40 bytes fill a pipe of one page in about a second, which reveals a stopped watchdog process. It
+# takes up to 16 s where pages are larger or the pipe cannot be made smaller.
+_HEARTBEAT = 40 * b"."
+_PIPE_SIZE = 4096
 
 
-def guard(beats: int, timeout: float) -> bool:
-    """Wait until the host ends its beats: True if it died or hangs, False if it released this process."""
-    first = True  # the host may take its time before its first command
-    while True:
-        ready, _, _ = select.select([beats], [], [], None if first else timeout)
-        data = os.read(beats, 4096) if ready else b""
-        if b"q" in data:
-            return False
-        if not data:
-            return True
-        first = False
+class Watchdog:
+    """A running watchdog process, see `watchdog_process`.
+
+    Args:
+        port: open file of the serial port, which the process inherits.
+        timeout: longest time between two heartbeats [s].
+
+    Raises:
+        RobotFault: it did not start.
+    """
+
+    def __init__(self, port: int, timeout: float):
+        heartbeat_end, self._heartbeats = os.pipe()
+        if hasattr(fcntl, "F_SETPIPE_SZ"):  # Linux
+            with contextlib.suppress(OSError):
+                fcntl.fcntl(self._heartbeats, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+        self._reports, report_end = os.pipe()
+        script = str(Path(__file__).with_name("watchdog_process.py"))
+        numbers = [str(port), str(heartbeat_end), str(report_end), str(timeout)]
+        arguments = [sys.executable, "-I", "-S", script, *numbers, IDLE_FRAME.hex()]
+        try:
+            self._process = subprocess.Popen(
+                arguments, pass_fds=(port, heartbeat_end, report_end), start_new_session=True, stdin=subprocess.DEVNULL
+            )
+        finally:
+            os.close(heartbeat_end)
+            os.close(report_end)
+        os.set_blocking(self._heartbeats, False)
+        ready, _, _ = select.select([self._reports], [], [], _MAX_START)
+        if not ready or os.read(self._reports, 1) != b"r":
+            self.release()
+            raise RobotFault("watchdog", "the watchdog process did not start", remedy="see what it printed above")
+
+    @property
+    def pid(self) -> int:
+        """Process number."""
+        return self._process.pid
+
+    def beat(self) -> None:
+        """Send a heartbeat.
+
+        Raises:
+            RobotFault: the watchdog has tripped, is dead, or has not read for a second.
+        """
+        try:
+            os.write(self._heartbeats, _HEARTBEAT)
+        except (BrokenPipeError, BlockingIOError):
+            raise _dead() from None
+        ready, _, _ = select.select([self._reports], [], [], 0.0)
+        if ready:
+            if os.read(self._reports, 1) != b"t":
+                raise _dead()
+            raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
+
+    def release(self) -> None:
+        """End the watchdog process; the robot must be idle by now."""
+        with contextlib.suppress(OSError):
+            os.write(self._heartbeats, b"q")
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Close the pipe: as after the death of the host, the watchdog sends idle for a second."""
+        os.close(self._heartbeats)
+        try:
+            self._process.wait(timeout=2.0)
+        except subprocess.TimeoutExpired:  # stopped; it must not wake up while the next host runs
+            self._process.kill()
+            self._process.wait()
+        os.close(self._reports)
+
+    def kill(self) -> None:
+        """End the process at once, without waiting: the robot still moves."""
+        self._process.kill()
+        os.close(self._heartbeats)
+        os.close(self._reports)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=0.005)
 
 
-def hold_idle(port: int, beats: int, idle: bytes) -> None:
-    """Send idle until the host is gone for a while; a host that only hung may still be writing targets."""
-    with contextlib.suppress(termios.error, OSError):
-        termios.tcflush(port, termios.TCOFLUSH)  # what the host still had in the queue
-    _write(port, _BURST * idle)
-    gone = None
-    while gone is None or time.monotonic() < gone + _LINGER:
-        if gone is None:
-            ready, _, _ = select.select([beats], [], [], _REPEAT)
-            data = os.read(beats, 4096) if ready else b"."
-            if b"q" in data:
-                return
-            if not data:
-                gone = time.monotonic()
-        else:
-            time.sleep(_REPEAT)
-        if not _write(port, idle):
-            return
-
-
-def _write(port: int, data: bytes) -> bool:
-    """Write what the port takes; False if it is gone."""
-    try:
-        os.write(port, data)
-    except BlockingIOError:
-        pass
-    except OSError:
-        return False
-    return True
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+def _dead() -> RobotFault:
+    return RobotFault(
+        "watchdog",
+        "the watchdog process is dead or stopped",
+        safe_state="crouch",
+        remedy="look into the system's log for the reason",
+    )

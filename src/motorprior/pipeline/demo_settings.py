@@ -1,4 +1,4 @@
-"""What a demo is told, which robot it walks on, and what it refuses."""
+"""Settings of a demo, the robot that it walks on, and checks of the settings."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class Demo:
-    """The whole story, small: minutes on two cores. A rerun continues where it stopped."""
+    """A small run of everything, minutes on two cores. A rerun continues where the last one stopped."""
 
     out: Path = Path("runs/demo")
-    """Run folder: every artefact, figures.json and report.html."""
+    """Run folder: all artefacts, figures.json and report.html."""
     fleet: str | None = None
-    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
+    """Fleet of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     logs: Path | None = None
-    """Folder with real logs, in any format of docs/logs.md: the demo begins with how their motors compare. Logs of the
-    shipped robot are in jietan/puppersim, puppersim/data/system_id."""
+    """Folder with real logs, in any format of docs/logs.md: the demo begins with a comparison of their motors. Logs of
+    the shipped robot are in jietan/puppersim, puppersim/data/system_id."""
     columns: str | None = None
-    """What columns of tables among the logs mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    """Column map of tables among the logs: a shipped one by name, or your .toml file (docs/your-motors.md)."""
     hung: bool = False
-    """In the logs the robot hung in the air with its body level: so the loads of its motors are known."""
+    """In the logs the robot is suspended with its body level, so that the loads of its motors are known."""
     seed: int = 0
     """Seed of everything."""
     motors: int = 32
@@ -43,21 +43,21 @@ class Demo:
     seeds: int = 2
     """Policies per condition."""
     workers: int = 2
-    """Stages that run at the same time, where they do not need each other; the result does not depend on it."""
+    """Independent stages that run at the same time; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs, the
-    shipped one takes the place, after their comparison, of one that cannot walk or comes without a fleet."""
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). After the comparison of logs,
+    the shipped one replaces a robot that cannot walk or has no fleet."""
 
 
 def that_walks(config: Demo) -> Demo:
-    """With logs, the same on the shipped robot in place of one that cannot walk or comes without a fleet."""
+    """The settings; with logs, on the shipped robot if the given one cannot walk or has no fleet."""
     robot = load_robot(config.robot)
     walks = bool(robot.legs) and robot.base == "free" and (config.fleet is not None or bool(robot.fleets))
     return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
 
 
 def comparison_of(config: Demo) -> RealMotors | None:
-    """What the demo begins with, if there are logs."""
+    """Settings of the comparison of real motors, if there are logs."""
     if config.logs is None:
         return None
     out = config.out / "real_motors"
@@ -65,12 +65,14 @@ def comparison_of(config: Demo) -> RealMotors | None:
 
 
 def require_settings(config: Demo, replayed: bool) -> None:
-    """Refuse settings before anything is written.
+    """Check settings before anything is written.
 
     Raises:
         MotorPriorError: names the setting.
     """
-    _require_logs_of_options(config)
+    for name, is_given in {"hung": config.hung, "columns": config.columns is not None}.items():
+        if is_given and config.logs is None:
+            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     robot = load_robot(config.robot)
     robot.require_legs()
     require_count("motors", config.motors, robot.num_joints)
@@ -84,10 +86,3 @@ def require_settings(config: Demo, replayed: bool) -> None:
     load_robot_fleet(robot, config.fleet)
     if replayed and config.logs is not None:
         read_logs(config.logs, robot)
-
-
-def _require_logs_of_options(config: Demo) -> None:
-    """Without logs, nothing may be said about them."""
-    said = {"hung": config.hung, "columns": config.columns is not None}
-    for name in [name for name, is_given in said.items() if is_given and config.logs is None]:
-        raise ConfigError(f"{name}, but no logs", remedy="give logs too, or leave it out", argument=name)

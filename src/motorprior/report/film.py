@@ -1,95 +1,127 @@
-"""Films of one or several walks, one under the other: an endless GIF, or an MP4 where its encoder is installed."""
+"""Films of walks, one under the other: rendered by MuJoCo where OpenGL works, else stick figures; GIF or MP4."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from io import BytesIO
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
+import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
-from motorprior.report.lettering import write
-from motorprior.report.plots_style import INK, MUTED, most_used, with_palette
+from motorprior.exceptions import ConfigError
+from motorprior.report.plots_style import INK, MUTED
+from motorprior.robots.robot import Robot
+from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer
+from motorprior.simulation.skeleton import skeleton
 
-_PALETTE = 64
-_LOOKED_AT = 3
-"""Frames whose colours the palette of a GIF is made from."""
+_GROUND = 240  # row of the floor in a stick figure
 
 
-def labelled(frame: np.ndarray, titles: Sequence[str], notes: Sequence[str]) -> Image.Image:
-    """A rendered frame with a title and a note in the corner of each walk.
+def film(
+    robot: Robot,
+    walks: Sequence[np.ndarray],
+    titles: Sequence[str],
+    notes: Sequence[Sequence[str]],
+    note: Callable[[str], None] = lambda text: None,
+) -> Iterator[Image.Image]:
+    """The pictures of a film.
 
     Args:
-        frame: (walks · height, width, 3) uint8.
-        titles: one per walk.
-        notes: one per walk.
+        robot: that walks.
+        walks: (F, 7 + joints) base position, quaternion and joint angles of each.
+        titles: of each, in every picture.
+        notes: F of each.
+        note: called with the reason if stick figures are drawn for lack of OpenGL.
     """
-    image = Image.fromarray(frame)
-    draw, height = ImageDraw.Draw(image), len(frame) // len(titles)
-    for walk, (title, note) in enumerate(zip(titles, notes, strict=True)):
-        draw.rectangle((0, walk * height, image.width, walk * height + 58), fill="white")
-        write(draw, (16, walk * height + 11), title, 18, INK, 1)
-        write(draw, (16, walk * height + 36), note, 15, MUTED, 1)
-    return image
-
-
-def stacked(walks: Sequence[Iterable[Image.Image]]) -> Iterator[Image.Image]:
-    """The pictures of several walks, one under the other, as long as all have one."""
-    for pictures in zip(*walks, strict=False):
-        whole = Image.new("RGB", (pictures[0].width, sum(picture.height for picture in pictures)), "white")
-        top = 0
-        for picture in pictures:
-            whole.paste(picture, (0, top))
-            top += picture.height
-        yield whole
+    with _drawing(robot, note) as draw:
+        for frame in range(len(walks[0])):
+            whole = Image.new("RGB", (WIDTH, len(walks) * HEIGHT))
+            for row, (walk, title, texts) in enumerate(zip(walks, titles, notes, strict=True)):
+                picture = draw(walk[frame])
+                _label(picture, title, texts[frame])
+                whole.paste(picture, (0, row * HEIGHT))
+            yield whole
 
 
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:
-    """An endless GIF.
-
-    Args:
-        pictures: at least one; the first few must show every colour that matters.
-        seconds: that each is shown [s], rounded to 10 ms and at least 20 ms, as browsers take it.
-    """
+    """An endless GIF of at least one picture, each shown for ``seconds``, rounded to 10 ms and at least 20 ms."""
     rest = iter(pictures)
-    first = list(islice(rest, _LOOKED_AT))
-    palette, out = most_used(first, _PALETTE), BytesIO()
-    flat = (with_palette(picture, palette) for picture in chain(first, rest))
+    first = next(rest).quantize(128, dither=Image.Dither.NONE)
+    flat = (picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in rest)
+    out = BytesIO()
     duration = max(20, round(100 * seconds) * 10)
-    next(flat).save(out, "GIF", save_all=True, append_images=flat, duration=duration, loop=0)
+    first.save(out, "GIF", save_all=True, append_images=flat, duration=duration, loop=0)
     return out.getvalue()
 
 
 def can_write_mp4() -> bool:
     """Whether the encoder is installed: pip install 'motorprior[video]'."""
-    try:
-        import imageio_ffmpeg  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        return False
-    return bool(imageio_ffmpeg.__version__)
+    return find_spec("imageio_ffmpeg") is not None
 
 
 def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> None:
-    """An MP4 (H.264).
-
-    Args:
-        path: the file, overwritten.
-        pictures: at least one; sides in multiples of 2 pixels.
-        seconds: that each is shown [s].
-    """
+    """An MP4 (H.264) of at least one picture, each shown for ``seconds``; the file is overwritten."""
     import imageio_ffmpeg  # pyright: ignore[reportMissingImports]
 
     rest = iter(pictures)
     first = next(rest)
-    kind = ["-f", "mp4"]  # the name of a half-written file does not say it
     writer = imageio_ffmpeg.write_frames(
-        str(path), first.size, fps=1.0 / seconds, quality=7, macro_block_size=2, output_params=kind
-    )
+        str(path), first.size, fps=1.0 / seconds, quality=7, macro_block_size=2, output_params=["-f", "mp4"]
+    )  # the format is given, since a temporary file has another suffix
     writer.send(None)
     try:
         for picture in chain([first], rest):
             writer.send(np.ascontiguousarray(np.asarray(picture)).tobytes())
     finally:
         writer.close()
+
+
+@contextmanager
+def _drawing(robot: Robot, note: Callable[[str], None]) -> Iterator[Callable[[np.ndarray], Image.Image]]:
+    """A function from a qpos to a picture."""
+    with ExitStack() as stack:
+        try:
+            render = stack.enter_context(renderer(robot))
+        except ConfigError as error:
+            note(f"note: {error.problem}: the film shows stick figures -> {error.remedy}")
+            yield stick_figure(robot)
+        else:
+            yield lambda qpos: Image.fromarray(render(qpos))
+
+
+def stick_figure(robot: Robot) -> Callable[[np.ndarray], Image.Image]:
+    """A function from a qpos (7 + joints,) to a side view from the right; the camera follows, a tick is 0.1 m."""
+    lines, scale = skeleton(robot), 146.0 / robot.standing_height  # [pixel/m]
+
+    def draw(qpos: np.ndarray) -> Image.Image:
+        image = Image.new("RGB", (WIDTH, HEIGHT), "white")
+        pen, camera = ImageDraw.Draw(image), float(qpos[0])
+        reach = WIDTH / 2 / scale
+        for tick in range(int((camera - reach) * 10) - 1, int((camera + reach) * 10) + 2):
+            x = WIDTH / 2 + (tick / 10 - camera) * scale
+            pen.line((x, _GROUND, x, _GROUND + (14 if tick % 5 == 0 else 8)), fill=MUTED)
+        pen.line((0, _GROUND, WIDTH, _GROUND), fill=MUTED, width=2)
+        found = lines(qpos)
+        for line in found[np.argsort(-found[:, 1, 1])]:  # the left of the robot first, since it is behind
+            color = INK if line[1, 1] < qpos[1] else "#b4bac2"
+            ends = [(WIDTH / 2 + (x - camera) * scale, _GROUND - z * scale) for x, _, z in line]
+            pen.line(ends, fill=color, width=7)
+            pen.circle(ends[1], 5, fill=color)
+        return image
+
+    return draw
+
+
+def _label(picture: Image.Image, title: str, note: str) -> None:
+    """Write two lines at the top, in the font that comes with matplotlib."""
+    pen, path = ImageDraw.Draw(picture), Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    pen.rectangle((0, 0, picture.width, 58), fill="white")
+    for text, top, size, color in ((title, 11, 18, INK), (note, 36, 15, MUTED)):
+        font = ImageFont.truetype(str(path), size)
+        width = font.getlength(text) / (picture.width - 32)
+        pen.text((16, top), text, fill=color, font=font if width <= 1 else font.font_variant(size=int(size / width)))

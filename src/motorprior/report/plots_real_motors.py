@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motorprior.report.plots_motor import TIME
 from motorprior.report.plots_style import (
     FAINT,
     INK,
     MUTED,
+    TIME,
     describe,
     fit_y,
     legend_below,
@@ -87,7 +87,7 @@ def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
         error.plot(time, 1e3 * (values - measured), color=color, linewidth=0.9)
     fit_y(angle, [measured, trace.target[part]], list(simulated.values()))
     best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
-    fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], room=3.0)
+    fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], margin=3.0)
     describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
     describe(error, y="minus recorded [mrad]")
 

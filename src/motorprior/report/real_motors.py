@@ -37,7 +37,7 @@ def real_motors(run: Path) -> list[Section]:
         tables.append(Table(constants.columns, constants.rows, f"{constants.caption}."))
     if shown := _constants(results):
         pictures.append(shown)
-    return [Section("Your motors", lead, tuple(header["lines"]), tuple(pictures), tuple(tables))]
+    return [Section("Your motors", (lead, *header["lines"]), tuple(pictures), tuple(tables))]
 
 
 def _errors(results: Results) -> Picture:
@@ -46,12 +46,12 @@ def _errors(results: Results) -> Picture:
         model: {row.part: row.value for row in rows.where(model=model) if row.part is not None}
         for model in models_in(results)
     }
-    return picture(errors_by_joint(errors), "How far models are from every joint.", "errors of models by joint")
+    return picture(errors_by_joint(errors), "How far models are from every joint.")
 
 
 def _traces(tensors: dict, header: dict) -> Picture:
     caption = "What joints did and what models of them do: one with the usual error, and the one farthest off."
-    return picture(traces(from_tensors(tensors, header)), caption, "recorded and simulated angles")
+    return picture(traces(from_tensors(tensors, header)), caption)
 
 
 def _constants(results: Results) -> Picture | None:
@@ -68,4 +68,4 @@ def _constants(results: Results) -> Picture | None:
     if not fleet:
         return None
     figure = constants_beside_fleet(motors, fleet, name)
-    return picture(figure, f"Your motors beside the fleet {name}.", "constants beside the fleet's")
+    return picture(figure, f"Your motors beside the fleet {name}.")

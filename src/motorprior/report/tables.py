@@ -1,9 +1,16 @@
-"""Rows of the tables that page and terminal both show."""
+"""Rows of the tables that the page and the terminal show."""
 
 from __future__ import annotations
 
 from motorprior.results import Results
 from motorprior.transfer.metrics import CONDITIONS, MODELS
+
+Table = tuple[list[str], list[list[str]]]
+
+TRANSFER_COLUMNS = (
+    "trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]",
+    "twin: speed [m/s]", "upright", "drift in 5 s [m]",
+)  # fmt: skip
 
 
 def conditions_in(results: Results) -> list[str]:
@@ -13,22 +20,16 @@ def conditions_in(results: Results) -> list[str]:
 
 
 def transfer_rows(results: Results) -> list[list[str]]:
-    """The transfer table as text, means over seeds: own simulation, then twin."""
+    """The transfer table as text, means over seeds: in the training simulation, then on the twin."""
     rows = []
     for name in conditions_in(results):
         cells = [name, str(len(results.where(quantity="speed", motors="twin", model=name)))]
-        for place in ("own", "twin"):
-            here = results.where(motors=place, model=name)
-            speed, upright, drift = (here.mean(quantity=quantity) for quantity in ("speed", "upright", "drift"))
+        for motors in ("own", "twin"):
+            found = results.where(motors=motors, model=name)
+            speed, upright, drift = (found.mean(quantity=quantity) for quantity in ("speed", "upright", "drift"))
             cells += [f"{speed:.2f}", f"{100 * upright:.0f} %", f"{drift:.2f}"]
         rows.append(cells)
     return rows
-
-
-TRANSFER_COLUMNS = (
-    "trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]",
-    "twin: speed [m/s]", "upright", "drift in 5 s [m]",
-)  # fmt: skip
 
 
 def replay_models(results: Results) -> list[str]:
@@ -37,7 +38,7 @@ def replay_models(results: Results) -> list[str]:
 
 
 def replay_rows(results: Results) -> list[list[str]]:
-    """Joint RMSE [mrad] per log, mean over its joints and then each; draws as median and 90 % band."""
+    """Joint RMSE [mrad] per log, mean over its joints and of each joint; samples as median and 90 % band."""
     models, rows = replay_models(results), []
     for log in results.where(quantity="real_rmse").distinct("log"):
         means = results.where(quantity="real_rmse", log=log)
@@ -57,14 +58,60 @@ def _mean_cell(means: Results) -> str:
     return f"{cell} ({low:.1f}-{high:.1f})"
 
 
-def by_model(results: Results, quantity: str, motors: str = "train") -> dict[str, float]:
-    """Medians of a quantity, models in the usual order."""
-    found = results.where(quantity=quantity, motors=motors, statistic="median")
-    models = sorted(found.distinct("model"), key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
-    return {model: found.value(model=model) for model in models}
-
-
 def fidelity_rows(results: Results, columns: tuple[str, ...], motors: str = "train") -> list[list[str]]:
-    """Model and medians of ``columns`` of a fidelity table."""
-    values = [by_model(results, column, motors) for column in columns]
-    return [[model, *(f"{column[model]:.4f}" for column in values)] for model in values[0]]
+    """Model and medians of ``columns`` of a fidelity table, models in the usual order."""
+    found = results.where(motors=motors, statistic="median")
+    first = found.where(quantity=columns[0]).distinct("model")
+    models = sorted(first, key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
+    return [[model, *(f"{found.value(quantity=name, model=model):.4f}" for name in columns)] for model in models]
+
+
+def calibration_errors(results: Results) -> Table:
+    """Columns and rows of a calibration: joint RMSE [mrad] of each log and their mean, and the share within bands."""
+    titles = {
+        "start": "starting fleet", "center": "fitted", "left_out": "without this log",
+        "per_motor": "a motor per joint", "per_motor_left_out": "without this log",
+    }  # fmt: skip
+    bands = {
+        ("calibrate_coverage90", None): "in 90 % bands",
+        ("calibrate_coverage90", "prior"): "in the prior's 90 %",
+        ("calibrate_coverage50", "prior"): "in its 50 %",
+    }
+    errors = results.where(quantity="calibrate_rmse")
+    models = [model for model in titles if model in errors.distinct("model")]
+    covered = {title: results.where(quantity=key[0], model=key[1]) for key, title in bands.items()}
+    covered = {title: found for title, found in covered.items() if found}
+    rows = []
+    for log in errors.distinct("log"):
+        cells = [f"{1e3 * errors.value(model=model, log=log):.1f}" for model in models]
+        shares = (found.mean() if log is None else found.value(log=log) for found in covered.values())
+        rows.append([log or "mean", *cells, *(f"{100 * share:.0f} %" for share in shares)])
+    return ["log", *(titles[model] for model in models), *covered], rows
+
+
+def calibrated_constants(results: Results) -> Table:
+    """Columns and rows: each constant of a calibration; errors of a constant fitted by its logarithm are shares."""
+    columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "before", "between motors",
+               "identified"]  # fmt: skip
+    rows = []
+    for part in results.where(quantity="calibrate_center").distinct("part"):
+        of = results.where(part=part, model=None)
+        unit = of.where(quantity="calibrate_center").rows[0].unit
+        is_share = of.where(quantity="calibrate_error").rows[0].unit == "1" != unit
+        errors = (of.value(quantity=f"calibrate_{name}") for name in ("error", "belief", "spread"))
+        cells = [f"{100 * error:.0f} %" if is_share else f"{error:.3g}" for error in errors]
+        values = [f"{of.value(quantity=f'calibrate_{name}'):.3g}" for name in ("start", "center")]
+        identified = "yes" if of.value(quantity="calibrate_identified") else "no"
+        rows.append([part, unit, *values, *cells, identified])
+    return columns, rows
+
+
+def optima(results: Results) -> Table:
+    """Columns and rows: the optima of a calibration's searches, the best first."""
+    costs, found = results.where(quantity="calibrate_cost"), results.where(quantity="calibrate_optimum")
+    parts = found.distinct("part")
+    rows = [
+        [str(number), f"{row.value:.1f}", *(f"{found.value(model=row.model, part=part):.3g}" for part in parts)]
+        for number, row in enumerate(costs, start=1)
+    ]
+    return ["optimum", "cost", *parts], rows

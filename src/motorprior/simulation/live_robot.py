@@ -20,8 +20,6 @@ from motorprior.simulation.world_step import WorldArrays, physics_step, read_joi
 
 IMU_NOISE = (0.002, 0.01)
 """Standard deviations of the noise on attitude [rad] and on rates [rad/s]; assumed for a MEMS sensor at 100 Hz."""
-_BLOCKED = 50.0
-"""Damping of a blocked joint [N·m·s/rad]."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +74,6 @@ class LiveRobot:
             torque_limit=self._motors.torque_limit * (max_current / self._wire.max_current),
         )
         self._arrays.parameters[:] = PhysicalActuator(motors).arrays(self._robot.twin_physics_dt).parameters
-
-    def block(self, joints: tuple[int, ...]) -> None:
-        """Hold these joints fast, and no others."""
-        passive = self._world.arrays.passive
-        passive[:] = 0.0
-        passive[list(joints)] = _BLOCKED
 
     def advance(self, milliseconds: int, target: np.ndarray) -> None:
         """Let time pass under (joints,) targets [rad]."""

@@ -1,82 +1,93 @@
-"""Pictures of walks by MuJoCo's renderer, where OpenGL works with or without a screen."""
+"""Pictures of a robot by MuJoCo's renderer, with or without a screen, and the camera of pictures and of the viewer."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from __future__ import annotations
 
+import importlib
 import os
-import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import IO
+from typing import Any
 
+import mujoco
 import numpy as np
 
-from motorprior.artifacts import write_tensors
 from motorprior.exceptions import ConfigError
-from motorprior.scratch import scratch_folder
+from motorprior.robots.robot import Robot
+from motorprior.simulation.build_model import FLOOR, build_model
 
-WIDTH, HEIGHT = 480, 288
-"""Of a walk's picture [pixel]; multiples of 16, as video encoders want them."""
+WIDTH, HEIGHT = 480, 288  # [pixel], multiples of 16 for video encoders
 REMEDY = "install EGL or OSMesa (Debian: libegl1 with libgl1-mesa-dri, or libosmesa6)"
 
 
 @contextmanager
-def rendered(robot: str, walks: Sequence[np.ndarray]) -> Iterator[Iterator[np.ndarray]]:
-    """Frames (walks · HEIGHT, WIDTH, 3) uint8, the walks one under the other.
+def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
+    """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, in the thread that enters.
 
-    Every way to OpenGL is tried in a process of its own until one draws the first frame; MUJOCO_GL names the only one
-    to try.
-
-    Args:
-        robot: name, or path of its .toml file.
-        walks: (F, 7 + joints) base pose and joint angles of each, all of one length, at least one frame.
+    The environment variable MUJOCO_GL (egl, osmesa, glfw) chooses the OpenGL library, as everywhere in MuJoCo.
 
     Raises:
-        ConfigError: no OpenGL, with what the last process said; or a process that ended too early.
+        ConfigError: OpenGL does not work here.
     """
-    with scratch_folder() as folder:
-        request = folder / "walks.safetensors"
-        header = {"robot": robot, "width": WIDTH, "height": HEIGHT}
-        write_tensors(request, {str(number): walk for number, walk in enumerate(walks)}, header)
-        shape, said = (len(walks) * HEIGHT, WIDTH, 3), ""
-        for way in _ways():
-            with (folder / "stderr").open("w+b") as errors, _process(request, way, errors) as process:
-                assert process.stdout is not None
-                first = process.stdout.read(int(np.prod(shape)))
-                if len(first) == np.prod(shape):
-                    yield _frames(first, process.stdout, len(walks[0]), shape)
-                    return
-                process.wait()
-                errors.seek(0)
-                said = (errors.read().decode(errors="replace").strip().splitlines() or ["no reason given"])[-1]
-        raise ConfigError(f"MuJoCo cannot draw here ({said})", remedy=REMEDY)
+    model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
+    prepare(model, option)
+    look_at(robot, camera)
+    library = os.environ.get("MUJOCO_GL", {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw"))
+    try:
+        window = importlib.import_module(f"mujoco.{library}").GLContext(WIDTH, HEIGHT)
+        window.make_current()
+        model.vis.quality.offsamples = 0  # smooth edges double the time without a GPU
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    except Exception as error:  # of the loader, PyOpenGL or MuJoCo, depending on what is missing
+        raise ConfigError(f"MuJoCo cannot draw here ({error})", remedy=REMEDY) from error
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=10_000)
+    view, picture = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), np.empty((HEIGHT, WIDTH, 3), np.uint8)
+
+    def draw(qpos: np.ndarray) -> np.ndarray:
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        camera.lookat[:] = qpos[0], qpos[1], 0.75 * robot.standing_height
+        mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
+        scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
+        _add_floor_lines(scene, float(qpos[0]), float(qpos[1]), robot)
+        mujoco.mjr_render(view, scene, context)
+        mujoco.mjr_readPixels(picture, None, view, context)
+        return picture[::-1].copy()
+
+    try:
+        yield draw
+    finally:
+        context.free()
+        window.free()
 
 
-def _ways() -> list[str | None]:
-    """Values of MUJOCO_GL to try; None leaves the choice to MuJoCo."""
-    if "MUJOCO_GL" in os.environ or not sys.platform.startswith("linux"):
-        return [None]
-    return ["egl", "osmesa", *(["glfw"] if os.environ.get("DISPLAY") else [])]
+def look_at(robot: Robot, camera: Any) -> None:
+    """Set angles and distance of an MjvCamera: from the right, a little from the front and from above."""
+    camera.distance, camera.azimuth, camera.elevation = 7.5 * robot.standing_height, 105.0, -20.0
 
 
-@contextmanager
-def _process(request: Path, way: str | None, errors: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    """The drawing process, which ends with the context."""
-    command = [sys.executable, "-P", "-m", "motorprior.simulation.render_process", str(request)]
-    environment = os.environ | ({} if way is None else {"MUJOCO_GL": way})
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, env=environment) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+def prepare(model: mujoco.MjModel, option: Any) -> None:
+    """Set view and light of a model, and the geom groups that an MjvOption shows: all if no geom were visible."""
+    model.vis.global_.fovy = 30.0  # [deg]; the horizon, with black above it, is then outside the picture
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = (0.4, 0.5) if model.nlight else (0.6, 0.8)
+    robot_geoms = np.arange(model.ngeom) != model.geom(FLOOR).id
+    # MuJoCo shows groups 0 to 2; models often keep collision shapes in group 3, next to visible meshes
+    if not (model.geom_group[robot_geoms] < 3).any():
+        option.geomgroup[:] = 1
 
 
-def _frames(first: bytes, stream: IO[bytes], count: int, shape: tuple[int, ...]) -> Iterator[np.ndarray]:
-    data = first
-    for number in range(count):
-        if number:
-            data = stream.read(len(first))
-        if len(data) < len(first):
-            raise ConfigError(f"MuJoCo stopped drawing at frame {number} of {count}", remedy=REMEDY)
-        yield np.frombuffer(data, dtype=np.uint8).reshape(shape)
+def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -> None:
+    """Lines across the way every 0.1 m, every fifth dark: on a plain floor the motion would be invisible."""
+    gap = 0.1 * 10.0 ** round(np.log10(robot.standing_height / 0.166))  # ten times as much for a ten times larger robot
+    reach, middle = 10.0 * robot.standing_height, round(x / gap)
+    count = round(reach / gap)
+    for line in range(middle - count, middle + count + 1):
+        shade, width = (0.45, 0.04) if line % 5 == 0 else (0.75, 0.02)
+        size, center = np.array([width * gap, reach, 0.01 * gap]), np.array([line * gap, y, 0.0])
+        color = np.array([shade, shade, shade, 1.0], np.float32)
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, center, np.eye(3).ravel(), color)
+        scene.ngeom += 1

@@ -1,4 +1,4 @@
-"""Walks in MuJoCo's own window, in real time, where there is a screen."""
+"""Walks in MuJoCo's viewer, in real time, where there is a screen."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -16,44 +16,35 @@ import numpy as np
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import build_model
-from motorprior.simulation.camera import look_at, prepare
+from motorprior.simulation.rendering import look_at, prepare
 
 
 def require_screen() -> None:
-    """Refuse a window where there can be none.
+    """Check that there is a screen before the work starts.
 
     Raises:
-        ConfigError: there is no screen.
+        ConfigError: there is none.
     """
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ConfigError(
-            "viewer: there is no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set)",
-            remedy="leave it out: the film in the output folder shows the same", argument="viewer",
+            "viewer: there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)",
+            remedy="omit it: the film in the output folder shows the same", argument="viewer",
         )  # fmt: skip
 
 
 def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
-    """Play the walks one after another, again and again, until the window is closed.
+    """Play the walks one after another, repeatedly, until the window is closed.
 
     Args:
         robot: that walked.
-        walks: (F, 7 + joints) of each, base pose and joint angles.
+        walks: (F, 7 + joints) base pose and joint angles of each.
         control_dt: time between frames [s].
-
-    Raises:
-        ConfigError: no screen, or no window on it.
     """
-    require_screen()
-    import mujoco.viewer  # here: it looks for a screen
+    import mujoco.viewer  # here, since it needs a screen
 
     model = build_model(robot)
     data = mujoco.MjData(model)
-    try:
-        opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
-    except Exception as error:  # glfw's, MuJoCo's or RuntimeError, as the system has it
-        remedy = "on macOS start it with mjpython; or leave it out: the film in the output folder shows the same"
-        raise ConfigError(f"viewer: no window ({error})", remedy=remedy, argument="viewer") from error
-    with opened as window:
+    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
         window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
         look_at(robot, window.cam)
         prepare(model, window.opt)
@@ -63,7 +54,7 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
 
 
 def _play(window: Any, model: mujoco.MjModel, data: mujoco.MjData, walk: np.ndarray, control_dt: float) -> None:
-    """One walk, until its end or that of the window; frames that would come late are left out."""
+    """One walk, until its end or that of the window; late frames are skipped."""
     started, frame = time.monotonic(), 0
     while frame < len(walk) and window.is_running():
         with window.lock():

@@ -1,4 +1,4 @@
-"""What the policies of a study are trained on: models fitted to one bench, and the oracle."""
+"""Training conditions of a study: motor models fitted to one bench, and the oracle."""
 
 from __future__ import annotations
 
@@ -20,54 +20,49 @@ from motorprior.pipeline.progress import Progress, Task
 from motorprior.pipeline.stage import description, in_parallel, is_finished, working
 from motorprior.robots.load import load_robot
 from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
 from motorprior.studies.settings import Study
-from motorprior.transfer.places import ABROAD, HOME, TWINS, motors_of_robot
 
-MOTORS_ONLY = Randomization()
-"""Only the motors differ between episodes."""
-ADAPTED = ("prior_adapted", "pd_adapted")
-"""Conditions whose policy of seed k is fitted to robot k, and walks on it alone."""
+MOTORS_ONLY = Randomization()  # only the motors differ between episodes
+ADAPTED = ("prior_adapted", "pd_adapted")  # the policy of seed k is fitted to robot k, and walks on it alone
 PRESETS = {name: name for name in ("paper", "paper_wide", "one_network")} | dict.fromkeys(
     ("prior_mean", "prior", "prior_adapted", "prior_robust"), "rollout"
-)
-"""Condition -> preset of its prior."""
+)  # condition -> preset of its prior
 FITTED_PDS = ("ideal_pd", "tuned_pd", "pd_friction")
+# [kg·m²], [s]; each fit starts from all combinations: high inertia and a long delay have similar errors
 LAGS = {"armature": (0.001, 0.005), "delay": (0.002, 0.008)}
-"""[kg·m²], [s]; each fit starts from all combinations: a slow rotor and a late one give similar errors."""
-LOG_SECONDS = 10.0
-"""Log of a robot that its policy is adapted to [s]."""
-LOG_STREAM = 0x20B2
-"""Tag of the random stream of such a log, of no bench."""
+LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
+LOG_STREAM = 0x20B2  # random stream of these logs
 FITS = "fits.json"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What a policy is trained on.
+    """Training condition of a policy.
 
     Attributes:
         name: in tables.
-        motors: of every episode.
-        randomization: what else differs between episodes.
-        environments: where it is evaluated.
-        robot: number of the one robot that it is evaluated on; None: all.
-        population: HOME, or ABROAD for conditions made for out-of-family motors.
+        motors: of the training episodes.
+        randomization: of the training episodes, besides the motors.
+        environments: in which it is evaluated.
+        robot: number of the only robot that it is evaluated on; None: all.
+        population: OUT_OF_FAMILY for conditions trained for out-of-family motors.
     """
 
     name: str
     motors: MotorChoice
     randomization: Randomization = MOTORS_ONLY
-    environments: tuple[str, ...] = tuple(TWINS)
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
     robot: int | None = None
-    population: str = HOME
+    population: str = IN_FAMILY
 
     def folder(self, seed: int) -> str:
-        """Name of the folders of its policy of a seed."""
-        return f"{self.name}_{seed}" if self.population == HOME else f"{self.name}_{self.population}_{seed}"
+        """Folder name of its policy of a seed."""
+        return f"{self.name}_{seed}" if self.population == IN_FAMILY else f"{self.name}_{self.population}_{seed}"
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether all episodes of its training simulation are equal."""
+        """Whether all episodes of its training simulation are identical."""
         motors = self.motors
         if self.randomization != MOTORS_ONLY or motors.actuator == "fleet" or motors.posterior is not None:
             return False
@@ -78,7 +73,7 @@ class Condition:
 
 
 def conditions(config: Study, seed: int) -> list[Condition]:
-    """Those of ``config.conditions`` that have a policy of this seed, the longest trainings first."""
+    """The conditions with a policy of this seed, the longest trainings first."""
     z, fleet = config.latent_spread, config.fleet
 
     def prior(name: str, spread: float = 1.0, randomization: Randomization = MOTORS_ONLY) -> Condition:
@@ -95,12 +90,12 @@ def conditions(config: Study, seed: int) -> list[Condition]:
             posterior = _robot_folder(config, population, seed) / POSTERIOR
             motors = MotorChoice("prior", prior_path(config, "rollout"), posterior, fleet, name=name)
             robot = seed
-        there = tuple(twin for twin, each in TWINS.items() if each.population == population)
-        return Condition(name, motors, environments=there, robot=robot, population=population)
+        environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population == population)
+        return Condition(name, motors, environments=environments, robot=robot, population=population)
 
     made = {
         **{
-            name: [partial(of_robot, name, population) for population in (ABROAD, HOME)]
+            name: [partial(of_robot, name, population) for population in (OUT_OF_FAMILY, IN_FAMILY)]
             for name in ("oracle", "prior_adapted", "pd_adapted")
         },
         "prior": [partial(prior, "prior", z)],
@@ -115,19 +110,19 @@ def conditions(config: Study, seed: int) -> list[Condition]:
 
 
 def fitted_pd(config: Study, fit: str, name: str = "", spread: float = 0.0) -> Condition:
-    """A PD fitted to the bench; its constants vary by a relative ``spread``."""
+    """A PD fitted to the bench; its constants vary by a relative range ``spread``."""
     constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
     return Condition(name or fit, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name or fit, **constants))
 
 
-def randomised_pd(config: Study, width: float, name: str) -> Condition:
-    """The PD with friction, all constants randomised by a relative width."""
-    return fitted_pd(config, "pd_friction", name, width)
+def randomised_pd(config: Study, spread: float, name: str) -> Condition:
+    """The PD with friction, all constants randomised by a relative range."""
+    return fitted_pd(config, "pd_friction", name, spread)
 
 
 def fleet_of(config: Study, population: str) -> str | None:
     """The fleet of a population."""
-    return config.foreign if population == ABROAD else config.fleet
+    return config.foreign if population == OUT_OF_FAMILY else config.fleet
 
 
 def prior_path(config: Study, preset: str) -> Path:
@@ -198,7 +193,7 @@ def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
     """Record LOG_SECONDS of the motors of the robot of every seed and population, and adapt to them."""
     if not any(name in config.conditions for name in ADAPTED):
         return
-    robots = [(population, seed) for seed in range(config.seeds) for population in (HOME, ABROAD)]
+    robots = [(population, seed) for seed in range(config.seeds) for population in (IN_FAMILY, OUT_OF_FAMILY)]
     with progress.start(f"adapt to {len(robots)} robots", len(robots)) as task:
         in_parallel([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)
 

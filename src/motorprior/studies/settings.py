@@ -22,7 +22,7 @@ CONDITIONS = (
     "paper_wide", "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle",
 )  # fmt: skip
 """Training conditions, in the order of every table; docs/transfer.md describes them."""
-OWN_MOTORS = "own"
+OWN_MOTORS = "own"  # as validation: select on the training motors
 _QUICK = {
     "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
 }  # fmt: skip
@@ -48,15 +48,15 @@ class Study:
     seconds: float = 10.0
     """Of a walk [s]."""
     speed: float | None = None
-    """Commanded straight on, in training and evaluation [m/s]; 1.5 times the robot's usual fastest speed if not given:
-    at slower speeds the gait walks whatever the motors."""
+    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
+    lower speeds the gait walks on any motors."""
     iterations: int = 50
     """ARS iterations per policy."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose motors the best policy of a search is selected; not that of an
-    environment. The first of the robot's other fleets if not given; `own`: the training motors."""
+    """Fleet, a name or a .toml file, on whose motors the best policy of a search is selected, of no environment.
+    The first of the robot's other fleets if not given; `own`: the training motors."""
     spread: float | None = None
-    """Relative width of the randomised PD [-]; selected on the validation fleet if not given."""
+    """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
     latent_spread: float = 1.0
     """Factor on the standard deviation of z of the sampled priors [-]."""
     motors: int = 32
@@ -90,10 +90,10 @@ class Study:
         """Fleet on whose motors policies are selected; None: the training motors."""
         if self.validation is not None:
             return None if self.validation == OWN_MOTORS else self.validation
-        return self.width_fleet(robot)
+        return self.range_fleet(robot)
 
-    def width_fleet(self, robot: Robot) -> str | None:
-        """Fleet of no environment, on which the width of the randomised PD is selected."""
+    def range_fleet(self, robot: Robot) -> str | None:
+        """Fleet of no environment, on which the range of the randomised PD is selected."""
         if self.validation not in (None, OWN_MOTORS):
             return self.validation
         used = {load_robot_fleet(robot, name).name for name in (self.fleet, self.foreign)}
@@ -102,14 +102,14 @@ class Study:
 
     @property
     def episodes_at_a_time(self) -> int:
-        """Of one policy; threads have one each."""
+        """Walks of one policy at a time; one per thread."""
         return self.workers if self.executor == "ray" else 1
 
     def sized(self) -> Study:
-        """With the numbers of a quick study if it is one.
+        """With the sizes of a quick study if it is one.
 
         Raises:
-            ConfigError: names the setting that cannot be used.
+            ConfigError: names the invalid setting.
         """
         config, robot = self, load_robot(self.robot)
         if self.quick:
@@ -128,11 +128,9 @@ class Study:
         require_executor(config.executor, config.ray_address)
         own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign)
         if replace(own, name=foreign.name) == foreign or config.validation in (own.name, foreign.name):
-            problem = "foreign and validation must be fleets other than the bench's, and unlike each other"
-            raise ConfigError(problem, argument="foreign", remedy="give three different fleets")
-        if config.spread is None and "pd_randomised" in config.conditions and config.width_fleet(robot) is None:
-            problem = f"no fleet of {robot.name!r} is known to select the width of pd_randomised on"
-            raise ConfigError(
-                problem, argument="validation", remedy="give a fleet as validation, or the width as spread"
-            )
+            problem = "fleet, foreign and validation must be three different fleets"
+            raise ConfigError(problem, argument="foreign", remedy="change one of them")
+        if config.spread is None and "pd_randomised" in config.conditions and config.range_fleet(robot) is None:
+            problem = f"no fleet of {robot.name!r} to select the range of pd_randomised on"
+            raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or a spread")
         return config

@@ -1,11 +1,11 @@
-"""The transfer study: policies trained on each model of a bench's motors walk on held-out robots.
+"""The transfer study: policies trained on each model of a bench's motors, evaluated on held-out robots.
 
 1. Record a bench of motors; fit the models to it.
-2. Select the width of the randomised PD on a fleet of no environment.
+2. Select the range of the randomised PD on a fleet of no environment.
 3. Adapt the prior and a PD to ten seconds of log of each robot.
-4. Train a policy per condition and seed; let it walk in its training simulation and in four environments.
-5. Summarise: interquartile means of the speed and means of the time upright with 95 % intervals, differences from the
-   sampled prior with permutation p-values, corrected by Holm.
+4. Train a policy per condition and seed; evaluate it in its training simulation and in four environments.
+5. Summarise: interquartile mean speed and mean time upright with 95 % intervals; differences from the sampled prior
+   with permutation p-values, corrected by Holm.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from motorprior.pipeline.stage import locked, usable_threads, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, learn, randomised_pd
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.settings import CONDITIONS, OWN_MOTORS, Study
 from motorprior.studies.statistics import (
     Comparison,
@@ -36,9 +37,8 @@ from motorprior.studies.statistics import (
     iqms,
     means,
 )
+from motorprior.studies.walk_table import OWN, OWN_FOREIGN, WalkTable
 from motorprior.studies.walks import WALKS, policies_upright, walk_table
-from motorprior.transfer.places import ABROAD, TWINS
-from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkTable
 
 if TYPE_CHECKING:
     from motorprior.report.page import Table
@@ -48,11 +48,10 @@ MEASURES = {
     "slip": "m/m", "transport": "1", "torque_beyond": "1", "step_frequency": "Hz", "foot_lift_mm": "mm",
     "body_rate": "rad/s",
 }  # fmt: skip
-"""Name -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG."""
+"""Measure -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG."""
 COMPARED = ("speed", "upright")
 REFERENCE = "prior"
-WIDTHS, WIDTH_SEEDS = (0.1, 0.2, 0.3, 0.4), range(900, 903)
-"""Widths of the randomised PD that are tried, and seeds of these policies: of no condition."""
+PD_RANGES, PD_RANGE_SEEDS = (0.1, 0.2, 0.3, 0.4), range(900, 903)  # of the randomised PD; seeds of no condition
 TABLES, SPREADS = "tables.md", "spreads.json"
 
 
@@ -62,9 +61,9 @@ class Summary:
 
     Attributes:
         estimates: (place, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
-        upright: (place, condition) -> share of the policies that are upright for 90 % of the time.
-        differences: (place, condition, measure) -> condition against the sampled prior.
-        p: the same keys -> p corrected for all of these comparisons.
+        upright: (place, condition) -> share of the policies that are upright for at least 90 % of the time.
+        differences: (place, condition, measure) -> condition compared with the sampled prior.
+        p: the same keys -> p, corrected for all of these comparisons.
     """
 
     estimates: dict[tuple[str, str, str], Estimate]
@@ -74,10 +73,10 @@ class Summary:
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
-    """Run everything that is not finished; write walks.csv, results.json, figures.json, tables.md and report.html.
+    """Run every stage that is not finished; write walks.csv, results.json, figures.json, tables.md and report.html.
 
     Raises:
-        MotorPriorError: settings out of range, or a stage cannot run; finished stages stay.
+        MotorPriorError: invalid settings, or a failed stage; finished stages stay.
     """
     config = config.sized()
     robot = load_robot(config.robot)
@@ -85,7 +84,7 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
         threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)
         learn(config, threads, progress)
-        config = with_width(config, progress)
+        config = with_pd_range(config, progress)
         adapt_robots(config, threads, progress)
         cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
         table = walk_table(config, cells, progress)
@@ -100,34 +99,34 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
     return summary
 
 
-def with_width(config: Study, progress: Progress) -> Study:
-    """The study with the width of its randomised PD: that whose policies are upright for longest on another fleet."""
+def with_pd_range(config: Study, progress: Progress) -> Study:
+    """The study with the range of its randomised PD whose policies are upright for longest on the validation fleet."""
     if config.spread is not None or "pd_randomised" not in config.conditions:
         return config
     robot = load_robot(config.robot)
-    fleet = config.width_fleet(robot)
-    made = {width: randomised_pd(config, width, f"pd_randomised_{width:g}") for width in WIDTHS}
-    tried = [replace(condition, environments=(ABROAD,)) for condition in made.values()]
+    fleet = config.range_fleet(robot)
+    made = {spread: randomised_pd(config, spread, f"pd_randomised_{spread:g}") for spread in PD_RANGES}
+    tried = [replace(condition, environments=(OUT_OF_FAMILY,)) for condition in made.values()]
     selected_on = config.validation_fleet(robot) or OWN_MOTORS
-    there = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
-    seeds = WIDTH_SEEDS[: config.seeds]
-    table = walk_table(there, [(condition, seed) for seed in seeds for condition in tried], progress)
+    search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
+    seeds = PD_RANGE_SEEDS[: config.seeds]
+    table = walk_table(search, [(condition, seed) for seed in seeds for condition in tried], progress)
     found = {
-        width: {
-            measure: estimate(table.scores(ABROAD, condition.name, measure), statistic_of(measure)).value
+        spread: {
+            measure: estimate(table.scores(OUT_OF_FAMILY, condition.name, measure), statistic_of(measure)).value
             for measure in COMPARED
         }
-        for width, condition in made.items()
+        for spread, condition in made.items()
     }
-    best = max(found, key=lambda width: (found[width]["upright"], found[width]["speed"]))
-    by_width = {f"{width:g}": walked for width, walked in found.items()}
-    write_json(there.out / SPREADS, {"fleet": fleet, "tried": by_width, "chosen": best})
-    progress.note(f"width of the randomised PD, selected on the fleet {fleet!r}: {best:g}")
+    best = max(found, key=lambda spread: (found[spread]["upright"], found[spread]["speed"]))
+    by_range = {f"{spread:g}": walked for spread, walked in found.items()}
+    write_json(search.out / SPREADS, {"fleet": fleet, "tried": by_range, "chosen": best})
+    progress.note(f"range of the randomised PD, selected on the fleet {fleet!r}: {best:g}")
     return replace(config, spread=best)
 
 
 def statistic_of(measure: str) -> Statistic:
-    """Mean of the time upright, whose middle half would hide falls; interquartile mean otherwise."""
+    """Mean of the time upright (an interquartile mean would hide falls); interquartile mean otherwise."""
     return means if measure == "upright" else iqms
 
 
@@ -142,7 +141,7 @@ def summarise(table: WalkTable) -> Summary:
                 if np.isfinite(scores).any():
                     estimates[place, condition, measure] = estimate(scores, statistic_of(measure))
             upright[place, condition] = policies_upright(cell.scores(place, condition, "upright"))
-            trained = condition not in (REFERENCE, "untrained") and place in TWINS
+            trained = condition not in (REFERENCE, "untrained") and place in ENVIRONMENTS
             if trained and len(table.at(place, REFERENCE)):
                 for measure in COMPARED:
                     differences[place, condition, measure] = compare(table, place, condition, REFERENCE, measure)
@@ -150,7 +149,7 @@ def summarise(table: WalkTable) -> Summary:
 
 
 def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> Comparison:
-    """One condition against another at a place, on the same draws, or on the robots that both walked."""
+    """One condition compared with another in an environment, on the same walks, or on the robots that both walked."""
     mine, theirs, statistic = table.at(place, one), table.at(place, other), statistic_of(measure)
     scores = mine.scores(place, one, measure), theirs.scores(place, other, measure)
     if one in ADAPTED and other in ADAPTED:
@@ -180,31 +179,27 @@ def as_results(summary: Summary) -> Results:
 
 def write_page(out: Path, summary: Summary, settings: dict[str, str], command: str) -> None:
     """Write report.html and tables.md."""
-    from motorprior.report.page import Report, Section, picture, write_report  # here: they import matplotlib
+    from motorprior.report.page import Section, page, picture  # here: they import matplotlib
     from motorprior.report.plots_study import forest
 
     headline, differences = headline_table(summary), difference_table(summary)
-    lead = "Speed [m/s] and time upright [%], with 95 % intervals; the share of policies upright for 90 % of the time."
-    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.", lead)
-    sections = [Section("Speed and time upright", lead, pictures=(drawn,), tables=(headline,))]
-    if differences.rows:
-        lead = "Differences from the sampled prior; p corrected by Holm for all of them."
-        sections.append(Section("Differences from the sampled prior", lead, tables=(differences,)))
-    report = Report(
-        title="Transfer study",
-        subtitle="Policies trained on each model of a bench's motors, on held-out robots.",
-        sections=tuple(sections),
-        settings=settings,
-        command=command,
+    text = (
+        "Policies trained on each model of a bench's motors, on held-out robots.",
+        "Speed [m/s] and time upright [%], with 95 % intervals; the share of policies upright for 90 % of the time.",
     )
-    write_report(out / PAGE, report)
+    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
+    drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")
+    sections = [Section("Speed and time upright", text, (drawn,), (headline,))]
+    if differences.rows:
+        text = ("Differences from the sampled prior; p corrected by Holm for all of them.",)
+        sections.append(Section("Differences from the sampled prior", text, tables=(differences,)))
+    write_text(out / PAGE, page("Transfer study", sections, settings, command))
     write_text(out / TABLES, f"{_markdown(headline)}\n\n{_markdown(differences)}\n")
 
 
 def _places(summary: Summary) -> list[str]:
     found = {place for place, _, _ in summary.estimates}
-    return [place for place in (OWN, OWN_ABROAD, *TWINS) if place in found]
+    return [place for place in (OWN, OWN_FOREIGN, *ENVIRONMENTS) if place in found]
 
 
 def _conditions(summary: Summary) -> list[str]:
@@ -213,7 +208,7 @@ def _conditions(summary: Summary) -> list[str]:
 
 
 def headline_table(summary: Summary) -> Table:
-    """A row per condition, a cell per place."""
+    """A row per condition, a cell per environment."""
     from motorprior.report.page import Table
 
     rows = []
@@ -235,7 +230,7 @@ def difference_table(summary: Summary) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
     from motorprior.report.page import Table
 
-    places = [place for place in _places(summary) if place in TWINS]
+    places = [place for place in _places(summary) if place in ENVIRONMENTS]
     rows = []
     for condition in _conditions(summary):
         cells = []

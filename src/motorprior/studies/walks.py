@@ -1,4 +1,4 @@
-"""Train the policy of a condition and seed, and let it walk in its training simulation and on held-out robots."""
+"""Train the policy of a condition and seed, and evaluate it in its training simulation and the test environments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, usable_threads, working
-from motorprior.pipeline.transfer_study.transfer import own_scene
+from motorprior.pipeline.transfer_study.transfer import training_scene
 from motorprior.pipeline.walking.trained_policy import policy_of
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
@@ -27,17 +27,17 @@ from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.studies.conditions import Condition, fleet_of
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, HeldOutWalks, TrainingWalks
 from motorprior.studies.settings import Study
-from motorprior.transfer.places import ABROAD, TWINS, NumberedWalks, OwnWalks
-from motorprior.transfer.walk_measures import walk_measures
-from motorprior.transfer.walk_table import OWN, OWN_ABROAD, WalkRow, WalkTable
+from motorprior.studies.walk_measures import walk_measures
+from motorprior.studies.walk_table import OWN, OWN_FOREIGN, WalkRow, WalkTable
 
 WALKS = "walks.csv"
 _EPISODE_STEPS = 500  # of training
 
 
 def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: Progress = SILENT) -> WalkTable:
-    """Train the policies of conditions and seeds and evaluate them; finished ones in ``config.out`` are read."""
+    """Train and evaluate policies; finished ones in ``config.out`` are read."""
     robot, environments = load_robot(config.robot), _installed_environments(progress)
     at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
     processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
@@ -52,9 +52,9 @@ def _installed_environments(progress: Progress) -> tuple[str, ...]:
     try:
         import_bullet()
     except ConfigError as error:
-        progress.note(f"note: without the environment pybullet: {error}")
-        return tuple(name for name, twin in TWINS.items() if twin.engine != "pybullet")
-    return tuple(TWINS)
+        progress.note(f"note: skipped the environment pybullet: {error}")
+        return tuple(name for name, twin in ENVIRONMENTS.items() if twin.engine != "pybullet")
+    return tuple(ENVIRONMENTS)
 
 
 def _cell(
@@ -79,9 +79,9 @@ def _cell(
         _gait(config.commands(robot).on(robot), condition).save(walk.out / POLICY)
     else:
         run_walk(walk, progress, name)
-    here = tuple(each for each in condition.environments if each in environments)
+    tested = tuple(each for each in condition.environments if each in environments)
     settings = {
-        "twins": here, "draws": config.draws, "seconds": config.seconds, "speed": config.commanded(robot),
+        "twins": tested, "draws": config.draws, "seconds": config.seconds, "speed": config.commanded(robot),
         "study": config.seed, "condition": condition.name, "robot": condition.robot,
     }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
@@ -89,15 +89,15 @@ def _cell(
     folder = config.out / "watched" / name
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            evaluated(config, robot, condition, seed, here, progress).save(folder / WALKS)
+            evaluated(config, robot, condition, seed, tested, progress).save(folder / WALKS)
     task.advance(1, name)
     return WalkTable.load(folder / WALKS)
 
 
 def _gait(robot: Robot, condition: Condition) -> Policy:
     """The policy of zero weights."""
-    nothing = Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
-    return policy_of(robot, "trot", nothing, condition.motors.nominal(robot), {})
+    zero = Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
+    return policy_of(robot, "trot", zero, condition.motors.nominal(robot), {})
 
 
 def evaluated(
@@ -109,17 +109,17 @@ def evaluated(
     robot = policy.commanded(robot)
     steps = round(config.seconds / robot.control_dt)
     walk = WalkConfig(steps, commands=config.commands(robot), gait=policy.gait)
-    places: dict[str, partial[OwnWalks] | partial[NumberedWalks]] = {}
+    places: dict[str, partial[TrainingWalks] | partial[HeldOutWalks]] = {}
     if condition.name != "untrained":
-        scene = own_scene(policy, path, robot, replace(walk, randomization=condition.randomization))
-        own = OWN_ABROAD if condition.population == ABROAD else OWN
-        places[own] = partial(OwnWalks, scene, config.seed)
+        scene = training_scene(policy, path, robot, replace(walk, randomization=condition.randomization))
+        own = OWN_FOREIGN if condition.population == OUT_OF_FAMILY else OWN
+        places[own] = partial(TrainingWalks, scene, config.seed)
     for name in environments:
-        fleet = load_robot_fleet(robot, fleet_of(config, TWINS[name].population))
-        places[name] = partial(NumberedWalks, robot, TWINS[name], fleet, walk, config.seed, condition.robot)
+        fleet = load_robot_fleet(robot, fleet_of(config, ENVIRONMENTS[name].population))
+        places[name] = partial(HeldOutWalks, robot, ENVIRONMENTS[name], fleet, walk, config.seed, condition.robot)
     rows = []
     for place, walks in places.items():
-        once = place in (OWN, OWN_ABROAD) and condition.is_deterministic
+        once = place in (OWN, OWN_FOREIGN) and condition.is_deterministic
         draws, at_a_time = 1 if once else config.draws, config.episodes_at_a_time
         executor = _executor(config, place, walks)
         try:
@@ -135,16 +135,16 @@ def evaluated(
     return WalkTable.of(rows)
 
 
-def _executor(config: Study, place: str, walks: partial[OwnWalks] | partial[NumberedWalks]) -> Executor:
-    if config.executor != "ray" and place in TWINS and TWINS[place].engine == "pybullet":
+def _executor(config: Study, place: str, walks: partial[TrainingWalks] | partial[HeldOutWalks]) -> Executor:
+    if config.executor != "ray" and place in ENVIRONMENTS and ENVIRONMENTS[place].engine == "pybullet":
         return ProcessExecutor(walks, config.episodes_at_a_time)  # PyBullet holds the interpreter's lock
     return make_executor(walks, config.episodes_at_a_time, config.executor, config.ray_address)
 
 
-def _walk(walks: OwnWalks | NumberedWalks, policy: PolicyArrays, draw: int) -> Episode:
+def _walk(walks: TrainingWalks | HeldOutWalks, policy: PolicyArrays, draw: int) -> Episode:
     return walks.run(policy, draw)
 
 
 def policies_upright(scores: np.ndarray) -> float:
-    """Share of the policies that are upright for 90 % of the time, of (seeds, draws) times upright [-]."""
+    """Share of the policies that are upright for at least 90 % of the time, from (seeds, draws) times upright [-]."""
     return float(np.mean(scores.mean(axis=1) >= 0.9))

@@ -1,8 +1,7 @@
-"""A fleet's centre as unknowns, and what real logs say of it when they are replayed.
+"""Least-squares problem of a fleet calibration: the fleet's centre as unknowns, replay errors of logs as residuals.
 
-Unknowns are the constants of the central motor that push-ups, gaits or steps can tell, most of them by their logarithm.
-The body of the simulated robot is not among them: on the logs of a real quadruped, friction of the feet and centre of
-mass explained nothing that the motors had not, and made other logs worse (docs/calibrate.md).
+Unknowns are constants of the central motor, positive ones by their logarithm. The simulated body is not fitted: on logs
+of a real quadruped, foot friction and centre of mass did not improve the replay (docs/calibrate.md).
 """
 
 from __future__ import annotations
@@ -19,24 +18,16 @@ from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
-from motorprior.transfer.gauss_newton import Belief
-from motorprior.transfer.real_replay import Replayer
-from motorprior.transfer.stated_gains import at_stated_gains, stated_constants
+from motorprior.transfer.gauss_newton import GaussianPrior
+from motorprior.transfer.log_replay import Replayer, logged_constants, with_logged_gains
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
-"""Constants that are fitted, where the fleet has them and is unsure of them."""
-PER_MOTOR = ("kp", "coulomb")
-"""Constants that may differ from motor to motor in the fit of the spread."""
-DEVIATION = 0.015
-"""Of a joint from a replay [rad], before a fit has shown it."""
-_LEAST_DEVIATION = 0.001
-"""[rad]; encoders and clocks are no better."""
-READINGS = 20
-"""Independent readings that a joint of a log counts as, however long it is: its misfit repeats with the motion."""
-_WEAK = 2.0
-"""The belief is so much wider than the fleet's uncertainty of its centre, which may stem from similar logs."""
-_STEPS = 3.0
-"""Differences are taken over a third of the belief's deviation, wide enough for joints that stick."""
+PER_MOTOR = ("kp", "coulomb")  # constants that differ between motors
+DEVIATION = 0.015  # [rad] residual deviation before the first fit
+_MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
+READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
+_PRIOR_SCALE = 2.0  # on the fleet's centre uncertainty, which may stem from similar logs
+_DIFFERENCE = 3.0  # central differences over a third of the prior deviation, wide enough for stiction
 
 
 @dataclass(frozen=True)
@@ -46,10 +37,10 @@ class Unknown:
     Attributes:
         name: in the fleet's file.
         is_log: whether the unknown is the constant's logarithm.
-        mean: believed of the unknown.
-        deviation: of that belief.
-        spread: of the unknown between motors, in the starting fleet.
-        least: smallest value of the constant.
+        mean: prior mean of the unknown.
+        deviation: prior standard deviation of the unknown.
+        spread: standard deviation between motors in the starting fleet.
+        minimum: of the constant.
     """
 
     name: str
@@ -57,28 +48,24 @@ class Unknown:
     mean: float
     deviation: float
     spread: float
-    least: float = 0.0
+    minimum: float = 0.0
 
     def value(self, x: float) -> float:
         """The constant."""
-        return float(np.exp(x)) if self.is_log else max(float(x), self.least)
+        return float(np.exp(x)) if self.is_log else max(float(x), self.minimum)
 
 
-def unknowns_of(fleet: Fleet, stated: frozenset[str] = frozenset()) -> tuple[Unknown, ...]:
-    """What of a fleet's centre is to be found.
-
-    Args:
-        fleet: where the fit begins.
-        stated: constants that all logs state, which are no unknowns.
+def unknowns_of(fleet: Fleet, logged: frozenset[str] = frozenset()) -> tuple[Unknown, ...]:
+    """Unknowns of a fleet's centre, without the constants that all logs state.
 
     Raises:
-        ConfigError: the fleet is sure of everything else.
+        ConfigError: the fleet has no uncertain constant.
     """
-    names = [name for name in FITTED if name not in stated]
+    names = [name for name in FITTED if name not in logged]
     found = [unknown for name in names if (unknown := _unknown(name, fleet.parameters.get(name))) is not None]
     if not found:
         raise ConfigError(
-            f"the fleet leaves none of {', '.join(names)} open", where=fleet.name, argument="fleet",
+            f"none of the fleet's constants {', '.join(names)} is uncertain", where=fleet.name, argument="fleet",
             remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
             "(docs/calibrate.md)",
         )  # fmt: skip
@@ -94,29 +81,30 @@ def _unknown(name: str, distribution: Distribution | None) -> Unknown | None:
         low, high = np.log([values["low"], values["high"]]) if is_log else (values["low"], values["high"])
         deviation = spread = float(high - low) / np.sqrt(12.0)
     else:
-        deviation, spread = _WEAK * values["center_uncertainty"], values["spread"]
+        deviation, spread = _PRIOR_SCALE * values["center_uncertainty"], values["spread"]
     mean = float(np.log(distribution.center)) if is_log else distribution.center
     return Unknown(name, is_log, mean, deviation, spread, values.get("minimum", 0.0)) if deviation > 0.0 else None
 
 
 class FleetProblem:
-    """Residuals of some logs as a function of the centre, and of single motors.
+    """Residuals of logs as a function of the centre, and of offsets of single motors.
 
     Args:
-        fleet: where the fit begins, and what stays.
-        robot: that the logs are of.
-        replayers: of the logs, by name.
-        deviation: of a joint from its replay that weighs as one standard deviation [rad].
+        fleet: start of the fit; constants that are not fitted stay.
+        robot: of the logs.
+        replayers: by log name.
+        deviation: standard deviation of the replay error of a joint [rad].
 
     Attributes:
-        stated: constants that all logs state, which are no unknowns.
+        logged: constants that all logs state, which are not fitted.
     """
 
     def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
         self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
-        self.stated = frozenset.intersection(*(stated_constants(each.prepared) for each in replayers.values()))
-        self.unknowns = unknowns_of(fleet, self.stated)
-        self.belief = belief_of(self.unknowns)
+        self.logged = frozenset.intersection(*(logged_constants(each.prepared) for each in replayers.values()))
+        self.unknowns = unknowns_of(fleet, self.logged)
+        prior = np.array([each.deviation for each in self.unknowns])
+        self.prior = GaussianPrior(np.array([each.mean for each in self.unknowns]), prior, prior / _DIFFERENCE)
         self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 
@@ -125,7 +113,7 @@ class FleetProblem:
 
         Args:
             x: (unknowns,) the centre.
-            offsets: of single motors from it, flat (moved joints · differing unknowns).
+            offsets: of single motors from it, flat (excited joints · differing unknowns).
         """
         count = self.robot.num_joints
         values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}
@@ -137,8 +125,8 @@ class FleetProblem:
         return FAMILIES[self.fleet.family].motors(values)
 
     def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
-        """The `motors` at the gains that a log states."""
-        return at_stated_gains(self.motors(x, offsets), self.replayers[name].prepared).actuator()
+        """The `motors` with the gains of a log."""
+        return with_logged_gains(self.motors(x, offsets), self.replayers[name].prepared).actuator()
 
     def errors(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> list[np.ndarray]:
         """(rows, joints) simulated minus measured [rad] of every log; see `Replayer.error`."""
@@ -148,27 +136,21 @@ class FleetProblem:
         ]
 
     def residuals(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
-        """(N,) errors in units of their deviation; every joint of every log weighs the same."""
+        """(N,) errors in units of their deviation; every joint of every log has the same weight."""
         weigh = np.sqrt(READINGS) / self.deviation
         return np.concatenate([weigh / np.sqrt(len(e)) * e.ravel() for e in self.errors(names, x, offsets)])
 
     def rmse(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> float:
-        """Mean over the moved joints of a log of their RMSE [rad]."""
+        """Mean RMSE over the excited joints of a log [rad]."""
         (error,) = self.errors([name], x, offsets)
         return float(np.mean(rms(error, axis=0)))
 
     def unit(self, unknown: Unknown) -> str:
-        """Of the constant."""
+        """Unit of the constant."""
         return FAMILIES[self.fleet.family].units[unknown.name]
 
-    def as_good_as(self, x: np.ndarray) -> FleetProblem:
-        """The same, with the deviation that a centre leaves: the root of the mean over all joints and logs."""
+    def with_residual_deviation(self, x: np.ndarray) -> FleetProblem:
+        """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
         errors = self.errors(list(self.replayers), x)
         deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))
-        return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _LEAST_DEVIATION))
-
-
-def belief_of(unknowns: Sequence[Unknown]) -> Belief:
-    """Of the centre."""
-    deviation = np.array([each.deviation for each in unknowns])
-    return Belief(np.array([each.mean for each in unknowns]), deviation, deviation / _STEPS)
+        return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _MIN_DEVIATION))

@@ -1,8 +1,8 @@
-"""Least squares with a Gaussian belief, for simulations that stick: Gauss-Newton with wide central differences.
+"""Least squares with a Gaussian prior for simulations with dry friction: Gauss-Newton with wide central differences.
 
 Minimises c(x) = Σ r(x)² + Σ ((x - mean) / deviation)². Dry friction makes r(x) rough on a small scale, so a derivative
-is (r(x + h) - r(x - h)) / 2h with a step h as wide as the change of x that matters. About the optimum c is a parabola
-and (JᵀJ + diag(1 / deviation²))⁻¹ the covariance of x (Laplace), if r counts its independent readings.
+is (r(x + h) - r(x - h)) / 2h with h as wide as the relevant change of x. The covariance of x is that of Laplace,
+(JᵀJ + diag(1 / deviation²))⁻¹, if r is weighted by its number of independent samples.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-_SHARES = (1.0, 0.4, 0.15)
-"""Of the Gauss-Newton step that are tried, until one lowers the cost."""
-_ENOUGH = 3e-3
-"""A search ends when an iteration lowers the cost by less than this share of it."""
+_STEP_LENGTHS = (1.0, 0.4, 0.15)  # shares of the Gauss-Newton step, tried until one lowers the cost
+_TOLERANCE = 3e-3  # relative decrease of the cost below which a search ends
+
+Residuals: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""(P,) -> (N,), each in units of its standard deviation."""
 
 
 @dataclass(frozen=True)
-class Belief:
-    """What is believed of P parameters beforehand, and how far apart differences are taken.
+class GaussianPrior:
+    """Independent normal prior of P parameters.
 
     Attributes:
         mean: (P,).
@@ -40,48 +41,44 @@ class Belief:
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a search ended.
+    """Result of a search.
 
     Attributes:
         x: (P,).
-        cost: c(x), belief included.
-        information: (P, P) JᵀJ of the residuals alone, from the last slope that was taken.
+        cost: c(x), prior included.
+        information: (P, P) JᵀJ of the residuals alone, from the last Jacobian.
     """
 
     x: np.ndarray
     cost: float
     information: np.ndarray
 
-    def covariance(self, belief: Belief) -> np.ndarray:
+    def covariance(self, prior: GaussianPrior) -> np.ndarray:
         """(P, P) of x, by Laplace's method."""
-        return np.linalg.inv(self.information + np.diag(belief.deviation**-2))
+        return np.linalg.inv(self.information + np.diag(prior.deviation**-2))
 
 
-Residuals: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""(P,) -> (N,), each in units of its standard deviation."""
-
-
-def search(residuals: Residuals, start: np.ndarray, belief: Belief, iterations: int) -> Optimum:
-    """Descend from ``start`` (P,), at most so many times."""
+def search(residuals: Residuals, start: np.ndarray, prior: GaussianPrior, iterations: int) -> Optimum:
+    """Minimise c(x) from ``start`` (P,) in at most so many iterations."""
     x = np.array(start, dtype=np.float64)
     error = residuals(x)
-    cost, slope = float(error @ error) + belief.cost(x), jacobian(residuals, x, belief.step)
+    cost, slope = float(error @ error) + prior.cost(x), jacobian(residuals, x, prior.step)
     for iteration in range(iterations):
         if iteration:
-            slope = jacobian(residuals, x, belief.step)
-        lower = _descend(residuals, x, gauss_newton_step(slope, error, x, belief), belief, cost)
+            slope = jacobian(residuals, x, prior.step)
+        lower = _line_search(residuals, x, gauss_newton_step(slope, error, x, prior), prior, cost)
         if lower is None:
             break
         gain, (x, error, cost) = cost - lower[2], lower
-        if gain < _ENOUGH * cost:
+        if gain < _TOLERANCE * cost:
             break
     return Optimum(x, cost, slope.T @ slope)
 
 
-def gauss_newton_step(slope: np.ndarray, error: np.ndarray, x: np.ndarray, belief: Belief) -> np.ndarray:
-    """(P,) from x to the least of c, if the residuals were linear with this (N, P) slope."""
-    curvature = slope.T @ slope + np.diag(belief.deviation**-2)
-    return -np.linalg.solve(curvature, slope.T @ error + (x - belief.mean) / belief.deviation**2)
+def gauss_newton_step(slope: np.ndarray, error: np.ndarray, x: np.ndarray, prior: GaussianPrior) -> np.ndarray:
+    """(P,) step from x to the minimum of c for residuals that are linear with this (N, P) Jacobian."""
+    curvature = slope.T @ slope + np.diag(prior.deviation**-2)
+    return -np.linalg.solve(curvature, slope.T @ error + (x - prior.mean) / prior.deviation**2)
 
 
 def jacobian(residuals: Residuals, x: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -90,13 +87,12 @@ def jacobian(residuals: Residuals, x: np.ndarray, step: np.ndarray) -> np.ndarra
     return np.stack(columns, axis=1)
 
 
-def _descend(
-    residuals: Residuals, x: np.ndarray, step: np.ndarray, belief: Belief, cost: float
+def _line_search(
+    residuals: Residuals, x: np.ndarray, step: np.ndarray, prior: GaussianPrior, cost: float
 ) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """The first of ever shorter steps that lowers the cost."""
-    for share in _SHARES:
+    for share in _STEP_LENGTHS:
         error = residuals(x + share * step)
-        new = float(error @ error) + belief.cost(x + share * step)
+        new = float(error @ error) + prior.cost(x + share * step)
         if new < cost:
             return x + share * step, error, new
     return None

@@ -1,4 +1,4 @@
-"""How a robot was held while a log was recorded, where the log does not say: by tilt, and by replaying both ways."""
+"""Posture of a logged robot, if the log does not state it: by tilt, and by replaying both postures."""
 
 from __future__ import annotations
 
@@ -10,40 +10,33 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.robot import Robot
 from motorprior.signals import runs_of_true
-from motorprior.transfer.real_replay import Replayer
+from motorprior.transfer.log_replay import Replayer
 
-FALLEN_TILT = 0.8
-"""Roll or pitch beyond which a robot has fallen [rad]."""
-FALLEN_TIME = 0.2
-"""Time for which it must stay so [s]: a single reading may be wrong."""
-MARGIN = 0.7
-"""A log counts as hung only if its error hung is below this share of its error standing."""
+FALLEN_TILT = 0.8  # [rad] roll or pitch of a fallen robot
+FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
+MARGIN = 0.7  # a log counts as suspended if that error is below this share of the error standing
 
 
 @dataclass(frozen=True)
 class Posture:
-    """What a log's posture is taken to be, and why.
-
-    Attributes:
-        name: one of `motor_log.POSTURES`.
-        evidence: for the reader of a report.
-    """
+    """Attributes: name, one of `motor_log.POSTURES`; evidence, for a report."""
 
     name: str
     evidence: str
 
 
 def with_posture(log: MotorLog, name: str) -> MotorLog:
-    """The same log, in one posture but for rows whose tilt says that the robot has fallen."""
+    """The log with one posture; rows whose tilt shows a fall are fallen."""
     codes = np.full(log.num_rows, POSTURES.index(name))
     if log.base_orientation is not None and name == "standing":
-        for part in log.segment_slices():
-            codes[part][_lying(log.time[part], log.base_orientation[part])] = POSTURES.index("fallen")
+        for segment in log.segment_slices():
+            fallen = _is_fallen(log.time[segment], log.base_orientation[segment])
+            codes[segment][fallen] = POSTURES.index("fallen")
     return replace(log, posture=codes)
 
 
-def _lying(time: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """(rows,) whether a row is one of a stretch of FALLEN_TIME or more beyond FALLEN_TILT."""
+def _is_fallen(time: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """(rows,) mask of runs of at least FALLEN_TIME above FALLEN_TILT."""
     tilted = np.abs(tilt).max(axis=1) > FALLEN_TILT
     for first, after in runs_of_true(tilted):
         tilted[first:after] = time[after - 1] - time[first] >= FALLEN_TIME
@@ -51,19 +44,19 @@ def _lying(time: np.ndarray, tilt: np.ndarray) -> np.ndarray:
 
 
 def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actuator) -> Posture:
-    """What the log states; else the posture in which these motors replay it better, standing if none clearly does.
+    """The logged posture; else the one with the lower replay error on these motors, by a margin, or standing.
 
     Args:
-        log: with every row.
-        prepared: see `real_replay.prepare`.
-        robot: that it is of.
-        actuator: motors about as those of the robot.
+        log: all rows.
+        prepared: see `log_replay.prepare`.
+        robot: of the log.
+        actuator: motors similar to the robot's.
     """
     if log.posture is not None:
         names = [POSTURES[code] for code in np.unique(log.posture)]
-        return Posture(names[0], f"{' and '.join(names)}, as the log states")
+        return Posture(names[0], f"{' and '.join(names)}, as logged")
     if robot.base == "fixed":
-        return Posture("fixed", "fixed, as the robot's base")
+        return Posture("fixed", "fixed base")
     standing, hung = (
         Replayer(with_posture(log, name), robot, with_posture(prepared, name)) for name in ("standing", "hung")
     )
@@ -71,6 +64,6 @@ def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actu
     error = {
         name: float(np.nanmean(each.run(actuator).rmse)) for name, each in (("standing", standing), ("hung", hung))
     }
-    said = f"replayed with {1e3 * error['standing']:.1f} mrad standing and {1e3 * error['hung']:.1f} mrad hung"
     name = "hung" if error["hung"] < MARGIN * error["standing"] else "standing"
-    return Posture(name, f"{name}: {said}")
+    errors = f"{1e3 * error['standing']:.1f} mrad standing, {1e3 * error['hung']:.1f} mrad hung"
+    return Posture(name, f"{name}, from replay errors: {errors}")

@@ -1,7 +1,7 @@
 """Closed-loop fidelity inside the robot: modelled motors compared with the same physical motors.
 
-All follow the same trot targets, held at 100 Hz for 2 s, standing on the ground and hung in the air. The true motors
-run at the twin's 1 kHz; the floor is a second simulation of them, started 4 mrad away.
+All follow the same trot targets, held at 100 Hz for 2 s, standing and suspended. The physical motors run at the twin's
+physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.
 """
 
 from __future__ import annotations
@@ -26,20 +26,18 @@ from motorprior.simulation.world_config import WorldConfig
 DRAWS = 12
 ROBOT_STREAM = 19
 STEPS = 200
-CUTOFF = 20.0
-"""Frequency above which torque counts as chatter [Hz]."""
-FAULT_RMSE = np.pi
-"""RMSE assigned to a model whose simulation diverges [rad]."""
+CUTOFF = 20.0  # [Hz] torque above counts as chatter
+FAULT_RMSE = np.pi  # [rad] of a model whose simulation diverges
 
 
 @dataclass(frozen=True)
 class RobotFidelity:
-    """Errors by model, as arrays of shape (draws,) over draws of motors.
+    """Errors by model, (draws,) arrays over samples of motors.
 
     Attributes:
         rmse: RMSE of the joint angles [rad].
         torque_hf: RMS of the torque above 20 Hz, mean over joints [N·m].
-        displacement_error: error of the base's displacement after 2 s [m]; zero when hung.
+        displacement_error: of the base after 2 s [m]; zero if suspended.
     """
 
     rmse: dict[str, np.ndarray]
@@ -50,8 +48,8 @@ class RobotFidelity:
 def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
     """(steps, joints) targets [rad] of a random trot.
 
-    0.4-0.7 of the usual frequency, 0.4-0.8 of the highest speed, raised by up to a quarter of the swing's height:
-    bounds within which the robot does not roll over in open loop.
+    Frequency 0.4-0.7 of the usual, speed 0.4-0.8 of the maximum, height raised by up to a quarter of the swing height:
+    within these bounds the robot does not roll over in open loop.
     """
     body = body_of(robot)
     frequency, forward = rng.uniform(0.4, 0.7) * body.frequency, rng.uniform(0.4, 0.8) * body.fastest
@@ -62,7 +60,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], hung: bool, seed: int
 ) -> RobotFidelity:
-    """Compare every model, and the floor, over DRAWS draws of one motor per joint."""
+    """Compare every model, and the floor, over DRAWS samples of one motor per joint."""
     fast = World(WorldConfig.of(robot, hung=hung))
     fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, hung=hung))
     rows: dict[str, list[tuple[float, float, float]]] = {}

@@ -1,4 +1,4 @@
-"""How far from the nominal robot a policy still walks: time upright over two disturbances at a time."""
+"""Robustness maps of a policy: time upright over two disturbances at a time."""
 
 from __future__ import annotations
 
@@ -16,29 +16,21 @@ from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import TEXT, Schema, many
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkSimulator
-from motorprior.transfer.study import STUDY_SEED, share_upright
-from motorprior.transfer.twin import DURATION_STEPS
+from motorprior.transfer.twin import DURATION_STEPS, EVALUATION_SEED, share_upright
 
 MAPS = "robustness.safetensors"
-"""File of a policy's maps."""
 _REMEDY = "delete it and measure it again"
 _HEADER = Schema({"titles": many(many(TEXT, 2), 1)}, _REMEDY)
-ROBUSTNESS_DRAWS = 8
-"""Episodes of a cell, the same motors in every cell."""
-FRICTIONS = (0.3, 0.5, 0.75, 1.0)
-"""Of the feet on the ground [-]."""
-PUSHES = (0.0, 0.1, 0.2, 0.4)
-"""Largest push once a second, over mass · √(g · height of the standing robot) [-]: it shoves robots of every size
-alike."""
-DELAYS = (0.0, 0.01, 0.02, 0.04)
-"""Of the position targets [s], besides that of the motors."""
-MASSES = (0.8, 1.0, 1.2, 1.4)
-"""Factors on mass and inertia of every link [-]."""
+ROBUSTNESS_DRAWS = 8  # episodes per cell, with the same motors in every cell
+FRICTIONS = (0.3, 0.5, 0.75, 1.0)  # [-] of the feet on the ground
+PUSHES = (0.0, 0.1, 0.2, 0.4)  # [-] maximum push, once a second, over mass · √(g · standing height)
+DELAYS = (0.0, 0.01, 0.02, 0.04)  # [s] of the position targets, besides the motors' own
+MASSES = (0.8, 1.0, 1.2, 1.4)  # [-] factors on mass and inertia of every link
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Attributes: title, what is varied, with its unit; values, in that unit."""
+    """Attributes: title, quantity with its unit; values, in that unit."""
 
     title: str
     values: tuple[float, ...]
@@ -49,9 +41,9 @@ class Grid:
     """A disturbance per row and one per column.
 
     Attributes:
-        rows: of the first.
-        columns: of the second.
-        cell: what differs between episodes where the two have these values.
+        rows: values of the first.
+        columns: values of the second.
+        cell: (row value, column value) -> randomization of the episodes.
     """
 
     rows: Scale
@@ -69,7 +61,7 @@ class UprightMap:
 
 
 def save_maps(path: Path, maps: Sequence[UprightMap]) -> None:
-    """Write maps as a file of tensors, N/rows, N/columns and N/share, with the titles of the axes in its header."""
+    """Write maps as a file of tensors, N/rows, N/columns and N/share, with the axis titles in its header."""
     tensors: dict[str, np.ndarray] = {}
     for number, each in enumerate(maps):
         found = {"rows": np.array(each.rows.values), "columns": np.array(each.columns.values), "share": each.share}
@@ -81,7 +73,7 @@ def load_maps(path: Path) -> tuple[UprightMap, ...]:
     """Read what `save_maps` wrote.
 
     Raises:
-        ArtifactError: missing, damaged, or no maps.
+        ArtifactError: missing or damaged.
     """
     tensors, header = read_tensors(path, _HEADER.check)
     return tuple(_map(tensors, number, titles, path) for number, titles in enumerate(header["titles"]))
@@ -99,36 +91,35 @@ def _map(tensors: dict[str, np.ndarray], number: int, titles: list[str], path: P
 def grids(robot: Robot) -> tuple[Grid, Grid]:
     """Push over friction, and delay over mass."""
     unit = robot.weight / GRAVITY * math.sqrt(GRAVITY * robot.standing_height)
-    pushes = Scale("largest push, once a second [N·s]", tuple(float(f"{each * unit:.2g}") for each in PUSHES))
+    pushes = Scale("maximum push, once a second [N·s]", tuple(float(f"{each * unit:.2g}") for each in PUSHES))
     friction = Scale("friction of the feet [-]", FRICTIONS)
-    delay = Scale("delay of the targets [ms]", tuple(1e3 * each for each in DELAYS))
+    delays = Scale("delay of the targets [ms]", tuple(1e3 * each for each in DELAYS))
 
-    def slippery(push: float, value: float) -> Randomization:
+    def with_push(push: float, value: float) -> Randomization:
         factor = value / robot.foot_friction
         return Randomization(push=push, friction=(factor, factor))
 
-    def heavy(milliseconds: float, mass: float) -> Randomization:
-        late = 1e-3 * milliseconds
-        return Randomization(command_delay=(late, late), mass=(mass, mass))
+    def with_delay(milliseconds: float, mass: float) -> Randomization:
+        delay = 1e-3 * milliseconds
+        return Randomization(command_delay=(delay, delay), mass=(mass, mass))
 
-    return Grid(pushes, friction, slippery), Grid(delay, Scale("mass over the nominal one [-]", MASSES), heavy)
+    return Grid(pushes, friction, with_push), Grid(delays, Scale("mass over the nominal one [-]", MASSES), with_delay)
 
 
 def upright_row(
-    policy: Policy, simulators: Sequence[WalkSimulator], progress: Callable[[], None] | None = None
+    policy: Policy, simulators: Sequence[WalkSimulator], progress: Callable[[], None] = lambda: None
 ) -> np.ndarray:
     """(simulators,) mean share of the time upright of ROBUSTNESS_DRAWS episodes of DURATION_STEPS in each [-].
 
     Args:
-        policy: that walks.
+        policy: to evaluate.
         simulators: one per cell of a row.
         progress: called after every cell.
     """
     shares = []
     for simulator in simulators:
-        seeds = range(STUDY_SEED, STUDY_SEED + ROBUSTNESS_DRAWS)
+        seeds = range(EVALUATION_SEED, EVALUATION_SEED + ROBUSTNESS_DRAWS)
         episodes = [simulator.run(policy.arrays(), seed) for seed in seeds]
         shares.append(float(np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])))
-        if progress is not None:
-            progress()
+        progress()
     return np.array(shares)

@@ -1,9 +1,9 @@
-"""The twin: a held-out virtual robot with held-out physical motors, 1 kHz physics and noisy encoders."""
+"""The twin, a held-out virtual robot (unseen motors, 1 kHz physics, encoder noise), and the evaluation of a policy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,60 +14,51 @@ from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
+from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
+from motorprior.transfer.gait_quality import completed
 
-TWIN_STREAM = 0x7717
-"""Tag of the random stream of the twin's motors, used by no bench and no training episode."""
-ENCODER_NOISE = 0.001
-"""Standard deviation of the twin's joint angle readings [rad]; assumption, 50 counts of the rotor's encoder."""
+TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and no training
+ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
+DURATION_STEPS = 500  # control steps of a walk of 5 s
+DRAWS = 24  # walks of an evaluation
+EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
+
+# Sensors of the twin for a policy that follows commands: white noise of a MEMS sensor at 100 Hz; bias of 0.1 °/s of a
+# consumer gyroscope after averaging at rest. Assumptions.
 NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.01, gyro_bias=0.002)
-"""What the twin's sensors do to a policy that follows commands. White noise is assumed for a MEMS sensor at 100 Hz; a
-constant error of 0.1 °/s is left of a consumer gyroscope's after it was averaged at rest."""
+# Unknown ground and load. Masses and delays are within Tan et al. 2018 (RSS, "Sim-to-Real: Learning Agile Locomotion
+# For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms. Assumptions: friction, a load off its
+# place, sloping floors, jitter of a busy computer, and pushes that change the speed of 2.1 kg by up to 0.14 m/s.
 HARD = replace(
-    NOISY,
-    friction=(0.7, 1.3),
-    mass=(0.9, 1.1),
-    com=0.01,
-    gravity_tilt=0.03,
-    sensor_delay=(0.0, 0.02),
-    sensor_jitter=0.005,
-    command_jitter=0.005,
-    dropped=0.02,
-    push=0.3,
-    push_interval=2.0,
-)
-"""A twin on unknown ground with an unknown load. Masses and lateness are within what Tan et al. 2018 (RSS,
-"Sim-to-Real: Learning Agile Locomotion For Quadruped Robots", table of randomised parameters) train on: ×0.8-1.2 and
-0-40 ms. The others are assumptions: a floor more slippery than theirs (the robot's feet have 0.45, theirs 0.5-1.25), a
-load off its place, slopes of a floor at home, a loop on a busy computer, pushes of a hand that change the speed of its
-2.1 kg by up to 0.14 m/s."""
-DURATION_STEPS = 500
-"""Control steps of a walk of 5 s."""
+    NOISY, friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.01, gravity_tilt=0.03, sensor_delay=(0.0, 0.02),
+    sensor_jitter=0.005, command_jitter=0.005, dropped=0.02, push=0.3, push_interval=2.0,
+)  # fmt: skip
 
 
 def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
-    """The motors of one twin; what is not known of the fleet's center is the same for all of them."""
+    """Motors of one twin; the error of the fleet's centre is the same for all of them."""
     own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
     return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
 
 
-def together(robot: Robot, policies: Iterable[Policy]) -> Robot:
-    """The robot, told the speeds that all of these policies may be told."""
+def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
+    """The robot with the range of speeds that all of these policies accept."""
     ranges = [policy.forward for policy in policies]
     return robot.told((max(low for low, _ in ranges), min(high for _, high in ranges)))
 
 
 def straight_ahead(robot: Robot) -> Commands:
-    """As fast as the robot is told at most: of a policy's robot, what the policy was trained for."""
+    """Constant forward command at the robot's maximum speed."""
     return Commands.steady(robot.require_legs().forward[1])
 
 
 def twin_simulator(
     robot: Robot, fleet: Fleet, gait: GaitName = "trot", commands: Commands | None = None
 ) -> WalkSimulator:
-    """A simulator whose every episode is another twin of this fleet, told to walk `straight_ahead` if not other."""
+    """Simulator with another twin of this fleet in every episode; commands are `straight_ahead` by default."""
     noise = Randomization(joint_noise=ENCODER_NOISE)
     return twin_of(
         robot, fleet, WalkConfig(DURATION_STEPS, TaskWeights(), noise, commands or straight_ahead(robot), gait)
@@ -75,6 +66,59 @@ def twin_simulator(
 
 
 def twin_of(robot: Robot, fleet: Fleet, walk: WalkConfig) -> WalkSimulator:
-    """A simulator whose every episode is another twin of this fleet."""
+    """Simulator with another twin of this fleet in every episode."""
     world = WorldConfig.of(robot, physics_dt=robot.twin_physics_dt)
     return WalkSimulator(lambda rng: draw_twin_motors(robot, fleet, rng), world, walk)
+
+
+@dataclass(frozen=True)
+class Walking:
+    """Means over DRAWS samples of motors, each walking for 5 s.
+
+    Attributes:
+        speed: forward displacement / 5 s, also after a fall [m/s].
+        upright: share of the 5 s before a fall [-].
+        drift: |final lateral displacement| [m].
+    """
+
+    speed: float
+    upright: float
+    drift: float
+
+
+def evaluate(
+    robot: Robot,
+    policy: Policy,
+    simulator: WalkSimulator | BackendSimulator,
+    progress: Callable[[], None] = lambda: None,
+) -> tuple[Walking, np.ndarray]:
+    """Walk on DRAWS samples of motors.
+
+    Args:
+        robot: of the policy.
+        policy: to evaluate.
+        simulator: with episodes of DURATION_STEPS.
+        progress: called after every episode.
+
+    Returns:
+        The means, and the (steps, 7 + joints) trace of the episode with the median distance.
+    """
+    episodes = []
+    for draw in range(DRAWS):
+        episodes.append(simulator.run(policy.arrays(), EVALUATION_SEED + draw, trace=True))
+        progress()
+    order = np.argsort([episode.displacement[0] for episode in episodes], kind="stable")
+    return _means(episodes, robot.control_dt), episodes[int(order[len(order) // 2])].trace
+
+
+def _means(episodes: list[Episode], control_dt: float) -> Walking:
+    duration = DURATION_STEPS * control_dt
+    forward = np.mean([episode.displacement[0] for episode in episodes])
+    drift = np.mean([abs(episode.displacement[1]) for episode in episodes])
+    upright = np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])
+    return Walking(float(forward / duration), float(upright), float(drift))
+
+
+def share_upright(episode: Episode, steps: int) -> float:
+    """Share of so many control steps before a fall or a simulation fault [-]."""
+    return (episode.steps - (not completed(episode, steps))) / steps

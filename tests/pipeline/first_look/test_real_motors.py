@@ -23,7 +23,7 @@ from motorprior.pipeline.first_look.real_motors import (
     read_logs_of,
     run_real_motors,
 )
-from motorprior.report.page import Report, render
+from motorprior.report.page import page
 from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_table, error_rows, from_tensors
 from motorprior.report.real_motors import real_motors
 from motorprior.results import Results
@@ -73,8 +73,8 @@ def test_the_prior_is_nearer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path,
     ):
         assert words in text
     assert from_tensors(*read_tensors(out / TRACES))[0].log == "second"
-    page = render(Report("t", "s", tuple(real_motors(tmp_path / "run")), {}, "c"))
-    assert "Your motors" in page and page.count("<img") == 3
+    html = page("t", real_motors(tmp_path / "run"), {}, "c")
+    assert "Your motors" in html and html.count("<img") == 3
     before = (out / TRACES).stat().st_mtime_ns
     assert looked_at(logs, out, "mixed") == (found, said)
     assert (out / TRACES).stat().st_mtime_ns == before, "once"

@@ -1,4 +1,4 @@
-"""Robustness maps: what differs in a cell is what its axes say, and a map does not depend on the threads."""
+"""Robustness maps: a cell has the values of its axes, and maps do not depend on the threads."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def test_a_cell_has_the_values_of_its_axes():
     assert nominal.command_delay == 0.0 and (nominal.mass == 1.0).all() and len(nominal.push) == 0
 
 
-def test_a_map_does_not_depend_on_the_threads_and_ends_where_the_robot_is_too_heavy(gait_walk: Path, small: None):
+def test_a_map_does_not_depend_on_the_threads_and_a_heavy_robot_falls(gait_walk: Path, small: None):
     one = stage.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 1)
     two = stage.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 2)
     assert [shown.share.shape for shown in one] == [(4, 4), (4, 4)]

@@ -14,9 +14,8 @@ DRAWS = 400
 """Of the fleet."""
 LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 ALIKE = 1.05
-"""Largest over smallest value of a constant among the motors, up to which all of them count as having the same. Such a
-constant is not shown by the logs, unless these are sensitive to it (`physics.identifiability`): the fit left it
-near where its search happened to end."""
+"""Largest over smallest value of a constant up to which motors count as equal; then the logs do not show it, unless
+they are sensitive to it (`physics.identifiability`)."""
 TOLD = 3
 """Most constants in which motors are said to differ from each other."""
 

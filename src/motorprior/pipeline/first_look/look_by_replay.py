@@ -16,8 +16,7 @@ from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.pipeline.validation.log_stretches import awake
 from motorprior.report.real_motor_tables import RMSE, Trace
 from motorprior.robots.robot import Robot
-from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
-from motorprior.transfer.stated_gains import at_stated_gains
+from motorprior.transfer.log_replay import LogReplay, Replayer, prepare, with_logged_gains
 
 DRAWS = 20
 """Robots drawn from the fleet."""
@@ -53,9 +52,9 @@ def look_by_replay(
         for name, replayer in replayers.items():
             log = replayer.prepared
             models = {
-                "ideal_pd": [at_stated_gains(pd, log)],
-                "physical": [at_stated_gains(center, log).actuator()],
-                "physical_draws": [at_stated_gains(motors, log).actuator() for motors in draws],
+                "ideal_pd": [with_logged_gains(pd, log)],
+                "physical": [with_logged_gains(center, log).actuator()],
+                "physical_draws": [with_logged_gains(motors, log).actuator() for motors in draws],
             }
             found[name] = {model: [replayer.run(motors) for motors in each] for model, each in models.items()}
             task.advance()

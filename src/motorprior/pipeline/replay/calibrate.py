@@ -19,9 +19,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.fleet_calibration import Calibration, calibrate, calibrated_fleet, is_identified, searches
+from motorprior.transfer.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, searches
 from motorprior.transfer.fleet_problem import FleetProblem
-from motorprior.transfer.real_replay import Replayer
+from motorprior.transfer.log_replay import Replayer
 
 FLEET, PICTURE, PRIOR_BANDS = "fleet.toml", "calibration.png", "prior"
 
@@ -113,11 +113,11 @@ def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> 
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     """Source of each number."""
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
-    for name in problem.stated & sources.keys():
+    for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
     logs = ", ".join(problem.replayers)
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
-        result = "identified" if is_identified(unknown, error) else f"not identified, near fleet {problem.fleet.name}"
+        result = "identified" if is_identifiable(unknown, error) else f"not identified, near fleet {problem.fleet.name}"
         spread = "" if unknown.name in found.motors.spread else f"; spread as in fleet {problem.fleet.name}"
         sources[unknown.name] = f"{result}: replay of the logs {logs}{spread}"
     return sources
@@ -128,7 +128,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> Results:
     rows = []
     for name in problem.replayers:
         values = {
-            "start": problem.rmse(name, problem.belief.mean),
+            "start": problem.rmse(name, problem.prior.mean),
             "center": problem.rmse(name, found.center),
             "per_motor": problem.rmse(name, found.center, found.motors.offsets),
         }
@@ -153,7 +153,7 @@ def _constants(problem: FleetProblem, found: Calibration) -> Results:
             Result("calibrate_error", share, float(error), part=name),
             Result("calibrate_belief", share, unknown.deviation, part=name),
             Result("calibrate_spread", share, fleet.parameters[name].values["spread"], part=name),
-            Result("calibrate_identified", "1", float(is_identified(unknown, error)), part=name),
+            Result("calibrate_identified", "1", float(is_identifiable(unknown, error)), part=name),
         ]
     for place, optimum in enumerate(found.optima, start=1):
         rows.append(Result("calibrate_cost", "1", optimum.cost, model=f"optimum_{place}"))

@@ -17,13 +17,12 @@ from motorprior.pipeline.motor_choice import gains_for
 from motorprior.pipeline.progress import Task
 from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.replay import shown_joint
-from motorprior.report.plots_calibrate import Band, LogPanel, calibration
+from motorprior.report.plots_motor import Band, LogPanel, calibration
 from motorprior.report.plots_style import png_bytes
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.transfer.fleet_problem import FleetProblem
-from motorprior.transfer.real_replay import Replayer
-from motorprior.transfer.stated_gains import at_stated_gains
+from motorprior.transfer.log_replay import Replayer, with_logged_gains
 
 LEVELS = (90, 50)  # bands of a prior [%]
 
@@ -90,7 +89,7 @@ def _conditions(prior: MotorPrior, log: MotorLog) -> dict[str, np.ndarray]:
 
 
 def _fleet_runs(replayer: Replayer, robot: Robot, fleet: Fleet, draws: int, rng: np.random.Generator) -> np.ndarray:
-    drawn = [at_stated_gains(fleet.sample(robot.num_joints, rng), replayer.prepared) for _ in range(draws)]
+    drawn = [with_logged_gains(fleet.sample(robot.num_joints, rng), replayer.prepared) for _ in range(draws)]
     return _runs(replayer, [motors.actuator() for motors in drawn])
 
 

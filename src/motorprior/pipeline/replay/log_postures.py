@@ -10,9 +10,8 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.progress import Progress
 from motorprior.robots.robot import Robot
+from motorprior.transfer.log_replay import Replayer, logged_gains_note, with_logged_gains
 from motorprior.transfer.posture import find_posture, with_posture
-from motorprior.transfer.real_replay import Replayer
-from motorprior.transfer.stated_gains import at_stated_gains, told_of_gains
 
 PostureName: TypeAlias = Literal["auto", "standing", "hung"]
 
@@ -29,7 +28,7 @@ def replayers_of(
 
     Args:
         logs: by name, with every row.
-        prepared: the same, see `real_replay.prepare`.
+        prepared: the same, see `log_replay.prepare`.
         robot: of the logs.
         fleet: whose central motor is replayed to find an unknown posture.
         posture: of every log; ``auto`` to use that in the log, or to find it by replaying both.
@@ -46,7 +45,7 @@ def replayers_of(
     center, found = fleet.center(robot.num_joints), {}
     for name, log in logs.items():
         if posture == "auto":
-            known = find_posture(log, prepared[name], robot, at_stated_gains(center, log).actuator())
+            known = find_posture(log, prepared[name], robot, with_logged_gains(center, log).actuator())
             chosen, evidence = known.name, known.evidence
         else:
             chosen, evidence = posture, f"{posture}, as given"
@@ -55,6 +54,6 @@ def replayers_of(
         found[name] = Replayer(both[0], robot, both[1])
         left = int((~found[name].compared).sum())
         progress.note(f"log {name}: {evidence}" + (f"; {left} rows after a fall are excluded" if left else ""))
-        if gains := told_of_gains(log):
+        if gains := logged_gains_note(log):
             progress.note(f"log {name}: {gains}")
     return found

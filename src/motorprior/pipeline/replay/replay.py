@@ -26,8 +26,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.real_replay import LogReplay, Replayer, prepare
-from motorprior.transfer.stated_gains import at_stated_gains
+from motorprior.transfer.log_replay import LogReplay, Replayer, prepare, with_logged_gains
 
 TRACES = "traces.safetensors"
 
@@ -131,10 +130,10 @@ def _replay_models(
 ) -> dict[str, list[LogReplay]]:
     rng = np.random.default_rng(config.seed)
     count, log = robot.num_joints, replayer.prepared
-    drawn = [at_stated_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
+    drawn = [with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     models: dict[str, list[Actuator]] = {
-        "ideal_pd": [at_stated_gains(nominal_pd(fleet, count), log)],
-        "physical": [at_stated_gains(fleet.center(count), log).actuator()],
+        "ideal_pd": [with_logged_gains(nominal_pd(fleet, count), log)],
+        "physical": [with_logged_gains(fleet.center(count), log).actuator()],
         "physical_draws": [motors.actuator() for motors in drawn],
         prior.preset: [prior.sample(count, rng, gains_for(prior, robot, log)) for _ in range(config.draws)],
     }

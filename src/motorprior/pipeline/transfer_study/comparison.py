@@ -1,4 +1,4 @@
-"""Policies against motors they were not trained on, as a tidy table."""
+"""Compare policies on sets of motors, as a tidy table."""
 
 from __future__ import annotations
 
@@ -17,8 +17,14 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.study import DRAWS, evaluate
-from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, together, twin_simulator
+from motorprior.transfer.twin import (
+    DRAWS,
+    DURATION_STEPS,
+    evaluate,
+    straight_ahead,
+    twin_simulator,
+    with_shared_speeds,
+)
 
 _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
@@ -30,18 +36,18 @@ def compare(
     *,
     progress: Progress = WARNED,
 ) -> Results:
-    """Walk every policy on every set of motors, 24 draws of 5 s each, straight ahead as fast as all may be told.
+    """Walk every policy on every set of motors: 24 samples of 5 s, straight ahead at the maximum speed of all policies.
 
     Args:
-        robot: a legged one; a name, the path of a .toml file, or what `load_robot` gave.
-        policies: by the name of what they were trained on; several of one name are its seeds.
-        twins: sets of motors by name. A fleet is the held-out twin: motors that no bench and no training draws, physics
-            at the robot's ``twin_physics_dt``, noisy encoders. Anything else is simulated as in training.
-        progress: where to report to.
+        robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
+        policies: by training condition; several of one condition are its seeds.
+        twins: sets of motors by name. A fleet is the held-out twin: unseen motors, physics at the robot's
+            ``twin_physics_dt``, encoder noise. Anything else is simulated as in training.
+        progress: reports to the user.
 
     Returns:
-        Rows of speed [m/s], upright (share of the time before a fall) and drift (sideways, at the end) [m]: means over
-        the draws, one row per quantity, policy and set.
+        Rows of speed [m/s], upright (share of the time before a fall) and drift (final, lateral) [m]: means over the
+        samples, one row per quantity, policy and set.
 
     Raises:
         ConfigError: no policy, no motors, a robot without legs, or policies or motors that do not fit it.
@@ -57,19 +63,21 @@ def compare(
         for policy in each:
             policy.require_robot(robot, name)
             policy.require_clock(robot.control_dt, name)
-    ways: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
-    commands = straight_ahead(together(robot, (policy for each in seeds.values() for policy in each)))
+    gaits: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
+    commands = straight_ahead(with_shared_speeds(robot, (policy for each in seeds.values() for policy in each)))
     simulators = {
-        (name, *way): _simulator(robot.told(way[0]), twins[name], way[1], commands) for name in twins for way in ways
+        (name, *gait): _simulator(robot.told(gait[0]), twins[name], gait[1], commands)
+        for name in twins
+        for gait in gaits
     }
     count = sum(map(len, seeds.values())) * len(twins)
     rows = []
-    with progress.start(f"compare: {count} x {DRAWS} draws", DRAWS * count) as task:
+    with progress.start(f"compare: {count} x {DRAWS} walks", DRAWS * count) as task:
         for model, each in seeds.items():
             for motor_set in twins:
                 for seed, policy in enumerate(each):
-                    there = simulators[motor_set, policy.forward, policy.gait]
-                    walking, _ = evaluate(robot, policy, there, task.advance)
+                    simulator = simulators[motor_set, policy.forward, policy.gait]
+                    walking, _ = evaluate(robot, policy, simulator, task.advance)
                     for quantity, unit in _UNITS.items():
                         value = getattr(walking, quantity)
                         rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))
@@ -79,6 +87,6 @@ def compare(
 def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Commands) -> WalkSimulator:
     if isinstance(motors, Fleet):
         return twin_simulator(robot, motors, gait, commands)
-    draw, physics_dt = motor_sampler(motors, robot)
+    sample, physics_dt = motor_sampler(motors, robot)
     walk = WalkConfig(DURATION_STEPS, commands=commands, gait=gait)
-    return WalkSimulator(draw, WorldConfig.of(robot, physics_dt=physics_dt), walk)
+    return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=physics_dt), walk)

@@ -1,4 +1,4 @@
-"""Robustness maps of a policy, on the motors that it was trained on."""
+"""Robustness maps of a policy, on its training motors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, in_parallel, is_finished, usable_threads, working
-from motorprior.pipeline.transfer_study.transfer import walker_of
+from motorprior.pipeline.transfer_study.transfer import trained_walk
 from motorprior.pipeline.walking.walk import POLICY
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -36,7 +36,7 @@ class Robustness:
     """Robustness maps of a policy."""
 
     walk: Path
-    """Folder that `motorprior walk` wrote."""
+    """Folder of `motorprior walk`."""
     out: Path
     """Folder for the maps."""
     robot: str = DEFAULT_ROBOT
@@ -46,10 +46,10 @@ class Robustness:
 
 
 def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
-    """Measure `robustness`, unless the folder holds these very maps; `load_maps` reads them.
+    """Measure the maps of `robustness` unless the folder has them; `load_maps` reads them.
 
     Raises:
-        ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
+        ArtifactError, ConfigError: an unreadable policy, or missing motors.
     """
     require_count("workers", config.workers)
     robot, path = load_robot(config.robot), config.walk / POLICY
@@ -63,18 +63,18 @@ def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
 
 
 def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> tuple[UprightMap, ...]:
-    """Walk straight ahead, as fast as the policy was trained for, in every cell of `transfer.robustness.grids`.
+    """Walk straight ahead at the policy's maximum speed in every cell of `transfer.robustness.grids`.
 
-    In MuJoCo on flat ground, whatever the policy was trained in; the result does not depend on ``workers``.
+    In MuJoCo on flat ground; the result does not depend on ``workers``.
 
     Args:
         path: the policy's file.
-        robot: that walks.
+        robot: of the policy.
         workers: rows of a map at a time.
-        progress: where to report to.
+        progress: reports to the user.
 
     Raises:
-        ArtifactError, ConfigError: a policy that cannot be read, or whose motors are gone.
+        ArtifactError, ConfigError: an unreadable policy, or missing motors.
     """
     robot = Policy.load(path).commanded(robot)
     found, name = grids(robot), path.parent.name
@@ -94,6 +94,6 @@ def _row(path: Path, robot: Robot, grid: Grid, value: float, task: Task, _: Prog
         WalkConfig(DURATION_STEPS, randomization=grid.cell(value, each), commands=straight_ahead(robot))
         for each in grid.columns.values
     ]
-    walkers = [walker_of(path, robot, "mujoco", walk) for walk in cells]
-    simulators = [walker.own for walker in walkers if isinstance(walker.own, WalkSimulator)]
-    return upright_row(walkers[0].policy, simulators, task.advance)
+    walks = [trained_walk(path, robot, "mujoco", walk) for walk in cells]
+    simulators = [each.simulator for each in walks if isinstance(each.simulator, WalkSimulator)]
+    return upright_row(walks[0].policy, simulators, task.advance)

@@ -1,4 +1,4 @@
-"""Every policy in its own simulation and on the twin."""
+"""Evaluate policies in their training simulation and on the twin."""
 
 from __future__ import annotations
 
@@ -42,8 +42,15 @@ from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
-from motorprior.transfer.study import DRAWS, Walking, evaluate
-from motorprior.transfer.twin import DURATION_STEPS, straight_ahead, together, twin_simulator
+from motorprior.transfer.twin import (
+    DRAWS,
+    DURATION_STEPS,
+    Walking,
+    evaluate,
+    straight_ahead,
+    twin_simulator,
+    with_shared_speeds,
+)
 
 TRACES = "traces.safetensors"
 _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
@@ -51,17 +58,16 @@ _UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 @dataclass(frozen=True)
 class Transfer:
-    """Run policies where they were trained, and on the twin: unseen physical motors, 1 kHz, encoder noise."""
+    """Evaluate policies in their training simulation and on the twin: unseen motors, 1 kHz, encoder noise."""
 
     walks: tuple[Path, ...]
-    """Folders that `motorprior walk` wrote; several seeds of one actuator model are averaged."""
+    """Folders of `motorprior walk`; seeds of one actuator model are averaged."""
     out: Path
-    """Folder for figures.json and the gaits of the report."""
+    """Folder for figures.json and the traces of the report."""
     fleet: str | None = None
     """The twin's fleet; the robot's own if not given."""
     engine: Engine | None = None
-    """Engine of a policy's own simulation; the one it was trained in, on its terrain, if not given. The twin is always
-    in MuJoCo."""
+    """Engine of the training simulation; the one of the training if not given. The twin is always in MuJoCo."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -69,7 +75,7 @@ class Transfer:
 
 
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
-    """Evaluate, or read what this very evaluation found.
+    """Evaluate, or read the finished evaluation.
 
     Raises:
         ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
@@ -81,64 +87,65 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     require_count("workers", config.workers)
-    policies = [Policy.load(path) for path in files]  # says whether it is one, before all of it is read for its digest
+    policies = [Policy.load(path) for path in files]
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
     wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
-        told = straight_ahead(together(robot, policies))
-        walkers: list[Walker] = []
+        commands = straight_ahead(with_shared_speeds(robot, policies))
+        walks: list[TrainedWalk] = []
         with ExitStack() as simulators:
             for path in files:
-                walkers.append(walker_of(path, robot, config.engine, commands=told))
-                simulators.callback(walkers[-1].own.close)
+                walks.append(trained_walk(path, robot, config.engine, commands=commands))
+                simulators.callback(walks[-1].simulator.close)
             with working(config.out, wanted):
-                _evaluate_all(config, walkers, fleet, told, progress)
+                _evaluate_all(config, walks, fleet, commands, progress)
     return read_results(config.out)
 
 
 @dataclass(frozen=True)
-class Walker:
-    """A walk: its name, robot as the policy commands it, policy, what it was trained on, and in which simulation."""
+class TrainedWalk:
+    """Attributes: name; robot with the policy's commands; policy; training condition; its training simulation."""
 
     name: str
     robot: Robot
     policy: Policy
     condition: str
-    own: WalkSimulator | BackendSimulator
+    simulator: WalkSimulator | BackendSimulator
 
 
-def walker_of(
+def trained_walk(
     path: Path,
     robot: Robot,
     engine: Engine | None = None,
     walk: WalkConfig | None = None,
     commands: Commands | None = None,
-) -> Walker:
-    """Everything a policy needs; refuses what cannot run here.
+) -> TrainedWalk:
+    """A policy with its training simulation.
 
     Args:
         path: the policy's file.
-        robot: that walks.
-        engine: of its own simulation; the one it was trained in if not given.
-        walk: the episode, whose gait is always the policy's; 5 s under what its training varied if not given.
-        commands: of those 5 s; straight ahead as fast as the policy may be told if not given.
+        robot: of the policy.
+        engine: of the simulation; that of the training if not given.
+        walk: the episode, with the policy's gait; 5 s with the training's randomization if not given.
+        commands: of these 5 s; `straight_ahead` if not given.
 
     Raises:
-        ArtifactError, ConfigError: a damaged policy, one of another control period, motors that are gone, or an engine
+        ArtifactError, ConfigError: a damaged policy or one of another control period, missing motors, or an engine
             that is not installed.
     """
     policy, robot = policy_for(path, robot)
     if walk is None:
-        told = commands or straight_ahead(robot)
-        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=told)
-    choice = choice_from_json(policy.provenance.get("motors"), path)
-    scene = own_scene(policy, path, robot, walk, engine)
-    return Walker(path.parent.name, robot, policy, choice.condition(), scene.simulator())
+        commands = commands or straight_ahead(robot)
+        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
+    condition = choice_from_json(policy.provenance.get("motors"), path).condition()
+    return TrainedWalk(
+        path.parent.name, robot, policy, condition, training_scene(policy, path, robot, walk, engine).simulator()
+    )
 
 
 def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
-    """A policy of this robot, and the robot as the policy commands it.
+    """A policy of this robot, and the robot with the policy's commands.
 
     Raises:
         ArtifactError, ConfigError: a damaged policy, of another robot or another control period.
@@ -149,38 +156,33 @@ def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
     return policy, policy.commanded(robot)
 
 
-def own_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine: Engine | None = None) -> Scene:
-    """The simulation that a policy was trained in.
+def training_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine: Engine | None = None) -> Scene:
+    """The simulation in which a policy was trained.
 
     Args:
-        policy: that was trained.
-        path: its file, for messages and what it names.
-        robot: as the policy commands it.
-        walk: the episode, whose gait is always the policy's.
-        engine: another than it was trained in.
+        policy: the trained policy.
+        path: its file, for messages and for the files of its motors.
+        robot: with the policy's commands.
+        walk: the episode, with the policy's gait.
+        engine: instead of that of the training.
 
     Raises:
-        ArtifactError, ConfigError: motors that are gone, or a damaged description of where it was trained.
+        ArtifactError, ConfigError: missing motors, or damaged provenance.
     """
     choice = choice_from_json(policy.provenance.get("motors"), path)
     try:
-        draw = choice.sampler(robot)
+        sample = choice.sampler(robot)
     except (ArtifactError, ConfigError) as error:
-        problem = f"the motors it was trained on: {error.problem}"
         where = path if error.where is None else f"{path}: {error.where}"
-        raise type(error)(problem, where=where, remedy=error.remedy) from error
+        raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
     trained_in, roughness = _ground(policy, path)
     engine = engine or trained_in
     terrain = Terrain(roughness if engine == "pybullet" else 0.0)
-    return Scene(robot, engine, draw, choice.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
+    return Scene(robot, engine, sample, choice.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:
-    """What its training varied besides the motors; nothing if it does not say.
-
-    Raises:
-        ArtifactError: says something that cannot be.
-    """
+    """Randomization of its training; none if not stated."""
     try:
         return Randomization(**policy.provenance.get("randomization", {}))
     except (TypeError, ConfigError) as error:
@@ -188,43 +190,36 @@ def _randomization(policy: Policy, path: Path) -> Randomization:
 
 
 def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
-    """Engine and roughness [m] that a policy was trained with; MuJoCo and flat if it does not say.
-
-    Raises:
-        ArtifactError: says something that cannot be.
-    """
-    said: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
-    said |= {key: policy.provenance[key] for key in said if key in policy.provenance}
-    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(said, path)
-    return cast(Engine, said["engine"]), float(said["roughness"])
+    """Engine and roughness [m] of its training; MuJoCo and flat if not stated."""
+    stated: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
+    stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
+    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
+    return cast(Engine, stated["engine"]), float(stated["roughness"])
 
 
-def _evaluate_all(config: Transfer, walkers: list[Walker], fleet: Fleet, told: Commands, progress: Progress) -> None:
-    results, seeds = Results(), Counter[str]()
-    traces: dict[str, np.ndarray] = {}
-    works = [partial(_own_and_twin, walker, fleet, told) for walker in walkers]
+def _evaluate_all(
+    config: Transfer, walks: list[TrainedWalk], fleet: Fleet, commands: Commands, progress: Progress
+) -> None:
+    rows: list[Result] = []
+    seeds, traces = Counter[str](), dict[str, np.ndarray]()
+    works = [partial(_own_and_twin, walk, fleet, commands) for walk in walks]
     found = in_parallel(works, usable_threads(config.workers, progress), progress)
-    for walker, places in zip(walkers, found, strict=True):
-        for place, (walking, trace) in places.items():
-            results += _results(walking, walker.condition, place, seeds[walker.condition])
-            traces.setdefault(f"{place}/{walker.condition}", trace)
-        seeds[walker.condition] += 1
-    write_results(config.out, results)
-    write_tensors(config.out / TRACES, traces, {"control_dt": walkers[0].robot.control_dt, "robot": config.robot})
+    for walk, environments in zip(walks, found, strict=True):
+        condition, seed = walk.condition, seeds[walk.condition]
+        for name, (walking, trace) in environments.items():
+            rows += [
+                Result(key, unit, getattr(walking, key), condition, name, seed=seed) for key, unit in _UNITS.items()
+            ]
+            traces.setdefault(f"{name}/{condition}", trace)
+        seeds[condition] += 1
+    write_results(config.out, Results.of(rows))
+    write_tensors(config.out / TRACES, traces, {"control_dt": walks[0].robot.control_dt, "robot": config.robot})
 
 
 def _own_and_twin(
-    walker: Walker, fleet: Fleet, told: Commands, progress: Progress
+    walk: TrainedWalk, fleet: Fleet, commands: Commands, progress: Progress
 ) -> dict[str, tuple[Walking, np.ndarray]]:
-    """`evaluate` by place."""
-    robot = walker.robot
-    places = {"own": walker.own, "twin": twin_simulator(robot, fleet, walker.policy.gait, told)}
-    with progress.start(f"transfer of {walker.name}: {len(places)} x {DRAWS} walks", len(places) * DRAWS) as task:
-        return {place: evaluate(robot, walker.policy, there, task.advance) for place, there in places.items()}
-
-
-def _results(walking: Walking, condition: str, place: str, seed: int) -> Results:
-    return Results.of(
-        Result(quantity, unit, getattr(walking, quantity), condition, place, seed=seed)
-        for quantity, unit in _UNITS.items()
-    )
+    robot, policy = walk.robot, walk.policy
+    simulators = {"own": walk.simulator, "twin": twin_simulator(robot, fleet, policy.gait, commands)}
+    with progress.start(f"transfer of {walk.name}: {len(simulators)} x {DRAWS} walks", len(simulators) * DRAWS) as task:
+        return {name: evaluate(robot, policy, simulator, task.advance) for name, simulator in simulators.items()}

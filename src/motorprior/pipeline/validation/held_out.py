@@ -146,7 +146,7 @@ def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Resu
         permutation_p_value,
         two_sample_auc,
     )
-    from motorprior.report.plots_distribution import feature_quantiles
+    from motorprior.report.plots_prior import feature_quantiles
     from motorprior.report.plots_style import png_bytes
 
     rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_DRAWS])

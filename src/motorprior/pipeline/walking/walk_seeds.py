@@ -57,8 +57,8 @@ def _train(walk: Walk, progress: Progress) -> None:
 
 
 def _draw(config: Walk, walks: list[Walk]) -> None:
-    from motorprior.report.plots_seeds import seed_curves  # imports matplotlib
     from motorprior.report.plots_style import png_bytes
+    from motorprior.report.plots_walk import seed_curves  # here: it imports matplotlib, which nothing else needs
 
     metrics = [read_metrics(walk.out) for walk in walks]
     longest = max((each["iteration"] for each in metrics), key=len)

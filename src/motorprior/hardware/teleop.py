@@ -1,0 +1,191 @@
+"""The operator at the robot: confirms arming, steers by keyboard or gamepad, and reads messages."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import struct
+import sys
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TextIO
+
+from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.robots.robot import Gait
+
+Print = Callable[[str], None]
+KEYS = "w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down"
+WALKING = f"Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it."
+STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
+HUNG = "The legs move fast. Ctrl-C removes the current at once and the legs drop; no key does anything."
+
+_NUM_STEPS = 10  # key presses from standing to the maximum speed or yaw rate
+_ARROWS = {b"\x1b[A": b"w", b"\x1b[B": b"s", b"\x1b[D": b"a", b"\x1b[C": b"d"}
+_GAMEPAD = Path("/dev/input/js0")
+_EVENT = struct.Struct("<IhBB")  # Linux joystick API: time [ms], value, type, number
+_AXIS, _BUTTON = 2, 1
+_VERTICAL, _HORIZONTAL = 1, 0  # axes of the left stick; -32767 is forward, left
+_MAX_DEFLECTION, _DEAD_ZONE = 32767.0, 0.06  # a released stick does not rest at exactly 0
+# Maximum speed in the sharpest turn, relative to that straight on, is 1 - this: at both limits at once policies fell.
+_SLOW_DOWN_IN_TURNS = 0.4
+_AUTONOMOUS_SPEED = 0.3  # [m/s]
+
+
+class Teleop:
+    """Reads keyboard and gamepad without waiting.
+
+    Args:
+        keyboard: open file of a terminal in cbreak mode, or None.
+        gamepad: open joystick device, or None.
+        gait: limits of speed and yaw rate.
+        command: initial speed [m/s] and yaw rate [rad/s].
+    """
+
+    def __init__(self, keyboard: int | None, gamepad: int | None, gait: Gait, command: tuple[float, float]):
+        self._keyboard, self._gamepad, self._gait = keyboard, gamepad, gait
+        self._forward, self._yaw_rate = command
+
+    def command(self) -> tuple[float, float] | None:
+        """Speed [m/s], reduced in turns, and yaw rate [rad/s]; None to stop.
+
+        It stops at q, at a gamepad button, and if the terminal or the gamepad is lost.
+        """
+        for file, handle in ((self._keyboard, self._on_keys), (self._gamepad, self._on_events)):
+            if file is None or not select.select([file], [], [], 0.0)[0]:
+                continue
+            try:
+                data = os.read(file, 256)
+            except OSError:
+                return None
+            if not data or not handle(data):
+                return None
+        turn = abs(self._yaw_rate) / self._gait.yaw_rate if self._yaw_rate else 0.0
+        max_speed = round((1.0 - _SLOW_DOWN_IN_TURNS * turn) * self._gait.forward[1], 4)
+        return min(self._forward, max_speed), self._yaw_rate
+
+    def _on_keys(self, data: bytes) -> bool:
+        """False to stop."""
+        for arrow, letter in _ARROWS.items():
+            data = data.replace(arrow, letter)
+        for key in data.decode("ascii", errors="ignore"):
+            speed, turn = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}.get(key, (0, 0))
+            if key == " ":
+                self._forward = self._yaw_rate = 0.0
+            self._set(
+                self._forward + speed * self._gait.forward[1] / _NUM_STEPS,
+                self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS,
+            )
+        return b"q" not in data.lower()
+
+    def _on_events(self, data: bytes) -> bool:
+        """False to stop."""
+        for _, value, kind, number in _EVENT.iter_unpack(data[: len(data) // _EVENT.size * _EVENT.size]):
+            if kind == _BUTTON and value:
+                return False
+            if kind != _AXIS:
+                continue
+            deflection = -value / _MAX_DEFLECTION if abs(value) > _DEAD_ZONE * _MAX_DEFLECTION else 0.0
+            if number == _VERTICAL:
+                backward, forward = self._gait.forward
+                self._set(deflection * (forward if deflection > 0.0 else -backward), self._yaw_rate)
+            elif number == _HORIZONTAL:
+                self._set(self._forward, deflection * self._gait.yaw_rate)
+        return True
+
+    def _set(self, forward: float, yaw_rate: float) -> None:
+        (slowest, fastest), max_yaw_rate = self._gait.forward, self._gait.yaw_rate
+        self._forward = round(min(fastest, max(slowest, forward)), 4)
+        self._yaw_rate = round(min(max_yaw_rate, max(-max_yaw_rate, yaw_rate)), 4)
+
+
+def autonomous_speed(gait: Gait) -> float:
+    """Speed of a robot without an operator [m/s]."""
+    return min(_AUTONOMOUS_SPEED, gait.forward[1])
+
+
+@contextlib.contextmanager
+def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleop]:
+    """Steering by the terminal's keyboard and the gamepad, if there are any; the terminal is restored afterwards.
+
+    Without ``forward`` [m/s] the robot stands at first; without keyboard and gamepad it walks at `autonomous_speed`.
+    """
+    with contextlib.ExitStack() as stack:
+        keyboard = gamepad = None
+        if sys.stdin is not None and sys.stdin.isatty() and _in_foreground(sys.stdin.fileno()):
+            keyboard = sys.stdin.fileno()
+            stack.callback(_restore, keyboard, termios.tcgetattr(keyboard))
+            tty.setcbreak(keyboard)
+        with contextlib.suppress(OSError):
+            gamepad = os.open(_GAMEPAD, os.O_RDONLY | os.O_NONBLOCK)
+            stack.callback(os.close, gamepad)
+        if forward is None:
+            forward = autonomous_speed(gait) if keyboard is None and gamepad is None else 0.0
+        yield Teleop(keyboard, gamepad, gait, (forward, yaw_rate))
+
+
+def require_terminal(yes: bool) -> None:
+    """Check that there is a terminal to confirm at.
+
+    Raises:
+        ConfigError: no terminal, and no ``yes``.
+    """
+    if not yes and (sys.stdin is None or not sys.stdin.isatty()):
+        raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
+
+
+def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: Print) -> None:
+    """Wait until ``arm`` is typed. Input from before the question does not count.
+
+    Raises:
+        RobotFault: something else was typed, or a signal came.
+    """
+    if yes:
+        return
+    with contextlib.suppress(termios.error):
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+    show(f"Stand clear, one hand at the power switch. {how_to_stop}")
+    show("Type arm and press Enter:")
+    while not stop():
+        if select.select([sys.stdin], [], [], 0.1)[0]:
+            if sys.stdin.readline().strip() == "arm":
+                return
+            break
+    raise RobotFault("not armed", "arm was not typed; nothing was sent", remedy="run the command again when ready")
+
+
+def non_blocking(show: Print, file: TextIO) -> Print:
+    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full (Ctrl-S, a pager).
+
+    A control loop that waits for a terminal would trip the watchdog.
+    """
+
+    def print_line(text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            if _is_writable(file):
+                show(text)
+
+    return print_line
+
+
+def _is_writable(file: TextIO) -> bool:
+    try:
+        number = file.fileno()
+    except (OSError, ValueError):  # a notebook's: no terminal, never full
+        return True
+    return bool(select.select([], [number], [], 0.0)[1])
+
+
+def _in_foreground(terminal: int) -> bool:
+    """Whether this process may change a terminal; a background process would be stopped by it."""
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:  # not its own terminal
+        return True
+
+
+def _restore(terminal: int, attributes: list) -> None:
+    with contextlib.suppress(termios.error, OSError):  # the terminal may be gone
+        termios.tcsetattr(terminal, termios.TCSADRAIN, attributes)

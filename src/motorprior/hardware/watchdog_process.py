@@ -1,0 +1,92 @@
+"""The watchdog process: sends idle when the host is silent or dead.
+
+The firmware has no watchdog: a robot whose host dies holds its last target. So a second process inherits the open port
+and the read end of a pipe. The host writes a heartbeat per control step; when the pipe ends (the host died) or stays
+empty for ``timeout`` (it hangs), this process takes over the port. It uses only the standard library, and has a session
+of its own and ignores signals, so that what ends the host does not end it.
+
+    python -I -S watchdog_process.py PORT_FD HEARTBEAT_FD REPORT_FD TIMEOUT IDLE_FRAME_HEX
+
+Heartbeats: any bytes; "q" ends the process, and it sends nothing. Reports: "r" ready, "t" tripped.
+"""
+
+import contextlib
+import ctypes
+import os
+import select
+import signal
+import sys
+import termios
+import time
+
+_PRIORITY = 20  # of SCHED_FIFO, above the control loop's
+_MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates next to nothing later
+_BURST = 40  # idle frames at once: more bytes than the longest command, which the dead host may have sent in part
+_REPEAT = 0.02  # [s] between idle frames
+_LINGER = 1.0  # [s] of idle frames after the host's death
+
+
+def main(arguments: list[str]) -> None:
+    """Run until the host releases this process or dies."""
+    port, heartbeats, report = map(int, arguments[:3])
+    timeout, idle = float(arguments[3]), bytes.fromhex(arguments[4])
+    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
+        signal.signal(ignored, signal.SIG_IGN)
+    with contextlib.suppress(OSError, AttributeError):  # not permitted, or not Linux
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    with contextlib.suppress(OSError, AttributeError):  # the host's lock does not extend to this process
+        ctypes.CDLL(None).mlockall(_MCL_CURRENT)
+    os.set_blocking(port, False)
+    os.write(report, b"r")
+    if wait_for_silence(heartbeats, timeout):
+        with contextlib.suppress(OSError):  # the host is dead
+            os.write(report, b"t")
+        hold_idle(port, heartbeats, idle)
+
+
+def wait_for_silence(heartbeats: int, timeout: float) -> bool:
+    """True when the host died or hangs, False when it released this process."""
+    first = True  # no limit before the first heartbeat
+    while True:
+        ready, _, _ = select.select([heartbeats], [], [], None if first else timeout)
+        data = os.read(heartbeats, 4096) if ready else b""
+        if b"q" in data:
+            return False
+        if not data:
+            return True
+        first = False
+
+
+def hold_idle(port: int, heartbeats: int, idle: bytes) -> None:
+    """Send idle until the host has been dead for a second; a host that hung may still be writing targets."""
+    with contextlib.suppress(termios.error, OSError):
+        termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands
+    _write(port, _BURST * idle)
+    dead_since = None
+    while dead_since is None or time.monotonic() < dead_since + _LINGER:
+        if dead_since is None:
+            ready, _, _ = select.select([heartbeats], [], [], _REPEAT)
+            data = os.read(heartbeats, 4096) if ready else b"."
+            if b"q" in data:
+                return
+            if not data:
+                dead_since = time.monotonic()
+        else:
+            time.sleep(_REPEAT)
+        if not _write(port, idle):
+            return
+
+
+def _write(port: int, data: bytes) -> bool:
+    """Write what the port accepts; False if it is gone."""
+    try:
+        os.write(port, data)
+    except BlockingIOError:
+        pass
+    except OSError:
+        return False
+    return True
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

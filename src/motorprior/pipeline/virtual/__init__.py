@@ -1,1 +1,0 @@
-"""Virtual robots: simulated bodies and motors behind the wire of a real robot."""

@@ -1,0 +1,115 @@
+"""A virtual robot in this process, or in one of its own for the commands deploy, record and doctor."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
+
+from motorprior.bounds import require_seed
+from motorprior.exceptions import ConfigError, MotorPriorError, RobotFault
+from motorprior.hardware.settings import require_robot_extra
+from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.robots.load import load_robot
+
+if TYPE_CHECKING:
+    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+    from motorprior.pipeline.twin_body import TwinBody
+    from motorprior.robots.robot import Robot
+
+_MAX_START = 60.0  # [s]
+_HOMING_TIME = 1.0  # [s], a little more than homing takes
+
+
+@dataclass(frozen=True)
+class VirtualRobotSettings:
+    """A simulated robot that is connected like a real one: pseudo-terminal, firmware, and the twin in real time."""
+
+    fleet: str | None = None
+    """Fleet that its motors are sampled from; the robot's own if not given."""
+    seed: int = 0
+    """Number of the robot: every robot has other motors."""
+    hung: bool = False
+    """Hang it in the air instead of laying it on the ground."""
+    rate: int = 100
+    """Telemetry frames per second, 100 or 200."""
+    currents: bool = False
+    """Firmware that sends motor currents."""
+    imu: bool = True
+    """Firmware that reads the IMU; the present one sends zeros."""
+    homing: bool = True
+    """Home at the start."""
+
+
+def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, TwinBody]:
+    """A virtual robot and its body, not yet running.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or an unknown fleet.
+    """
+    require_robot_extra()
+    from motorprior.hardware.virtual.firmware import FirmwareConfig
+    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+    from motorprior.pipeline.twin_body import TwinBody, draw_motors
+
+    require_seed(settings.seed)
+    if settings.rate not in (100, 200):
+        raise ConfigError(f"the firmware has no rate {settings.rate}", remedy="give 100 or 200", argument="rate")
+    motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet), settings.seed)
+    body = TwinBody(robot, motors, settings.hung, settings.seed)
+    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
+    return VirtualRobot(robot, body, config), body
+
+
+@contextmanager
+def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> Iterator[str]:
+    """A virtual robot in a process of its own while this is open; yields its port.
+
+    Raises:
+        ConfigError, ArtifactError: see `make_virtual_robot`.
+        RobotFault: it did not start.
+    """
+    context = get_context("spawn")
+    connection, other_end = context.Pipe()
+    process = context.Process(target=_run, args=(robot_name, settings, other_end), daemon=True)
+    process.start()
+    other_end.close()
+    try:
+        answer = None
+        with suppress(EOFError):
+            answer = connection.recv() if connection.poll(_MAX_START) else None
+        if isinstance(answer, MotorPriorError):
+            raise answer
+        if answer is None:
+            raise RobotFault("no port", "the virtual robot did not start", remedy="see what it printed above")
+        if settings.homing:
+            time.sleep(_HOMING_TIME)
+        yield answer
+    finally:
+        connection.close()  # ends it, also if this process is killed
+        process.join(timeout=10.0)
+        process.kill()
+
+
+def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection) -> None:
+    """The process: sends the port, or an error, and runs until the other end of the connection is closed."""
+    from motorprior.hardware.real_time import real_time
+
+    os.setsid()  # signals of the terminal are for the host, which has to crouch
+    try:
+        virtual, body = make_virtual_robot(load_robot(robot_name), settings)
+    except MotorPriorError as error:
+        connection.send(error)
+        return
+    start = body.live.position()
+    connection.send(virtual.port)
+    with real_time():
+        virtual.run(connection.poll)
+    forward, left = body.live.position() - start
+    print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)

@@ -1,0 +1,154 @@
+"""Pictures of trainings and of walks: learning curves, transfer, robustness, gait diagrams."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from motorprior.report.plots_style import (
+    INK,
+    MODEL_COLORS,
+    MUTED,
+    TEXT,
+    describe,
+    legend_below,
+    model_color,
+    model_key,
+    model_label,
+    model_line,
+    new_figure,
+    panels,
+)
+from motorprior.signals import runs_of_true
+from motorprior.transfer.robustness import UprightMap
+
+Curve = tuple[np.ndarray, np.ndarray]
+
+
+def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
+    """Return of the policy while it learns: the median of the seeds, and every seed as a thin line.
+
+    Args:
+        curves: per training one (iteration (N,) [-], mean return (N,) [m]) for each seed.
+    """
+    figure = new_figure(3.5)
+    (axes,) = panels(figure, 1)[0]
+    for number, (name, seeds) in enumerate(curves.items()):
+        color = model_color(name) if model_key(name) else f"C{number}"
+        for iteration, mean_return in seeds:
+            axes.plot(iteration, mean_return, color=color, lw=0.6, alpha=0.4)
+        label = f"{model_label(name)}, {len(seeds)} seed" + "s" * (len(seeds) != 1)
+        model_line(axes, *_median(seeds), name, label, color).set_linewidth(2.0)
+    describe(axes, x="ARS iteration [-]", y="mean return [m]")
+    legend_below(figure, axes, columns=3)
+    return figure
+
+
+def _median(seeds: Sequence[Curve]) -> Curve:
+    """Median over the seeds where all of them have values."""
+    start = max(iteration[0] for iteration, _ in seeds)
+    stop = min(iteration[-1] for iteration, _ in seeds)
+    grid = np.unique(np.concatenate([iteration for iteration, _ in seeds]))
+    grid = grid[(grid >= start) & (grid <= stop)]
+    return grid, np.median([np.interp(grid, *seed) for seed in seeds], axis=0)
+
+
+def seed_curves(iteration: np.ndarray, curves: Mapping[str, np.ndarray]) -> Figure:
+    """Median, quartiles and range of the seeds of one training, a panel per quantity.
+
+    Args:
+        iteration: (N,) of the search.
+        curves: name with unit -> (seeds, N) values.
+    """
+    figure = new_figure(2.0 * len(curves) + 0.6)
+    grid, color = panels(figure, len(curves), sharex=True)[:, 0], MODEL_COLORS["rollout"]
+    for axes, (title, values) in zip(grid, curves.items(), strict=True):
+        low, middle, high = np.percentile(values, [25.0, 50.0, 75.0], axis=0)
+        axes.fill_between(iteration, values.min(axis=0), values.max(axis=0), color=color, alpha=0.12, label="all seeds")
+        axes.fill_between(iteration, low, high, color=color, alpha=0.3, label="quartiles")
+        axes.plot(iteration, middle, color=color, lw=1.8, label="median")
+        describe(axes, y=title)
+    count = len(next(iter(curves.values())))
+    describe(grid[0], title=f"Learning to walk, {count} seed{'s' * (count != 1)}")
+    describe(grid[-1], x="iteration [-]")
+    legend_below(figure, grid, columns=3)
+    figure.align_ylabels()
+    return figure
+
+
+def transfer_bars(own: Mapping[str, tuple[float, float]], twin: Mapping[str, tuple[float, float]]) -> Figure:
+    """Every policy in its training simulation (pale) and on the twin, the held-out virtual robot (full colour).
+
+    Args:
+        own: (speed [m/s], time upright [-]) per condition, in its training simulation.
+        twin: the same on the twin.
+    """
+    figure = new_figure(0.62 * max(len(own), 2) + 0.9)
+    for column, (axes, title) in enumerate(
+        zip(panels(figure, 1, 2, sharey=True)[0], ("forward speed [m/s]", "time upright [-]"), strict=True)
+    ):
+        for values, offset, alpha in ((own, -0.19, 0.35), (twin, 0.19, 1.0)):
+            rows, shown = np.arange(len(values)) + offset, [each[column] for each in values.values()]
+            bars = axes.barh(rows, shown, 0.34, color=[model_color(name) for name in values], alpha=alpha)
+            axes.bar_label(bars, fmt="%.2f", fontsize=TEXT, padding=2)
+        axes.axvline(0.0, color=MUTED, lw=0.8)
+        axes.margins(x=0.16)
+        axes.set_yticks(range(len(own)), [model_label(name) for name in own])
+        axes.set_ylim(len(own) - 0.5, -0.5)
+        describe(axes, x=title, y="trained on" if column == 0 else None)
+    return figure
+
+
+def robustness_maps(maps: Mapping[str, Sequence[UprightMap]]) -> Figure:
+    """Time upright over two disturbances [%]: a row per policy, by the name of its training; a column per map."""
+    columns = len(next(iter(maps.values())))
+    figure = new_figure(2.6 * len(maps))
+    for row, (name, shown) in zip(panels(figure, len(maps), columns), maps.items(), strict=True):
+        for axes, each in zip(row, shown, strict=True):
+            _heat_map(axes, each)
+        describe(row[0], title=f"time upright [%], trained on {model_label(name)}")
+    return figure
+
+
+def _heat_map(axes: Axes, shown: UprightMap) -> None:
+    """Rows from bottom to top, as the values of an axis go."""
+    axes.imshow(shown.share, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.7)
+    for row, values in enumerate(shown.share):
+        for column, value in enumerate(values):
+            axes.text(column, row, f"{100.0 * value:.0f}", ha="center", va="center", fontsize=TEXT)
+    axes.set_xticks(range(len(shown.columns.values)), [f"{value:g}" for value in shown.columns.values])
+    axes.set_yticks(range(len(shown.rows.values)), [f"{value:g}" for value in shown.rows.values])
+    axes.grid(False)
+    describe(axes, x=shown.columns.title, y=shown.rows.title)
+
+
+def footfalls(stances: Mapping[str, np.ndarray], legs: Sequence[str], span: float, axis: str) -> Figure:
+    """A panel per gait with a row per leg: a bar where its foot is on the ground.
+
+    Args:
+        stances: title -> (S, legs) whether each foot is on the ground, at S times evenly over the span.
+        legs: their names.
+        span: of the horizontal axis.
+        axis: its label with its unit.
+    """
+    figure = new_figure(0.62 + len(stances) * (0.2 * len(legs) + 0.38))
+    grid = panels(figure, len(stances), sharex=True)[:, 0]
+    for axes, (title, stance) in zip(grid, stances.items(), strict=True):
+        _bars(axes, stance, span)
+        axes.set_yticks(range(len(legs)), legs)
+        axes.set(xlim=(0.0, span), ylim=(len(legs) - 0.4, -0.6))
+        share = " / ".join(f"{100.0 * each:.0f}" for each in stance.mean(axis=0))
+        axes.set_title(f"on the ground {share} %", loc="right", fontsize=TEXT, color=MUTED)
+        describe(axes, title=title)
+    describe(grid[-1], x=axis)
+    return figure
+
+
+def _bars(axes: Axes, stance: np.ndarray, span: float) -> None:
+    width = span / len(stance)
+    for leg, down in enumerate(stance.T):
+        bars = [(first * width, (after - first) * width) for first, after in runs_of_true(down)]
+        axes.broken_barh(bars, (leg - 0.36, 0.72), color=INK, linewidth=0)

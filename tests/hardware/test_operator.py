@@ -1,0 +1,113 @@
+"""The operator: confirms arming, steers by keyboard and gamepad, stops."""
+
+import os
+import pty
+import select
+import struct
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motorprior.hardware.teleop import Teleop
+from motorprior.hardware.virtual.firmware import IDLE
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+GAIT = PUPPER_V2.require_legs()
+VERTICAL, HORIZONTAL = 1, 0
+
+
+class Terminal:
+    """A process at a terminal of its own, and what it printed."""
+
+    def __init__(self, command: list[str]):
+        self._master, slave = pty.openpty()
+        self.process = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True)
+        os.close(slave)
+        self.printed = b""
+
+    def type(self, text: str) -> None:
+        os.write(self._master, text.encode())
+
+    def read_until(self, words: bytes, patience: float = 30.0) -> None:
+        deadline = time.monotonic() + patience
+        while words not in self.printed:
+            assert time.monotonic() < deadline, self.printed
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.printed += os.read(self._master, 4096)
+
+
+@pytest.mark.real_time
+def test_arm_walk_and_sit_down_by_keys(
+    virtual: Callable, bare_command: list[str], trot: Path, tmp_path: Path, when: Callable
+):
+    pupper = virtual()
+    arguments = ["deploy", str(trot), "--port", pupper.port, "--out", str(tmp_path / "run")]
+    refused = Terminal([*bare_command, *arguments])
+    refused.read_until(b"press Enter")
+    refused.type("no\n")
+    refused.read_until(b"arm was not typed")
+    assert refused.process.wait(timeout=10.0) == 2 and pupper.received == 0
+    terminal = Terminal([*bare_command, *arguments])
+    try:
+        terminal.read_until(b"press Enter")
+        terminal.type("arm\n")
+        terminal.read_until(b"+0.00 m/s")
+        terminal.type("wwwa")
+        terminal.read_until(b"+0.15 m/s +0.1 rad/s")
+        terminal.type("q")
+        terminal.read_until(b"stopped by operator")
+        assert terminal.process.wait(timeout=10.0) == 0
+        when(pupper, IDLE)
+    finally:
+        terminal.process.kill()
+        terminal.process.wait()
+
+
+def event(value: int, kind: int, number: int) -> bytes:
+    """Of a gamepad: time [ms], value, type, number."""
+    return struct.pack("<IhBB", 0, value, kind, number)
+
+
+@pytest.fixture
+def steering() -> Iterator[tuple[Teleop, int, int]]:
+    """A standing robot's operator, and the files to type into and to push the gamepad with."""
+    (keys, typed), (stick, pushed) = os.pipe(), os.pipe()
+    yield Teleop(keys, stick, GAIT, (0.0, 0.0)), typed, pushed
+    for file in (keys, typed, stick, pushed):
+        os.close(file)
+
+
+def test_q_and_a_gamepad_button_stop(steering: tuple[Teleop, int, int]):
+    teleop, typed, pushed = steering
+    os.write(pushed, event(0, 1, 1))
+    assert teleop.command() == (0.0, 0.0), "a button that is released"
+    os.write(pushed, event(1, 1, 1))
+    assert teleop.command() is None
+    os.write(typed, b"wq")
+    assert teleop.command() is None
+
+
+def test_a_lost_terminal_stops():
+    keys, typed = os.pipe()
+    os.close(typed)
+    assert Teleop(keys, None, GAIT, (0.3, 0.0)).command() is None
+    os.close(keys)
+
+
+@given(keys=st.binary(min_size=1, max_size=60), stick=st.integers(-32767, 32767), turn=st.integers(-32767, 32767))
+@settings(max_examples=60, deadline=None)
+def test_the_command_stays_within_its_limits(keys: bytes, stick: int, turn: int):
+    ends = os.pipe(), os.pipe()
+    teleop = Teleop(ends[0][0], ends[1][0], GAIT, (0.3, 0.0))
+    os.write(ends[0][1], keys.lower().replace(b"q", b"w"))
+    os.write(ends[1][1], event(stick, 2, VERTICAL) + event(turn, 2, HORIZONTAL))
+    command = teleop.command()
+    for file in (*ends[0], *ends[1]):
+        os.close(file)
+    assert command is not None
+    assert GAIT.forward[0] <= command[0] <= GAIT.forward[1] and abs(command[1]) <= GAIT.yaw_rate

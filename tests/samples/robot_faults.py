@@ -1,0 +1,110 @@
+"""Faults of a robot, injected into a simulated one."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.virtual.firmware import IDLE, MAX_CURRENT, Drive, Sensors
+from motorprior.pipeline.twin_body import TwinBody
+from motorprior.robots.robot import Robot
+from simulated_port import SimulatedPort
+
+
+class FaultyPort(SimulatedPort):
+    """A simulated robot that breaks when told to.
+
+    Attributes:
+        events: (time [s], mode or "target"), in order.
+        pose_at_idle: (joints,) true angles [rad] when it lost its current.
+    """
+
+    def __init__(
+        self, robot: Robot, currents: bool = False, hung: bool = False, period: int = 10, corrupt: float = 0.0
+    ):
+        self.events: list[tuple[float, str]] = []
+        self.pose_at_idle = np.full(robot.num_joints, np.nan)
+        self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
+        self.faults: dict[str, tuple[float, int]] = {}
+        super().__init__(robot, 0, currents=currents, hung=hung, period=period, corrupt=corrupt)
+
+    def inject(self, kind: str, joint: int = 0) -> None:
+        """Break from now on. Kinds: see `FaultyBody`; mute and lagging (telemetry), restart (its clock)."""
+        self.faults[kind] = self.now, joint
+
+    def pause_host(self, seconds: float) -> None:
+        """The host stands still for so long before its next command."""
+        self._pause = seconds
+
+    def on_change(self, what: str) -> None:
+        self.events.append((self.now, what))
+        if what == IDLE:
+            self.pose_at_idle = self.body.live.state().joint_pos
+
+    def firmware_body(self, body: TwinBody) -> "FaultyBody":
+        return FaultyBody(body, self)
+
+    def send(self, command: Command) -> float:
+        if command.pos is not None:
+            self.now += self._pause
+            self._pause = 0.0
+        return super().send(command)
+
+    def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
+        heard = super().wait(until)
+        if "mute" in self.faults:
+            return []
+        if "restart" in self.faults:
+            ahead = 1e3 * self.faults["restart"][0]
+            heard = [(at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m) for at, m in heard]
+        if "lagging" in self.faults:  # later and later: buffers fill up
+            delay = 0.5 * (self.now - self.faults["lagging"][0])
+            self._late += [(at + delay, message) for at, message in heard]
+            heard = [(self.now, message) for at, message in self._late if at <= self.now]
+            self._late = [(at, message) for at, message in self._late if at > self.now]
+        return heard
+
+
+class FaultyBody:
+    """A body whose motors (dead, stalled) and sensors break.
+
+    Sensors: frozen or jumping encoder, hot_current 9.5 A, surge 12 A, hot_motor 95 °C, flat battery 17 V, an IMU that
+    is tilted (1 rad), numb (constant) or blind (zeros).
+    """
+
+    def __init__(self, body: TwinBody, port: FaultyPort):
+        self._body, self._port = body, port
+        self._frozen: dict[str, float] = {}
+
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        target, kp, kd = drive.target.copy(), drive.kp.copy(), drive.kd.copy()
+        for kind, (_, joint) in self._port.faults.items():
+            if kind == "dead":
+                kp[joint] = kd[joint] = 0.0
+            elif kind == "stalled":
+                target[joint] = self._frozen.setdefault(kind, float(self._body.sense().pos[joint]))
+                kp[joint] *= 10.0
+        self._body.advance(milliseconds, Drive(target, kp, kd, drive.max_current))
+
+    def sense(self) -> Sensors:
+        sensors = self._body.sense()
+        pos, vel, current, attitude = (sensors.pos, sensors.vel, sensors.current, sensors.attitude)
+        changes: dict[str, object] = {}
+        for kind, (_, joint) in self._port.faults.items():
+            if kind == "frozen":
+                pos[joint], vel[joint] = self._frozen.setdefault(kind, float(pos[joint])), 0.0
+            elif kind == "jumping":
+                pos[joint] += 0.8 * (1 if round(100.0 * self._port.now) % 2 else -1)
+            elif kind == "hot_current":
+                current[joint] = 9.5
+            elif kind == "surge":
+                current[joint] = 1.2 * MAX_CURRENT
+            elif kind == "hot_motor":
+                changes["temperature"] = np.where(np.arange(len(pos)) == joint, 95.0, 40.0)
+            elif kind == "flat":
+                changes["battery"] = 17.0
+            elif kind == "tilted":
+                attitude[0] = 1.0
+            elif kind in ("numb", "blind"):
+                changes |= {"attitude": np.full(3, 0.01 if kind == "numb" else 0.0), "rates": np.zeros(3)}
+        return replace(sensors, **changes)  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,69 @@
+"""Test environments of a study have their own motors and seeds, of no training, bench or other study."""
+
+import numpy as np
+import pytest
+
+from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy import zero_policy
+from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
+from motorprior.simulation.rollout import WalkConfig
+from motorprior.studies.environments import ENVIRONMENTS, HeldOutWalks, motors_of_robot, walk_seed
+from motorprior.transfer.twin import EVALUATION_SEED
+
+STEPS, STUDY = 200, 4
+FLEET = load_fleet("pupper_v2")
+
+
+def walks_in(name: str = "fleet", only: int | None = None) -> HeldOutWalks:
+    fleet = FLEET if ENVIRONMENTS[name].population == "fleet" else load_fleet("foreign_direct")
+    return HeldOutWalks(ROBOT, ENVIRONMENTS[name], fleet, WalkConfig(STEPS, commands=Commands.steady(0.2)), STUDY, only)
+
+
+@pytest.mark.parametrize("study", range(6))
+def test_no_walk_has_a_training_seed(study: int):
+    walked = {walk_seed(study, draw) for draw in range(64)}
+    rounds = [(iteration, direction) for iteration in range(100) for direction in range(16)]
+    rounds += [(CONTEST, draw) for draw in range(CONTEST_DRAWS)]
+    trained = {episode_seed(SEEDS_APART * study + policy, *each) for policy in range(8) for each in rounds}
+    assert len(walked) == 64 and not walked & trained and not walked & set(range(EVALUATION_SEED, EVALUATION_SEED + 64))
+
+
+def test_the_motors_of_a_robot_depend_on_its_number_and_study():
+    one, same, other = (motors_of_robot(ROBOT, FLEET, STUDY, number) for number in (3, 3, 4))
+    np.testing.assert_array_equal(one.kp, same.kp)  # pyright: ignore[reportAttributeAccessIssue]
+    assert (one.kp != other.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
+    elsewhere = motors_of_robot(ROBOT, FLEET, STUDY + 1, 3)
+    assert (one.kp != elsewhere.kp).all(), "robot 3 of another study"  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_robots_of_two_fleets_share_nothing():
+    """The files of both fleets begin with the same range of kp."""
+    mixed, foreign = (motors_of_robot(ROBOT, load_fleet(name), STUDY, 3) for name in ("mixed", "foreign_direct"))
+    assert (mixed.kp != foreign.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
+    """Means over robots of 100 motors vary by the center's uncertainty if it is drawn once, and hardly otherwise."""
+    spread = FLEET.parameters["kp"].values
+    means = {
+        once: np.std([np.log(FLEET.sample(100, seed, of_one_robot=once).kp).mean() for seed in range(200)])  # pyright: ignore[reportAttributeAccessIssue]
+        for once in (True, False)
+    }
+    assert means[True] == pytest.approx(spread["center_uncertainty"], rel=0.2)
+    assert means[False] < 0.3 * spread["center_uncertainty"]
+    within = [np.log(FLEET.sample(100, seed, of_one_robot=True).kp).std() for seed in range(50)]  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.mean(within) == pytest.approx(spread["spread"], rel=0.1)
+
+
+def test_a_walk_depends_on_its_draw_alone():
+    policy = zero_policy(ROBOT.num_joints)
+    walks = walks_in()
+    first, second, again = (walks.run(policy, draw).trace for draw in (0, 1, 0))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, second)
+    only = walks_in(only=0)
+    np.testing.assert_array_equal(only.run(policy, 0).trace, first)
+    assert not np.array_equal(only.run(policy, 1).trace, second), "robot 0 in place of robot 1"
