@@ -69,19 +69,3 @@ def test_compiled_network_equals_the_reference(n, neurons):
         torques(LatentActuator(net, z), inputs), expected, atol=1e-5 * net.torque_scale * neurons
     )
     assert np.ptp(expected) > net.torque_scale
-
-
-@pytest.mark.parametrize("row", range(2 * len(TAPS)))
-def test_each_input_row_is_its_own_tap(row):
-    # only input `row` reaches neuron 0, which alone is read: torque = 0.7·softsign(softsign(x))
-    w1, w2 = np.zeros((6, 4)), np.zeros((4, 4))
-    w1[row, 0] = w2[0, 0] = 1.0
-    readout = np.array([1.0, 0.0, 0.0, 0.0])
-    nothing = {"v1": np.zeros((3, 4)), "b1": np.zeros(4), "b2": np.zeros(4), "b3": np.array(0.0)}
-    net, inputs = network(4, w1=w1, w2=w2, w3=readout, **nothing), motion(5)
-    kind, age = divmod(row, len(TAPS))
-    signal = inputs[2] / 3.0 if kind else (inputs[0] - inputs[1]) / 0.2
-    seen = signal[: len(signal) - TAPS[age]]  # at step TAPS[age] + k the network sees row k
-    once = seen / (1 + np.abs(seen))
-    torque = torques(LatentActuator(net, np.zeros((5, 3))), inputs)[TAPS[age] :]
-    np.testing.assert_allclose(torque, 0.7 * once / (1 + np.abs(once)), atol=1e-6)

@@ -165,16 +165,6 @@ def test_a_voltage_leaves_no_torque_at_the_no_load_speed_and_all_of_it_at_rest()
         assert mirrored == pytest.approx(-torque, rel=1e-9, abs=1e-9)
 
 
-def test_a_stalled_motors_current_rises_with_its_lag():
-    p = law({"kp": 10.0, "torque_limit": 0.5}, ("current",), current_time=0.02)
-    state, currents = at(), []
-    for _ in range(50):
-        moved = step(p, state, np.ones(1), np.zeros(1), np.zeros(1), H, NUMPY, ("current",))[0]
-        currents.append(float(moved.current[0]))
-        state = moved._replace(rotor_pos=np.zeros(1), rotor_vel=np.zeros(1), filtered_vel=np.zeros(1))
-    np.testing.assert_allclose(currents, 0.5 * (1 - np.exp(-H * np.arange(1, 51) / 0.02)), rtol=1e-9)
-
-
 def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slides_at_its_friction():
     p = law({"kp": 1e-3, "coulomb": 0.1, "viscous_damping": 0.05}, ("presliding",), bristle_stiffness=8.0)
     for torque in (0.03, 0.08, -0.08):

@@ -179,21 +179,3 @@ def test_ripple_and_cogging_go_by_the_rotors_position():
         step_actuator(arrays, DT, at + 0.1, at, np.zeros(1), np.zeros(1))
         known = 0.5 * (1 + 0.03 * np.sin(36 * position)) - 0.02 * np.sin(72 * position)
         assert arrays.memory[rows.ROTOR_VEL, 0] * 1e9 / DT == pytest.approx(known)
-
-
-def test_a_log_has_the_noise_and_the_steps_of_its_instruments():
-    shape, rng = (20_000, 1), np.random.default_rng(0)
-    pos, vel, torque = (scale * np.sin(np.linspace(0, 20, shape[0]))[:, None] for scale in (1.0, 2.0, 3.0))
-    noisy = motor(log_position_noise=0.001, log_velocity_noise=0.05, log_torque_noise=0.02)
-    for seen, true, spread in zip(
-        noisy.logged(rng, 0.002, pos, vel, torque), (pos, vel, torque), (1e-3, 5e-2, 2e-2), strict=True
-    ):
-        assert np.std(seen - true) == pytest.approx(spread, rel=0.03)
-    coarse = motor(log_position_quantum=0.01, log_velocity_filter=0.01)
-    angle, speed, same = coarse.logged(rng, 0.002, pos, vel, torque)
-    np.testing.assert_allclose(angle / 0.01, np.round(angle / 0.01), atol=1e-9)
-    np.testing.assert_array_equal(same, torque)
-    share, low = 1 - np.exp(-0.2), 0.0
-    for row, difference in zip(speed[1:50, 0], np.diff(angle[:50, 0]) / 0.002, strict=True):
-        low += share * (difference - low)
-        assert row == pytest.approx(low)

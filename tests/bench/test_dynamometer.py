@@ -29,16 +29,6 @@ def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
     np.testing.assert_array_equal(response.joint_torque, 0.0)
 
 
-def test_the_work_of_a_blow_is_the_kinetic_energy():
-    rng = np.random.default_rng(0)
-    external = np.zeros((100, 2))
-    external[10:40] = rng.normal(0.0, 1.0, (30, 2))
-    speed = run(limp(), Trial(np.zeros((100, 2)), external, LOAD, 0.002)).joint_vel
-    work = np.cumsum(external[:-1] * 0.5 * (speed[:-1] + speed[1:]) * 0.002, axis=0)
-    np.testing.assert_allclose(0.5 * LOAD * speed[1:] ** 2, work, atol=1e-12)
-    np.testing.assert_array_equal(speed[40:], np.broadcast_to(speed[40], (60, 2)))  # nothing brakes it
-
-
 def test_damping_decays_as_implicit_euler_does_whatever_its_size():
     external = np.zeros((60, 2))
     external[0] = LOAD * 5.0 / 0.002

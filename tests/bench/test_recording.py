@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.bench import excitation
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import FLUNG, PRESETS, record
@@ -59,17 +58,3 @@ def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
     shares = set(held_back[pushed, 1] / usual[pushed, 1])
     assert shares <= {1.0, 0.5, 0.25, 0.125} and min(shares) < 1.0
     assert np.abs(both[1].joint_pos - both[1].position_target).max() < FLUNG
-
-
-@pytest.mark.parametrize(
-    ("signal", "reach"),
-    [
-        *((excitation.sine, 0.9), (excitation.held_steps, 0.6), (excitation.gait, 1.2)),
-        *((excitation.creep, 0.3), (excitation.pushes, 2.0)),
-    ],
-)
-def test_excitations_stay_within_their_reach_and_use_it(signal, reach):
-    # sine: 0.3 + 0.6; gait: 0.3 + 0.5·(1 + 1/4 + 1/9) = 0.98 rad
-    targets = np.concatenate([signal(np.random.default_rng(seed), 700, 0.002) for seed in range(20)])
-    assert targets.shape == (20 * 700,)
-    assert 0.5 * reach < np.max(np.abs(targets)) <= reach

@@ -10,7 +10,7 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
-from motorprior.identification import physics_fit
+from motorprior.identification import train
 from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import identify, work_of
@@ -141,7 +141,7 @@ def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_no
 
     with pytest.raises(Interrupted):
         identify(two_motors, PHYSICS, 0, report, kept)
-    fit = physics_fit.fit_fleet
-    monkeypatch.setattr(physics_fit, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
+    fit = train.fit_fleet
+    monkeypatch.setattr(train, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
     assert leaves(identify(two_motors, PHYSICS, 0, checkpoints=kept)) == leaves(whole)
     assert not fits

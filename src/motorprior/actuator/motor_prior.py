@@ -139,10 +139,6 @@ class MotorPrior:
         nothing = np.zeros(self.network.num_latents)
         return np.stack([rows.get(name, nothing) for name in joint_names])
 
-    def has_names(self, joint_names: tuple[str, ...]) -> np.ndarray:
-        """(J,) whether a training motor drove the joint of that name."""
-        return np.isin(joint_names, self.joint_names)
-
     def require(self, robot: str, physics_dt: float) -> None:
         """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
         if self.robot != robot:

@@ -12,9 +12,8 @@ floats in its backlash moves chaotically, so that models could not be compared w
     stall torque  steady torque on a blocked joint, the target led to STALL_ERROR ahead of it [N·m]
     peak speed    fastest SPEED_WINDOW of a step of FAST_STEP with a nearly bare joint [rad/s]
 
-A motor that fails a trial gets the limit value of that trial, never NaN (see each function). Values are rounded to
-RESOLUTION, that of a good physical bench: otherwise a two-sample test would separate an overshoot of 0 from one of
-0.0003, a difference without effect on a robot.
+A motor that fails a trial gets the limit value of that trial, never NaN. Values are rounded to RESOLUTION, that of a
+good physical bench, so that a two-sample test does not separate an overshoot of 0 from one of 0.0003.
 """
 
 from __future__ import annotations
@@ -33,29 +32,19 @@ HEAVY_INERTIA = 0.03
 PRESS = 0.05  # torque that keeps the gear pressed to one side, below the friction of most motors [N·m]
 FREQUENCIES = (1, 2, 4, 8)  # frequencies of the sines [Hz]; whole cycles fit into SINE_WINDOW
 AMPLITUDE = 0.15  # amplitude of the sines [rad]
-SINE_SETTLE = 1.0  # time of a sine before the evaluation [s]
-SINE_WINDOW = 1.0  # time of a sine that is evaluated [s]
+SINE_SETTLE, SINE_WINDOW = 1.0, 1.0  # time of a sine before and in the evaluation [s]
 UNMOVED_GAIN = 1e-3  # gain below which the phase is undefined [-]
 STEP = 0.3  # height of the step [rad]
-STEP_SETTLE = 0.3  # time before the step [s]
-STEP_DURATION = 1.2  # time after the step [s]
+STEP_SETTLE, STEP_DURATION = 0.3, 1.2  # time before and after the step [s]
 STEP_FINAL = 0.1  # time at the end of a step whose mean is the final displacement [s]
-CREEP_SPEED = 0.04  # speed of the creeping target [rad/s]
-CREEP_REACH = 0.2  # largest angle of the creeping target, which goes from -CREEP_REACH to +CREEP_REACH and back [rad]
-CREEP_WINDOW = 0.03  # largest |target| at which the hysteresis is evaluated [rad]
+# the target creeps at this speed [rad/s] to ±CREEP_REACH [rad], evaluated at |target| < CREEP_WINDOW
+CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
 GIVE = 0.01  # displacement that counts as breakaway [rad]
-RAMP_SETTLE = 0.5  # time before the torque ramp [s]
-RAMP_RATE = 0.2  # slope of the torque ramp [N·m/s]
-RAMP_TOP = 1.5  # largest torque of the ramp [N·m]
-STALL_ERROR = 0.6  # position error at the stall [rad]
-STALL_INERTIA = 1e5  # inertia that blocks the joint [kg·m²]
-STALL_LEAD = 1.5  # time in which the target moves to STALL_ERROR [s]
-STALL_HOLD = 0.3  # time for which STALL_ERROR is held [s]
-STALL_FINAL = 0.1  # time at the end over which the torque is averaged [s]
-FAST_STEP = 1.2  # height of the step for the peak speed [rad]
-FAST_INERTIA = 3e-4  # inertia of a nearly bare joint [kg·m²]
-FAST_DURATION = 0.8  # time after the step for the peak speed [s]
-SPEED_WINDOW = 0.02  # time over which the speed is averaged [s]
+RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.5, 0.2, 1.5  # of the torque ramp: time before [s], slope [N·m/s], end [N·m]
+STALL_ERROR, STALL_INERTIA = 0.6, 1e5  # position error at the stall [rad]; inertia that blocks the joint [kg·m²]
+STALL_LEAD, STALL_HOLD, STALL_FINAL = 1.5, 0.3, 0.1  # times of motion, of holding, and of the evaluation [s]
+# peak speed: height of the step [rad], inertia of a nearly bare joint [kg·m²], time after the step, averaging time [s]
+FAST_STEP, FAST_INERTIA, FAST_DURATION, SPEED_WINDOW = 1.2, 3e-4, 0.8, 0.02
 # Resolution of each feature, in the unit of the feature
 RESOLUTION = {
     "gain": 1e-3, "lag": 2e-4, "rise time": 1e-3, "overshoot": 5e-3,
@@ -182,9 +171,8 @@ def breakaway(actuator: Actuator) -> np.ndarray:
     """(n,) external torque at which a joint that holds target 0 moves by GIVE [N·m], mean of both directions.
 
     After RAMP_SETTLE under PRESS, which takes up the backlash, the external torque rises from PRESS to RAMP_TOP at
-    RAMP_RATE. For a stiff gear the breakaway torque is (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction):
-    dry friction and the controller. The backlash has no influence, except by the impact when it is taken up (up to a
-    tenth). A joint that does not move by GIVE gets RAMP_TOP.
+    RAMP_RATE. For a stiff gear the breakaway torque is (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction). A
+    joint that does not move by GIVE gets RAMP_TOP.
     """
     still = _count(RAMP_SETTLE)
     ramp = np.arange(PRESS, RAMP_TOP, RAMP_RATE * PERIOD)
@@ -199,10 +187,8 @@ def breakaway(actuator: Actuator) -> np.ndarray:
 def stall_torque(actuator: Actuator) -> np.ndarray:
     """(n,) mean joint_torque of the last STALL_FINAL on a blocked joint (an inertia of STALL_INERTIA) [N·m].
 
-    The target moves to STALL_ERROR within STALL_LEAD and stays there; after a step, the rotor's momentum would wind up
-    the gear, and stiction would keep it so. For a physical motor the stall torque is
-    (torque_limit - coulomb - stribeck_torque) / (1 + load_friction). For a learned motor a stall may be outside its
-    training data; its torque is bounded by its own torque_limit.
+    The target moves to STALL_ERROR within STALL_LEAD and stays there, since a step would wind up the gear. For a
+    physical motor the stall torque is (torque_limit - coulomb - stribeck_torque) / (1 + load_friction).
     """
     lead = np.linspace(0.0, STALL_ERROR, _count(STALL_LEAD))
     target = np.concatenate([lead, np.full(_count(STALL_HOLD), STALL_ERROR)])

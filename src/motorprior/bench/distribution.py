@@ -27,13 +27,11 @@ _KEYS = {
 class Distribution:
     """One parameter over the fleet.
 
-    constant: center. uniform: [low, high]. normal: center + s·ε, not below ``minimum``.
-    lognormal: center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet puts draws
-    beyond the bounds of the parameter there (`bounds_of`).
+    constant: center. uniform: [low, high]. normal: center + s·ε, not below ``minimum``. lognormal: center·exp(s·ε).
+    s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet clips samples to `bounds_of`.
 
-    The motors of one robot have ε's part of center_uncertainty in common. Of a uniform range they have ``shared`` in
-    common, 0 if it is not given: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor), which is
-    uniform again.
+    The motors of one robot share the part of center_uncertainty, and of a uniform range the part ``shared``, 0 if not
+    given: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor).
     """
 
     kind: str

@@ -149,11 +149,7 @@ UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.uni
 
 
 def geared(motors: TrueMotors) -> MotorParameters:
-    """The same motors, for what only geared motors can do.
-
-    Raises:
-        ConfigError: motors of another family.
-    """
+    """The same motors; raises `ConfigError` for motors of another family."""
     if isinstance(motors, MotorParameters):
         return motors
     raise ConfigError(

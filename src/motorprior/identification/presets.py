@@ -37,7 +37,7 @@ class Preset:
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
     own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
     # fit the constants by compiled free runs first: ``together``, with a Gaussian over the motors, or ``alone``;
-    # the network then learns the residual, and constants are refined on longer windows (`refinement`). "" if
+    # the network then learns the residual, and constants are refined on longer windows (`fleet_fit`). "" if
     # everything is trained at once
     physics_first: str = ""
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors; with physics first they are selected

@@ -2,7 +2,7 @@
 
 It sees the history of errors and joint velocities and adds its torque at the joint. It is trained on every second
 segment of the logs, with constants and latents as the physics were fitted; then the latents are refined with it, as
-they are without it (`refinement`), both on these segments. On the other segments, over the motors' logarithms,
+they are without it (`fleet_fit`), both on these segments. On the other segments, over the motors' logarithms,
 
     the rollout loss must fall by more than LEAST_GAIN, and the errors of position must not rise.
 
@@ -21,8 +21,8 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.standardise import MOTORS_AT_LEAST
 from motorprior.identification.networks.descent import Checkpoints, DivergedError, Report, descend
 from motorprior.identification.networks.network import export, import_parameters, initial_parameters
+from motorprior.identification.physics.fleet_fit import refined
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.refinement import refined
 from motorprior.identification.physics.term_selection import held_out_windows
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset

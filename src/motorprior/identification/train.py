@@ -2,35 +2,53 @@
 
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
-the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors' constants
-by `physics_fit`, refines them on longer runs (`refinement`), and trains only the residual network this way
-(`residual`).
+the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors'
+constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
+
+Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be chance. So all motors
+are fitted with them and with the logged ones alone, and they are kept if they save LEAST_GAIN of the loss of all.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, repeat
 
 import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
-from motorprior.exceptions import listed
+from motorprior.actuator.optional_terms import TERMS
+from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.judging.distribution import aggregate_posterior_summary
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
-from motorprior.identification.networks.descent import Checkpoints, Report, descend
+from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
-from motorprior.identification.physics.fleet_fit import fixed_constants
+from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet, fixed_constants, longer_runs
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.refinement import longer_runs
-from motorprior.identification.physics.term_selection import least_difference
+from motorprior.identification.physics.term_selection import (
+    MOTORS,
+    ROWS,
+    WINDOWS,
+    Selection,
+    least_difference,
+    select_terms,
+)
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.physics_fit import WORK, Physics, fit_physics
 from motorprior.identification.presets import Preset
-from motorprior.identification.residual import FittedMotors, ResidualTraining, refined_motors, without_residual
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.residual import (
+    LEAST_GAIN,
+    FittedMotors,
+    ResidualTraining,
+    refined_motors,
+    without_residual,
+)
+from motorprior.identification.training_data.windows import TrainingData, subsampled
+
+WORK = CHUNK * (len(TERMS) + STAGES)  # of the fit of physics, in Adam steps
 
 
 @dataclass(frozen=True)
@@ -115,7 +133,7 @@ def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> Identified:
     runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
-    physics = fit_physics(data, preset, runs, seed, report, checkpoints)
+    physics = _fit_physics(data, preset, runs, seed, report, checkpoints)
     found = physics.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in physics.saved.items()}
@@ -134,6 +152,75 @@ def _physics_first(
     log_var, losses = np.zeros_like(motors.z), MotorFit(motors.network, runs).losses(motors.z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
     return _finished(motors.network, motors.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
+
+
+@dataclass(frozen=True)
+class Physics:
+    """The fit of all motors, the share of the loss that each term saved, and terms that were rejected on all motors."""
+
+    fit: FleetFit
+    saved: dict[str, float]
+    left_out: tuple[str, ...]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a checkpoint."""
+        has, left_out = (
+            np.array([name in names for name in TERMS], np.float64) for names in (self.fit.terms, self.left_out)
+        )
+        tried = np.array([self.saved.get(name, np.nan) for name in TERMS])
+        fitted = {"center": self.fit.center, "offsets": self.fit.offsets, "fitted": self.fit.loss}
+        return {"has_term": has, "left_out": left_out, "saved": tried} | fitted
+
+    @classmethod
+    def from_arrays(cls, kept: dict[str, np.ndarray]) -> Physics:
+        """From a checkpoint."""
+        terms, left_out = (
+            tuple(name for name, has in zip(TERMS, kept[key], strict=True) if has) for key in ("has_term", "left_out")
+        )
+        saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
+        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved, left_out)
+
+
+def _fit_physics(
+    data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
+) -> Physics:
+    """The fit, or that of an interrupted training; raises `MotorPriorError` if no motor can be simulated."""
+    kept = checkpoints.load() if checkpoints is not None else None
+    if kept is not None:
+        report(WORK, "constants were fitted")
+        return Physics.from_arrays(kept)
+    bare = without_residual(data.scales, preset)
+    chosen = _selected(bare, data, preset, seed, report)
+    fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
+    found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
+    optional = tuple(name for name in chosen.terms if name not in preset.stated_terms)
+    without = fit(preset.stated_terms, report=lambda: report(0, "without terms")) if optional else found
+    pays = not optional or found.loss.mean() <= (1.0 - LEAST_GAIN) * without.loss.mean()
+    found, left_out = (found, ()) if pays else (without, optional)
+    if not found.loss.max() < 1e6:
+        raise MotorPriorError(
+            f"no motor can be simulated that moves like joint {int(found.loss.argmax())} of the log",
+            remedy="check the log with `motorprior logs check`",
+        )
+    physics = Physics(found, chosen.saved, left_out)
+    if checkpoints is not None:
+        checkpoints.save(physics.arrays())
+    return physics
+
+
+def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+    if not preset.tries_terms:
+        report(CHUNK * len(TERMS), "no terms are tried")
+        return Selection(preset.stated_terms, {})
+    motors = len(data.series)
+    some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
+    part = subsampled(data, preset, max(ROWS, WINDOWS * preset.window))
+    few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
+    work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of further rounds is unknown
+    chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
+    if not chosen.saved:
+        report(CHUNK * len(TERMS), "the log is too short to choose terms by")
+    return chosen
 
 
 def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:

@@ -185,8 +185,8 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
     from motorprior.identification.latents.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
-    precision = np.where(prior.has_names(log.joint_names), SAME_JOINT_STD, 1.0)
-    expected = LatentPrior(prior.expected(log.joint_names), precision)
+    std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
+    expected = LatentPrior(prior.expected(log.joint_names), std)
     return fit_posterior(prior.network, data, preset, temperature, prior=expected)
 
 

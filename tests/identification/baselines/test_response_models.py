@@ -59,17 +59,6 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     return [runs_of(target, pos, external)]
 
 
-def test_a_step_is_answered_as_a_second_order_system_does():
-    target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 0.5)
-    runs = runs_of(target, np.zeros(ROWS), np.zeros(ROWS))
-    rate = 20.0
-    answer = ResponseMotors("second_order", constants(rate=rate)).errors(runs)[0, 0]
-    time = DT * np.arange(1, len(answer) + 1)
-    critical = 0.5 * (1.0 - (1.0 + rate * time) * np.exp(-rate * time))
-    np.testing.assert_allclose(answer, critical, atol=0.01)
-    np.testing.assert_allclose(answer[-1], 0.5, atol=1e-9)
-
-
 def test_limits_bind_and_a_dead_band_stops_short():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))

@@ -16,7 +16,6 @@ from motorprior.identification.networks.objectives import (
     rollout_objective,
     torque_objective,
 )
-from motorprior.identification.physics.window_runs import TORQUE_SCALE
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import Measured
 
@@ -77,16 +76,6 @@ def test_a_perfect_model_rolls_out_its_own_recording(preset, has_torque):
     assert loss(rollout_objective, given, windows, preset, has_torque) < 1e-6
     if not preset.grey_box:
         assert np.max(np.abs(windows[..., 3])) == pytest.approx(0.08)  # the limit is reached, and so is its clip
-
-
-@ROLLOUTS
-def test_measured_torques_count_if_there_are_any_and_only_then(preset):
-    given = parameters(preset)
-    windows = recorded(given, preset)
-    windows[..., 3] += TORQUE_SCALE
-    assert loss(rollout_objective, given, windows, preset) < 1e-6
-    found = loss(rollout_objective, given, windows, preset, has_torque=True)
-    assert found == pytest.approx(np.sqrt(2.0) - 1, rel=1e-3)  # a Huber-like penalty of 1
 
 
 def test_gauss_newton_is_the_hessian_where_the_model_is_perfect():

@@ -8,9 +8,9 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.physics.fleet_fit import longer_runs, refined
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.refinement import longer_runs, refined
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual

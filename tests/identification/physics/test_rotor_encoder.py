@@ -86,14 +86,3 @@ def test_a_rotor_says_nothing_of_zero_and_play_and_something_of_the_rest(paramet
     moved[:, PARAMETERS.index(name)] += 0.5
     before, after = (loss(parameters, windows, one, AT_ROTOR) for one in (z, moved))
     assert (after == before) if name in HIDDEN else (after > before)
-
-
-def test_a_network_without_a_rotor_takes_the_reading_for_the_joint(windows):
-    preset = replace(PRESETS["one_network"], window=100, warm_up=PRESET.warm_up)
-    given = initial_parameters(np.random.default_rng(0), preset)
-    nothing = jnp.zeros((MOTORS, 0), jnp.float32)
-    one, other = (
-        float(rollout_objective(preset, SCALES, seen, False).loss(given, windows, nothing))
-        for seen in (AT_ROTOR, AT_JOINT)
-    )
-    assert one == other

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import INITIAL, in_order
+from motorprior.actuator.optional_terms import INITIAL
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
 from motorprior.identification.physics.term_selection import ORDER, PRICE, select_terms
@@ -72,15 +72,6 @@ def test_few_motors_with_few_segments_show_a_term(
     monkeypatch.setattr(term_selection, "SERVO", ("profile",))
     runs = logs(decoder_data, ("profile",), segments, rows, motors)
     assert select_terms(bare(initial_center(()), ()), runs, 0).terms == ("profile",)
-
-
-@pytest.mark.slow
-def test_terms_that_need_each_other_are_found(decoder_data: Data):
-    """At most one more is: a test at 5 % of ten terms lets one through at times."""
-    pair = {"output_encoder", "output_damping"}
-    found = select_terms(bare(initial_center(()), ()), logs(decoder_data, in_order(pair)), 0)
-    assert pair <= set(found.terms) and len(found.terms) <= 3, found.saved
-    assert all(found.saved[name] > PRICE for name in pair)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.networks.network import import_parameters
 from motorprior.identification.networks.objectives import rollout_objective
-from motorprior.identification.physics.window_runs import WindowRuns, held_speed
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import (
     EXTERNAL,
@@ -108,14 +108,3 @@ def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_n
     plain = WindowRuns(data, PRESET).residuals(network, z + 1.0, np.array([0]))[:, :, 0]
     assert np.abs(same).max() < 0.03, "on the recording the spring does nothing"
     assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2)), "and off it, it pulls back"
-
-
-def test_a_speed_is_held_if_it_lasts_and_leads_to_the_target():
-    vel, error = np.zeros((5, 500)), np.full((5, 500), 0.1)
-    vel[:, 100:400] = 0.4
-    vel[1, 200:230] = 5.0  # an impact: 60 ms
-    vel[2, 200:260] = -2.0  # 120 ms, but away from the target
-    vel[3], error[3] = -vel[3], -error[3]
-    vel[4, 300:420] = 0.7
-    vel[4, 360] = 0.65
-    np.testing.assert_allclose(held_speed(vel, error, 0.002), [0.4, 0.4, 0.4, 0.4, 0.7], rtol=1e-6)

@@ -46,14 +46,10 @@ def fit_responses(
     report: Callable[[], None] = lambda: None,
     firmware: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, ResponseMotors]:
-    """All of MODELS, fitted to every joint of the logs.
+    """All of MODELS, fitted to every joint of the logs, with one of GRAVITY.
 
-    Args:
-        runs: free runs, one per segment of the logs.
-        gravity: of GRAVITY.
-        seed: of the global search.
-        report: called after every joint.
-        firmware: logged registers, used by servo_limits; 0 is off.
+    ``runs`` are free runs, one per segment; ``seed`` is of the global search, ``report`` is called after every joint;
+    ``firmware`` are logged registers, used by servo_limits; 0 is off.
     """
     given = {name: firmware[each] or CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}
     joints = runs[0].num_motors

@@ -19,7 +19,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents import grey_box_fit
 from motorprior.identification.latents.grey_box_fit import LatentPrior, Posterior, inverse_precision
-from motorprior.identification.networks.motor_loss import MotorLoss, as_latents, motor_loss
+from motorprior.identification.networks.motor_loss import MotorLoss, motor_loss
 from motorprior.identification.networks.network import Parameters
 from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -67,7 +67,7 @@ def adapt(
         return grey_box_fit.adapt(network, data, preset, temperature, start, prior)
     windows = jnp.asarray(tiled_windows(data, preset))
     fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
-    first = fit.best_starts(network.num_latents) if start is None else as_latents(start)
+    first = fit.best_starts(network.num_latents) if start is None else jnp.asarray(start, jnp.float32)
     modes = fit.polish(first, fit.descend(first, steps))
     losses = fit.functions.losses(fit.parameters, modes, windows)
     return Posterior(
@@ -82,7 +82,8 @@ def laplace_covariance(
     if network.motor is not None:
         return grey_box_fit.covariance(network, data, preset, z, temperature)
     windows = jnp.asarray(tiled_windows(data, preset))
-    return _Fit(*motor_loss(network, preset, data.measured), windows, temperature).covariance(as_latents(z))
+    fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
+    return fit.covariance(jnp.asarray(z, jnp.float32))
 
 
 def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
@@ -91,7 +92,7 @@ def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z:
         return MotorFit(network, WindowRuns(data, preset)).window_losses(z)
     functions, parameters = motor_loss(network, preset, data.measured)
     windows = jnp.asarray(tiled_windows(data, preset))
-    return np.asarray(functions.window_losses(parameters, as_latents(z), windows), np.float64)
+    return np.asarray(functions.window_losses(parameters, jnp.asarray(z, jnp.float32), windows), np.float64)
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ class _Fit:
         for radius in SEARCH_RADII:
             draws = radius * rng.standard_normal((STARTS, latents))
             draws[0] = 0.0
-            candidates = best[:, None, :] + as_latents(draws)
+            candidates = best[:, None, :] + jnp.asarray(draws, jnp.float32)
             winner = jnp.argmin(self.functions.screen(self.parameters, candidates, screened), axis=1)
             best = candidates[jnp.arange(motors), winner]
         return best

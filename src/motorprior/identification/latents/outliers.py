@@ -52,15 +52,10 @@ def outliers(
     preset: Preset,
     temperature: float,
 ) -> Outliers:
-    """Test each of N motors against the M >= 2 training motors.
+    """Test each of N motors against the M >= 2 training motors of a prior's network.
 
-    Args:
-        network: network of the prior.
-        trained: (M, Z) posterior means of the training motors.
-        found: (N, Z) posterior means of the new motors, from `adapt`.
-        data: logs of the new motors.
-        preset: the prior's recipe.
-        temperature: as for `adapt`.
+    ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
+    `adapt`; ``data``, ``preset`` and ``temperature`` are as for `adapt`.
     """
     known = network.decoder_latents(trained)
     mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SAME)

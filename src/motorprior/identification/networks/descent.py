@@ -19,8 +19,7 @@ from motorprior.identification.training_data.windows import TrainingData, draw
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 CHECKPOINT_EVERY = 5  # Number of chunks between two checkpoints
-# A chunk whose loss is so many times the least so far, the one before the first step included, has diverged
-DIVERGED = 3.0
+DIVERGED = 3.0  # a chunk whose loss is so many times the lowest so far, the initial one included, has diverged
 SLOWER, RESTARTS = 3.0, 3  # By how much a restart lowers the learning rate, and how many there are
 _PHYSICS = ("motor_center", "motor_slope")
 
@@ -29,7 +28,7 @@ class DivergedError(MotorPriorError):
     """A training that diverged at every learning rate that was tried."""
 
 
-Report = Callable[[int, str], None]  # (steps made, what to say of them)
+Report = Callable[[int, str], None]  # (steps made, text)
 
 
 class Checkpoints(Protocol):
@@ -37,11 +36,9 @@ class Checkpoints(Protocol):
 
     def load(self) -> dict[str, np.ndarray] | None:
         """The last state that this training saved, or None."""
-        ...
 
     def save(self, state: dict[str, np.ndarray]) -> None:
         """Save the state in place of the previous one."""
-        ...
 
 
 def descend(

@@ -10,7 +10,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
 from motorprior.actuator.latent import LatentNetwork
@@ -24,15 +23,7 @@ _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 
 
 class MotorLoss:
-    """Compiled functions of latents z (M, Z) and windows (M, N, length, channels) of M motors.
-
-    The energy U is defined in `adapt`.
-
-    Args:
-        preset: recipe of the objective.
-        scales: the network's scales by name.
-        measured: which channels of the windows were measured.
-    """
+    """Compiled functions of latents z (M, Z) and windows (M, N, length, channels); U is that of `adapt`."""
 
     def __init__(self, preset: Preset, scales: dict[str, float], measured: Measured):
         bounded, free = (OBJECTIVES[preset.objective](preset, scales, measured, flag) for flag in (True, False))
@@ -62,20 +53,17 @@ class MotorLoss:
             return jax.lax.scan(step, (z, optimiser.init(z)), picked)[0][0]
 
         each, with_numbers = (None, 0, 0), (None, 0, 0, None, None)
+        # of (parameters, z, windows): (M,) mean loss per window, (M, N) loss of each, (M, Z, Z) Gauss-Newton matrices
         self.losses = jax.jit(jax.vmap(loss, in_axes=each))
-        """(parameters, z, windows) -> (M,) mean loss per window."""
         self.window_losses = jax.jit(jax.vmap(window_loss, in_axes=each))
-        """(parameters, z, windows) -> (M, N) loss of each window."""
-        self.screen = jax.jit(jax.vmap(jax.vmap(loss, in_axes=(None, 0, None)), in_axes=each))
-        """(parameters, candidates (M, K, Z), windows) -> (M, K) mean loss per window of each candidate."""
-        self.energies = jax.jit(jax.vmap(energy, in_axes=with_numbers))
-        """(parameters, z, windows, temperature, count) -> (M,) U / N."""
-        self.slopes = jax.jit(jax.vmap(jax.grad(energy, argnums=1), in_axes=with_numbers))
-        """(parameters, z, windows, temperature, count) -> (M, Z) gradient of U / N."""
         self.curvatures = jax.jit(curvatures)
-        """(parameters, z, windows) -> (M, Z, Z) Gauss-Newton matrices of the loss."""
+        # of (parameters, candidates (M, K, Z), windows): (M, K) mean loss of each candidate
+        self.screen = jax.jit(jax.vmap(jax.vmap(loss, in_axes=(None, 0, None)), in_axes=each))
+        # of (parameters, z, windows, temperature, count): (M,) U / N, and its (M, Z) gradient
+        self.energies = jax.jit(jax.vmap(energy, in_axes=with_numbers))
+        self.slopes = jax.jit(jax.vmap(jax.grad(energy, argnums=1), in_axes=with_numbers))
+        # of (parameters, z, windows, picked (steps, batch), temperature, count): z after Adam on those windows
         self.descend = jax.jit(descend)
-        """(parameters, z, windows, picked (steps, batch), temperature, count) -> z after Adam on those windows."""
 
 
 def motor_loss(network: LatentNetwork, preset: Preset, measured: Measured) -> tuple[MotorLoss, Parameters]:
@@ -87,8 +75,3 @@ def motor_loss(network: LatentNetwork, preset: Preset, measured: Measured) -> tu
 @lru_cache(maxsize=4)
 def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> MotorLoss:
     return MotorLoss(preset, dict(zip(_SCALES, scales, strict=True)), measured)
-
-
-def as_latents(z: np.ndarray) -> jnp.ndarray:
-    """The latents as a float32 JAX array."""
-    return jnp.asarray(z, jnp.float32)

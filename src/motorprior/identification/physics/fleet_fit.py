@@ -10,6 +10,9 @@ also start at other motors' constants, and a Gaussian over the motors is estimat
 v is the variance of one more motor: that between the motors, plus the uncertainty of each (expectation-maximisation of
 a Gaussian over motors; the first turn has no S). A window, of N, fitted as well as the average one counts as one
 observation. One motor is fitted alone.
+
+Long free runs identify constants that short ones confuse, but a search on them ends in poor optima. So short runs find
+the neighbourhood, and `refined` takes last steps on longer ones.
 """
 
 from __future__ import annotations
@@ -24,6 +27,8 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.physics.initial_motor import sized_center, states_kd, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
@@ -36,6 +41,9 @@ _WEAK = 1e-4  # precision of the prior around the initial motor, per unit of the
 # an unidentifiable limit over the largest request or speed; loss ratio up to which two limits fit equally well
 BEYOND, SAME_LOSS = 4.0, 1.001
 _MIN_STD = 0.05  # least standard deviation over motors of the logarithm of a constant
+LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # steps, windows and lost share of rows of `longer_runs`
+# refinement: wide differences average over ripples, narrow ones find the minimum
+REFINEMENT = ((WIDE, 10), (NARROW, 10), (0.01, 10))
 _STREAM = 41
 
 
@@ -229,3 +237,49 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: Gaussian
             others = rng.permutation(np.delete(np.arange(motors), motor))[: RESTART_DRAWS // 2]
             candidates[motor, : len(others)] = found.z[others]
     return fit.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), prior)
+
+
+# Refinement on longer runs.
+
+
+def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
+    """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe.
+
+    The latter if they are as long, if longer windows leave out more than MAX_LOST of the rows, or if there are fewer
+    than MIN_LONGER_WINDOWS of them.
+    """
+    lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
+    length = int(np.median(lengths[lengths >= preset.window]))
+    window = length // max(1, round(length / LONGER_WINDOW))
+    if window <= preset.window:
+        return runs
+    longer = WindowRuns(data, replace(preset, window=window), beat=runs.beat)
+    enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * preset.window
+    return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
+
+
+def refined(
+    network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
+) -> np.ndarray:
+    """(M, Z) latents after steps that lower loss and prior on ``runs``, longer than those of the fit (`motor_fit`).
+
+    ``z`` (M, Z) are the fitted latents, ``chosen`` (N,) masks windows. The prior is the fleet's if
+    ``together``, estimated once at z; of a motor alone it is weak, around z.
+    """
+    motor = network.motor
+    assert motor is not None
+    fit = MotorFit(network, runs, chosen)
+    fixed = fixed_constants(motor.terms, runs)
+    alone = replace(weak_prior(z.shape[1]), mean=z).fixing(fixed)
+    prior = _prior_of_all(fit, z, fixed) if together and len(z) > 1 else alone
+    prior, found = replace(prior, mean=np.where(fixed, z, prior.mean)), z
+    for reach, steps in REFINEMENT:
+        found = fit.polish(found, prior, steps, reach).z
+    return np.where(fixed, z, np.clip(found, -LOG_REACH, LOG_REACH))
+
+
+def _prior_of_all(fit: MotorFit, z: np.ndarray, fixed: np.ndarray) -> GaussianPrior:
+    loss = fit.losses(z)
+    found = Fit(z, loss, loss)
+    first = fleet_prior(found, fit.windows, 0.0).fixing(fixed)
+    return fleet_prior(found, fit.windows, open_variance(fit, found, first)).fixing(fixed)

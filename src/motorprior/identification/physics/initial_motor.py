@@ -33,9 +33,7 @@ TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
-_OVER_HELD = 1.1  # Initial limit of speed over the speed that motors held [-]
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # Logarithms of the factors that are tried
-_MUCH_LESS = 0.5  # Largest loss, over that of the initial motor, with which another size is taken
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
@@ -48,7 +46,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         motor = motor | dict.fromkeys(runs.preset.lacks, 1e-9)
     if runs is not None and runs.fastest:
         # a little above what motors held: a limit that is too low rises in the fit, one that is too high has no effect
-        profile = _OVER_HELD * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
+        profile = 1.1 * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
         motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.fastest}
     if runs is not None:
         motor = motor | runs.preset.stated_constants
@@ -81,7 +79,7 @@ def sized_center(
     losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(nowhere) for size in sizes]
     middle = np.median(losses, axis=1)
     best = int(np.argmin(middle))
-    return sizes[best] if middle[best] < _MUCH_LESS * middle[0] else center
+    return sizes[best] if middle[best] < 0.5 * middle[0] else center
 
 
 def states_kd(runs: WindowRuns) -> bool:

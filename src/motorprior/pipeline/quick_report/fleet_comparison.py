@@ -15,7 +15,7 @@ DRAWS = 400
 LEVELS = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 ALIKE = 1.05
 """Largest over smallest value of a constant up to which motors count as equal; then the logs do not show it, unless
-they are sensitive to it (`identification.physics.identifiability`)."""
+they are sensitive to it (`physics.identifiability`)."""
 TOLD = 3
 """Most constants in which motors are said to differ from each other."""
 
