@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from motorprior.simulation.suspended_load import gravity_of_held
 
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
+from motorprior.simulation.suspended_load import gravity_of_held
 
 JOINTS = ("shoulder", "elbow")
 KP, FRICTION, LAG = 20.0, 0.01, 0.03

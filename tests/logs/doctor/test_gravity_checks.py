@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from motorprior.simulation.suspended_load import gravity_of_held
 from weighed_arm import JOINTS, slow_motion, write_arm
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
+from motorprior.simulation.suspended_load import gravity_of_held
 
 
 @pytest.fixture
