@@ -33,9 +33,9 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("bench --motors 0", ("--motors 0", "from 1 to 4096")),
+        ("bench --motors 0", ("--motors 0",)),
         ("bench --motors -3", ("--motors -3",)),
-        ("bench --steps 1", ("--steps 1", "from 2 to 1000000")),
+        ("bench --steps 1", ("--steps 1",)),
         ("bench --seed -1", ("--seed -1", "from 0 to 2147483647")),
         ("bench --seed 99999999999999999999", ("--seed", "to 2147483647")),
         ("bench --preset unknown", ("'unknown'", "rollout", "paper")),
