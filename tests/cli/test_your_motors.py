@@ -154,13 +154,9 @@ def test_the_column_map_on_the_page_is_understood(tmp_path: Path):
     assert known.firmware == {"profile_acceleration": 39} and known.posture == "fixed"
 
 
-def test_the_maps_of_bags_on_the_page_name_topics_and_fields(tmp_path: Path):
+def test_the_map_of_a_bag_on_the_page_names_topics_and_fields(tmp_path: Path):
     path = tmp_path / "columns.toml"
-    unitree, controller = blocks("your-motors.md", "toml")[2:]
+    (unitree,) = blocks("your-motors.md", "toml")[2:]
     path.write_text(unitree, "utf-8")
     known = load_column_map(path)
     assert known.columns_of("joint_pos", known.joints) == ["/lowstate:motor_state[0].q"] and known.time == CLOCK
-    path.write_text(f'motor = "servo"\ntime = "{CLOCK}"\n{controller}', "utf-8")
-    known = load_column_map(path)
-    assert known.columns_of("joint_pos", known.joints) == ["/joint_states:position[shoulder_pan]"]
-    assert known.columns_of("position_target", known.joints) == ["/forward_position_controller/commands:data[0]"]
