@@ -1,7 +1,7 @@
 """A virtual robot at a port with a simulated clock, which advances only when the host waits: fast and reproducible.
 
 The host's own code runs, the firmware and the twin. The operating system (the port, priorities, the watchdog process)
-and its delays are left out; `hardware.py` measures them in real time. The line can lose and damage frames.
+and its delays are left out. The line can lose and damage frames.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
+from threads import in_thread
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
@@ -14,7 +15,6 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_backend import SerialBackend
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual.virtual_robot import in_thread
 from motorprior.pipeline.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

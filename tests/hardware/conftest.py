@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from policies import as_file_content
+from threads import in_thread
 
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.sign_conventions import servo_current
 from motorprior.hardware.virtual.firmware import Drive, Sensors
-from motorprior.hardware.virtual.virtual_robot import VirtualRobot, in_thread
+from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 from motorprior.locomotion.policy import zero_policy
 from motorprior.pipeline.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.robots.pupper_v2 import spec

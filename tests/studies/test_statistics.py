@@ -10,7 +10,6 @@ from motorprior.studies.statistics import (
     compare_scores,
     estimate,
     holm,
-    iqm,
     iqms,
     means,
     permutation_p,
@@ -30,17 +29,17 @@ def studies(count: int, seeds: int = 8, draws: int = 16, spread: float = 0.05, l
 
 
 def test_the_interquartile_mean_is_that_of_the_middle_half():
-    assert iqm(np.array([[100.0, 3.0, 1.0, 4.0], [2.0, -100.0, 5.0, 6.0]])) == np.mean([2, 3, 4, 5])
-    assert iqm(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
-    assert iqm(np.array([[7.0]])) == 7.0
+    assert iqms(np.array([100.0, 3.0, 1.0, 4.0, 2.0, -100.0, 5.0, 6.0])) == np.mean([2, 3, 4, 5])
+    assert iqms(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
+    assert iqms(np.array([7.0])) == 7.0
 
 
 def test_nan_scores_are_ignored():
     known = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
     with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, np.inf, 4.0])
-    assert iqm(np.where(np.isinf(with_gaps), np.nan, with_gaps)) == iqm(known) == 3.0
+    assert iqms(np.where(np.isinf(with_gaps), np.nan, with_gaps)) == iqms(known) == 3.0
     assert means(with_gaps) == 3.0
-    assert np.isnan(iqm(np.full(3, np.nan)))
+    assert np.isnan(iqms(np.full(3, np.nan)))
     rows = iqms(np.array([[1.0, np.nan, 3.0, np.nan], [1.0, 1.0, 2.0, 40.0]]))
     np.testing.assert_allclose(rows, [2.0, 1.5])
 

@@ -58,7 +58,7 @@ def wait_for_silence(heartbeats: int, timeout: float) -> bool:
 
 
 def hold_idle(port: int, heartbeats: int, idle: bytes) -> None:
-    """Send idle until the host has been dead for a second; a host that suspended may still be writing targets."""
+    """Send idle until the host has been dead for a second; a host that hangs may wake and write targets."""
     with contextlib.suppress(termios.error, OSError):
         termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands
     _write(port, _BURST * idle)

@@ -90,7 +90,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
 #     joint is hardly visible in an eighth of a second. Without the residual network. The warm-up is a tenth of a
 #     second, since often only a segment's first step identifies a limit of torque.
-# quick_report: long_runs without selecting optional terms, which takes minutes.
+# quick: long_runs without selecting optional terms, which takes minutes.
 # Baselines.
 # one_motor: rollout without latents, the best single set of constants.
 # per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,

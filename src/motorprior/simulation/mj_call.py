@@ -24,7 +24,7 @@ def stop_timers() -> None:
     """Let MuJoCo's own profiling timers (``mjData.timer``) stand still, in the whole process.
 
     The Python bindings give MuJoCo a clock, which every ``mj_step`` reads some twenty times: a tenth of its time
-    (docs/speed.md). ``mujoco.set_mjcb_time`` cannot take it away, only replace it.
+    (docs/engines.md). ``mujoco.set_mjcb_time`` cannot take it away, only replace it.
     """
     ctypes.c_void_p.in_dll(library(), "mjcb_time").value = None
 

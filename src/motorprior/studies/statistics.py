@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 RESAMPLES = 2000
-LEVEL, ALPHA = 0.95, 0.05  # of intervals; p below which a difference is significant
+LEVEL = 0.95  # of intervals
 MAX_PERMUTATIONS = 20_000  # that a test enumerates; of more it samples so many
 _SEED = 0x57A7
 _CHUNK = 1000  # resamples in memory at a time
@@ -49,15 +49,6 @@ class Comparison:
 
     difference: Estimate
     p: float
-
-    def is_significant(self, p: float) -> bool:
-        """Corrected p below 0.05, and 0 outside of the interval."""
-        return p < ALPHA and (self.difference.low > 0.0 or self.difference.high < 0.0)
-
-
-def iqm(scores: np.ndarray) -> float:
-    """Interquartile mean of all scores, see `iqms`."""
-    return float(iqms(scores.ravel()))
 
 
 def iqms(scores: np.ndarray) -> np.ndarray:

@@ -78,15 +78,3 @@ class VirtualRobot:
             return b""
         self.received += len(data)
         return data
-
-
-def in_thread(robot: VirtualRobot) -> Callable[[], None]:
-    """Start a virtual robot in a thread of this process; returns a function that ends it."""
-    thread = threading.Thread(target=robot.run, name="virtual-robot", daemon=True)
-    thread.start()
-
-    def end() -> None:
-        robot.stop()
-        thread.join(timeout=60.0)
-
-    return end

@@ -63,9 +63,9 @@ class LogsImport:
     motor_temperature: float | None = None
     """Of all motors [°C], likewise."""
     suspended: bool = False
-    """The robot was suspended with its body level, or has a fixed base: add
-    the load of every motor, which `identify` and `adapt` need. At the robot's physics step unless another period is
-    given. A log that states another posture in any of its rows is refused."""
+    """The robot was suspended with its body level, or has a fixed base: add the load of every motor, which
+    `identify` and `adapt` need. At the robot's physics step unless another period is given. A log that states another
+    posture in any of its rows is refused."""
     fit_load: bool = False
     """Tables of motors on a base that stands still, each with a rigid body on its joint that nobody weighed, the same
     in all tables: fit the body's inertia and weight, which needs kp in N·m/rad. They are printed with standard
