@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import io
 import pickle
+import re
 import tomllib
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
 
 from motorprior.exceptions import ArtifactError, LogError, MotorPriorError
 
@@ -77,24 +81,51 @@ def read_toml(path: Path, remedy: str) -> dict[str, Any]:
         raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=remedy) from error
 
 
+class _NumberType:
+    """A dtype of plain numbers from its code, such as f8; its state can only change the byte order."""
+
+    def __init__(self, code: str, *_: Any):
+        if not re.fullmatch("[biuf][1248]", code):
+            raise LogError(f"the pickle holds values of type {code[:20]!r}, not plain numbers")
+        self.dtype = np.dtype(code)
+
+    def __setstate__(self, state: tuple) -> None:
+        self.dtype = self.dtype.newbyteorder(">" if state[1] == ">" else "<")
+
+
+class _NumberArray(np.ndarray):
+    """An array of plain numbers; of any other type, its raw bytes would be used as addresses."""
+
+    def __setstate__(self, state: tuple) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        version, shape, kind, *rest = state
+        super().__setstate__((version, shape, kind.dtype, *rest))
+
+
+def _new_array(*_: Any) -> np.ndarray:
+    return _NumberArray(0)
+
+
+def _scalar(kind: _NumberType, raw: bytes | str) -> Any:
+    return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, kind.dtype)[0]
+
+
+def _array(raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal["C", "F"]) -> np.ndarray:
+    return np.frombuffer(raw, kind.dtype).reshape(shape, order=order)
+
+
 def numpy_names() -> dict[tuple[str, str], Any]:
-    """Names that pickles of numpy arrays and scalars use, of all versions of numpy and Python."""
-    import _codecs
-
-    import numpy as np
-    from numpy._core import multiarray, numeric
-
-    names = {
-        ("_codecs", "encode"): _codecs.encode,
+    """Names in pickles of numpy arrays and scalars, of all versions of numpy and Python, for plain numbers only."""
+    names: dict[tuple[str, str], Any] = {
+        ("_codecs", "encode"): codecs.encode,
         ("builtins", "bytes"): bytes,
         ("__builtin__", "bytes"): bytes,
-        ("numpy", "ndarray"): np.ndarray,
-        ("numpy", "dtype"): np.dtype,
+        ("numpy", "ndarray"): "ndarray",
+        ("numpy", "dtype"): _NumberType,
     }
     for core in ("numpy.core", "numpy._core"):
-        names[f"{core}.multiarray", "_reconstruct"] = multiarray._reconstruct  # pyright: ignore
-        names[f"{core}.multiarray", "scalar"] = multiarray.scalar  # pyright: ignore
-        names[f"{core}.numeric", "_frombuffer"] = numeric._frombuffer  # pyright: ignore
+        names[f"{core}.multiarray", "_reconstruct"] = _new_array
+        names[f"{core}.multiarray", "scalar"] = _scalar
+        names[f"{core}.numeric", "_frombuffer"] = _array
     return names
 
 

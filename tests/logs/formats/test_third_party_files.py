@@ -81,3 +81,13 @@ def test_a_pickle_calls_nothing_else(tmp_path: Path, function):
 def test_a_truncated_pickle_is_an_error():
     with pytest.raises(LogError, match="not a complete pickle"):
         load_pickle(pickle.dumps([1.0, 2.0])[:-3], numpy_names())
+
+
+def test_raw_bytes_never_become_addresses_of_objects():
+    class Forged:
+        def __reduce__(self):
+            dtype = np.dtype("O8")
+            return np.zeros(0).__reduce__()[0], (np.ndarray, (0,), b"b"), (1, (1,), dtype, False, 8 * b"A")
+
+    with pytest.raises(LogError, match="'O8', not plain numbers"):
+        load_pickle(pickle.dumps({"t": Forged()}), numpy_names())

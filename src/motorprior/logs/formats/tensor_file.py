@@ -125,7 +125,7 @@ def _stored(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
 
 def _array(archive: zipfile.ZipFile, folder: str, key: str, value: Any, path: Path) -> np.ndarray:
     if isinstance(value, np.ndarray):
-        return value.astype(np.float64)
+        return np.array(value, np.float64)  # of the base class
     if not isinstance(value, Tensor):
         raise LogError(f"{key!r} is a {type(value).__name__}, not a tensor", where=path, remedy=CORRECT)
     name = folder + "byteorder"
