@@ -92,8 +92,15 @@ class Results:
         return found.rows[0].value
 
     def mean(self, **columns: Any) -> float:
-        """Mean value of the rows with these values, of several seeds for example."""
-        return float(np.mean([row.value for row in self.where(**columns)]))
+        """Mean value of the rows with these values, of several seeds for example.
+
+        Raises:
+            ArtifactError: there is none.
+        """
+        found = self.where(**columns)
+        if not found:
+            raise ArtifactError(f"no result with {columns}")
+        return float(np.mean([row.value for row in found]))
 
     def to_figures(self) -> dict[str, float]:
         """Name -> value, as ``figures.json`` has them.
@@ -118,7 +125,7 @@ class Results:
     def save(self, path: Path) -> None:
         """Write JSON, atomically."""
         rows = [{name: value for name, value in asdict(row).items() if value is not None} for row in self]
-        write_json(path, {"schema_version": 1, "rows": rows})
+        write_json(path, {"rows": rows})
 
     @classmethod
     def load(cls, path: Path) -> Results:
@@ -129,10 +136,10 @@ class Results:
         """
         remedy = f"delete the folder {path.parent} and run the same command again"
         try:
-            return cls.of(Result(**row) for row in read_json(path)["rows"])
+            return cls.of(Result(**row | {"value": float(row["value"])}) for row in read_json(path)["rows"])
         except ArtifactError as error:
             raise ArtifactError(error.problem, where=path, remedy=remedy) from error
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
 
 

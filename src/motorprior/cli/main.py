@@ -87,8 +87,8 @@ def main() -> None:
     except OSError as error:  # a folder that disappears, a full disk
         where = f"{error.filename}: " if error.filename is not None else ""
         _fail(f"{where}{error.strerror or error} -> check the path, its permissions and the free space")
-    except MemoryError:
-        _fail("not enough memory -> use smaller numbers, or a larger machine")
+    except MemoryError as error:
+        _fail(f"not enough memory ({error}) -> use smaller numbers, or a larger machine")
     except KeyboardInterrupt:
         CONSOLE.print("interrupted: finished stages are kept, run the same command again to continue")
         raise SystemExit(130) from None

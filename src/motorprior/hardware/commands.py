@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware import deploy
 from motorprior.hardware.control_loop import Timing, clock_results
@@ -64,6 +65,9 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         show(f"dry run: {steps} control steps, nothing was sent")
         return Results()
     require_terminal(settings.yes)
+    randomization = policy.provenance.get("randomization")
+    if isinstance(randomization, dict) and randomization.get("push") == 0.0:
+        show("note: this policy was trained without pushes; the robot may fall when the host pauses")
     out = settings.out or _dated("deploy")
     recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
     link = RobotLink(robot, SerialLink(robot, port), recorder=recorder)
@@ -96,7 +100,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
     _require("amplitude", amplitude, 0.0, 1.5)
     _require("speed", speed, 0.0, safety.target_speed)
-    _require("seed", settings.seed, 0, 2**32, or_equal=True)
+    require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
     _require_gains(gains, safety)
     joints = joints_of(robot, settings.joint)

@@ -144,7 +144,7 @@ class Electrical:
     def check(self, telemetry: Telemetry, now: float) -> None:
         """Raise once a current has been too high for ``current_time``, or another value bad for ``warning_time``."""
         limits = self._limits
-        joint, current = _largest(telemetry.cur)
+        joint, current = _largest(None if telemetry.cur is None else np.abs(telemetry.cur))
         if self._overcurrent(current > limits.measured_current, now):
             raise RobotFault("current", f"{self._names[joint]} draws {current:.1f} A")
         joint, temperature = _largest(telemetry.temp)
@@ -160,11 +160,11 @@ class Electrical:
 
 
 def _largest(values: np.ndarray | None) -> tuple[int, float]:
-    """Joint and absolute value of the largest of (joints,) values."""
+    """Joint and value of the largest of (joints,) values."""
     if values is None:
         return 0, -math.inf
-    joint = int(np.argmax(np.abs(values)))
-    return joint, abs(float(values[joint]))
+    joint = int(np.argmax(values))
+    return joint, float(values[joint])
 
 
 def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
@@ -207,7 +207,7 @@ class Pace:
         self._count = 0
 
     def check(self, late: float) -> None:
-        """Count a control step that was completed, or whose command left, ``late`` [s] after its deadline.
+        """Count a control step and its lateness [s]: of its command, or of its end if that missed the next deadline.
 
         Raises:
             RobotFault: one step far too late, too many late steps, or too much lateness in all.

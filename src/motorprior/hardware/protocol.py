@@ -127,7 +127,9 @@ def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
 
 def _encoded(message: Command | Telemetry, keys: Collection[str], joints: int, max_size: int) -> bytes:
     values = {key: getattr(message, key) for key in keys if getattr(message, key) is not None}
-    plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in values.items()}
+    plain = {
+        key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value for key, value in values.items()
+    }
     _checked(plain, plain, joints)
     if "ts" in plain:
         plain["ts"] = round(plain["ts"])

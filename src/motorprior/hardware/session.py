@@ -35,7 +35,7 @@ _RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 _MAX_MOTION = 0.1  # [rad] during the check; more is homing, or a hand
 _MAX_GYRO_BIAS = 0.1  # [rad/s]; 0.05 rad/s are common in a cheap gyroscope before calibration
 _HOLD = 0.5  # [s] at the nominal pose
-_RECHECK_AFTER = 0.1  # [s] of confirmation and compilation
+_RECHECK_AFTER = 0.1  # [s]; a longer confirmation or compilation is followed by a second check
 _UNTRUSTED = ("program error", "impossible command", "frozen IMU")  # the policy, or its input, is not to be trusted
 
 
@@ -206,7 +206,7 @@ def run_armed(
         gains: to send.
         stop: ends any motion.
         work: plays motions on the loop it gets.
-        crouch: at the end; a suspended robot need not.
+        crouch: crouch at the end; False for a suspended robot.
         stopping: a motion that slows ``work`` down before the crouch.
 
     Raises:

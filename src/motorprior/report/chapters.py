@@ -29,8 +29,10 @@ from motorprior.report.tables import (
 )
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
+from motorprior.transfer import robot_fidelity
 from motorprior.transfer.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
 from motorprior.transfer.robustness import ROBUSTNESS_DRAWS, UprightMap
+from motorprior.transfer.twin import DRAWS
 
 Tensors = dict[str, np.ndarray]
 
@@ -119,7 +121,7 @@ def _robot_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> S
     positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
     time = np.arange(len(truth)) * header["robot_dt"]
     figure = robot_traces(time, truth, positions, torque, torques, f"{header['joint']}, standing trot")
-    caption = "Joint RMSE [rad] and torque above 20 Hz [N·m], medians of 12 samples of motors."
+    caption = f"Joint RMSE [rad] and torque above 20 Hz [N·m], medians of {robot_fidelity.DRAWS} samples of motors."
     table = _fidelity_table(results, ROBOT_METRICS, caption)
     chatter = results.where(quantity="standing_torque_hf", motors="train", statistic="median")
     ratio = chatter.value(model="paper_wide") / chatter.value(model="physical")
@@ -201,7 +203,7 @@ def transfer(folder: Path, robot: Robot) -> Section:
     )
     caption = "Pale: in the training simulation. Full colour: on the twin."
     films = (_gait_film(robot, tensors[f"twin/{name}"], name, "on the twin") for name in names)
-    table = Table(TRANSFER_COLUMNS, tuple(map(tuple, transfer_rows(results))), "24 samples of motors, 5 s each.")
+    table = Table(TRANSFER_COLUMNS, tuple(map(tuple, transfer_rows(results))), f"{DRAWS} samples of motors, 5 s each.")
     text = (
         "Each policy is evaluated in its training simulation and on the twin, the held-out virtual robot: unseen "
         "physical motors, 1 kHz physics, sensor noise. The twin's motors are the same for all policies.",

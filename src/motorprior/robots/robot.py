@@ -113,8 +113,8 @@ class Gait:
 
         frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h); our choice. From hips
         of 0.11 m on every robot has 3 Hz, measured on a Unitree Go2: its position-controlled legs are springs on which
-        the body swings at about 2 Hz, and steps of that frequency rock it. Smaller robots
-        step faster, as Froude's number says; none was measured.
+        the body swings at about 2 Hz, and steps of that frequency rock it. Smaller robots step faster, as Froude's
+        number says; none was measured.
 
         Args:
             hip_height: h, of the hip axes over the ground in the nominal pose [m].

@@ -49,7 +49,7 @@ class UserModel:
             raise ArtifactError("no such model file", where=path, remedy="correct the key model")
         try:
             self._model = mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:
+        except Exception as error:  # ValueError, FatalError or MemoryError, depending on what is wrong
             raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
             first = self._model.actuator(0).name

@@ -19,7 +19,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import FLOOR, build_model
 
 WIDTH, HEIGHT = 480, 288  # [pixel], multiples of 16 for video encoders
-REMEDY = "install EGL or OSMesa (Debian: libegl1 with libgl1-mesa-dri, or libosmesa6)"
+REMEDY = "install EGL (Debian: libegl1 with libgl1-mesa-dri), or OSMesa (libosmesa6) and set MUJOCO_GL=osmesa"
 
 
 @contextmanager
@@ -34,7 +34,8 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
     prepare(model, option)
     look_at(robot, camera)
-    library = os.environ.get("MUJOCO_GL", {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw"))
+    usual = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
+    library = os.environ.get("MUJOCO_GL", "").strip().lower() or usual
     try:
         window = importlib.import_module(f"mujoco.{library}").GLContext(WIDTH, HEIGHT)
         window.make_current()

@@ -39,12 +39,20 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
         robot: that walked.
         walks: (F, 7 + joints) base pose and joint angles of each.
         control_dt: time between frames [s].
+
+    Raises:
+        ConfigError: no window can be opened.
     """
     import mujoco.viewer  # here, since it needs a screen
 
     model = build_model(robot)
     data = mujoco.MjData(model)
-    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
+    try:
+        opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    except Exception as error:  # of GLFW, MuJoCo or Python, depending on the system
+        remedy = "on macOS start it with mjpython; or omit it: the film in the output folder shows the same"
+        raise ConfigError(f"viewer: no window ({error})", remedy=remedy, argument="viewer") from error
+    with opened as window:
         window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
         look_at(robot, window.cam)
         prepare(model, window.opt)

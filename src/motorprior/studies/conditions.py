@@ -68,8 +68,9 @@ class Condition:
             return False
         if motors.actuator == "pd":
             return motors.spread == 0.0
-        no_latents = motors.prior is not None and MotorPrior.load(motors.prior).network.num_latents == 0
-        return motors.latent_spread == 0.0 or no_latents
+        if motors.latent_spread == 0.0:
+            return True
+        return motors.prior is not None and MotorPrior.load(motors.prior).network.num_latents == 0
 
 
 def conditions(config: Study, seed: int) -> list[Condition]:

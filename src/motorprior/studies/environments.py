@@ -1,6 +1,6 @@
 """Test environments of a study; no policy was trained in them.
 
-    fleet     motors of the bench's fleet, with an error of its centre drawn once per robot
+    fleet     motors of the bench's fleet, with one offset of all its motors per robot
     foreign   out-of-family motors: other friction, hardening gear, torque-speed line with sag, heat, ripple
     hard      out-of-family motors; floor, load, slope, delays, dropped readings and pushes as in `twin.HARD`
     pybullet  the bench's fleet in the other engine: other contacts, other integration
@@ -61,45 +61,6 @@ def walk_seed(study: int, draw: int) -> int:
     return seed_of(DRAW_STREAM, study, draw)
 
 
-class HeldOutWalks:
-    """Walks on numbered robots in an environment.
-
-    Args:
-        robot: description of the robot.
-        environment: one of ENVIRONMENTS.
-        fleet: of its motors.
-        walk: episode; its randomization is replaced by the environment's.
-        study: seed of the study.
-        only: number of the robot of all walks; walk d is on robot d if not given.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        environment: Environment,
-        fleet: Fleet,
-        walk: WalkConfig,
-        study: int,
-        only: int | None = None,
-    ):
-        self._study, self._number, self._only = study, 0, only
-        walk = replace(walk, randomization=environment.randomization)
-
-        def sample(_: np.random.Generator) -> Actuator:
-            return motors_of_robot(robot, fleet, study, self._number).actuator()
-
-        self._simulator = Scene(robot, environment.engine, sample, robot.twin_physics_dt, walk).simulator()
-
-    def run(self, policy: PolicyArrays, draw: int) -> Episode:
-        """Walk ``draw`` of a policy, with its trace."""
-        self._number = draw if self._only is None else self._only
-        return self._simulator.run(policy, walk_seed(self._study, draw), trace=True)
-
-    def close(self) -> None:
-        """Close the engine."""
-        self._simulator.close()
-
-
 class TrainingWalks:
     """Walks in a policy's training simulation, with samples that its training did not use."""
 
@@ -113,3 +74,38 @@ class TrainingWalks:
     def close(self) -> None:
         """Close the engine."""
         self._simulator.close()
+
+
+class HeldOutWalks(TrainingWalks):
+    """Walks on numbered robots in an environment.
+
+    Args:
+        robot: description of the robot.
+        environment: one of ENVIRONMENTS.
+        fleet: of its motors.
+        walk: episode; its randomization is replaced by the environment's.
+        study: seed of the study.
+        only: number of the robot for all walks; if not given, walk d uses robot d.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        environment: Environment,
+        fleet: Fleet,
+        walk: WalkConfig,
+        study: int,
+        only: int | None = None,
+    ):
+        self._number, self._only = 0, only
+        walk = replace(walk, randomization=environment.randomization)
+
+        def sample(_: np.random.Generator) -> Actuator:
+            return motors_of_robot(robot, fleet, study, self._number).actuator()
+
+        super().__init__(Scene(robot, environment.engine, sample, robot.twin_physics_dt, walk), study)
+
+    def run(self, policy: PolicyArrays, draw: int) -> Episode:
+        """Walk ``draw`` of a policy, with its trace."""
+        self._number = draw if self._only is None else self._only
+        return super().run(policy, draw)

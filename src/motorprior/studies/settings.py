@@ -53,8 +53,8 @@ class Study:
     iterations: int = 50
     """ARS iterations per policy."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose motors the best policy of a search is selected, of no environment.
-    The first of the robot's other fleets if not given; `own`: the training motors."""
+    """Fleet, a name or a .toml file, on whose motors the best policy of a search is selected; no test environment uses
+    it. The first of the robot's other fleets if not given; `own`: the training motors."""
     spread: float | None = None
     """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
     latent_spread: float = 1.0
@@ -93,7 +93,7 @@ class Study:
         return self.range_fleet(robot)
 
     def range_fleet(self, robot: Robot) -> str | None:
-        """Fleet of no environment, on which the range of the randomised PD is selected."""
+        """Fleet that no test environment uses, on which the range of the randomised PD is selected."""
         if self.validation not in (None, OWN_MOTORS):
             return self.validation
         used = {load_robot_fleet(robot, name).name for name in (self.fleet, self.foreign)}

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.pipeline.motor_choice import load_robot_fleet
@@ -143,8 +141,3 @@ def _executor(config: Study, place: str, walks: partial[TrainingWalks] | partial
 
 def _walk(walks: TrainingWalks | HeldOutWalks, policy: PolicyArrays, draw: int) -> Episode:
     return walks.run(policy, draw)
-
-
-def policies_upright(scores: np.ndarray) -> float:
-    """Share of the policies that are upright for at least 90 % of the time, from (seeds, draws) times upright [-]."""
-    return float(np.mean(scores.mean(axis=1) >= 0.9))

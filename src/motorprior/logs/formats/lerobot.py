@@ -2,7 +2,7 @@
 
 ``action`` is the command and ``observation.state`` the angle, lists of one number per joint in degrees; episodes become
 segments. Names of joints and robot are those of info.json. The dataset does not say its units: recordings that were not
-made in degrees, and grippers, which LeRobot records in per cent, need a column map with their scales; users are told.
+made in degrees, and grippers, which LeRobot records in per cent, need a column map with their scales.
 What its driver writes into the servos of a robot stands in lerobot_robots.toml.
 """
 

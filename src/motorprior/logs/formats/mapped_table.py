@@ -137,7 +137,7 @@ def _time(table: dict[str, np.ndarray], columns: ColumnMap, path: Path) -> np.nd
 
 
 def _require_finite(raw: np.ndarray, names: list[str], channels: list[str], path: Path) -> None:
-    """Refuse what is not finite, of columns of these names that are for these channels."""
+    """Check that all values are finite; names the column and its channel."""
     if np.isfinite(raw).all():
         return
     row, column = np.argwhere(~np.isfinite(raw))[0].tolist()

@@ -1,4 +1,4 @@
-"""Recordings of a robot, one CSV line per believed frame of telemetry: what they hold, and how they become a log.
+"""Recordings of a robot, one CSV line per accepted frame of telemetry: what they hold, and how they become a log.
 
 A line is complete or, at the very end of a file whose writer was killed, cut: then it does not count. Time is the
 robot's own clock. A row holds the command in force and the measurements made at its time, as in any `MotorLog`.
