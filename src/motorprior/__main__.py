@@ -6,7 +6,6 @@ import os
 import sys
 
 ON_THE_ROBOT = ("deploy", "record", "doctor")
-INTERRUPTED = 130
 
 
 def main() -> None:
@@ -28,9 +27,10 @@ def main() -> None:
     try:
         run()
     except SystemExit as stop:
-        if stop.code == INTERRUPTED:  # without waiting for the threads of parallel stages; their checkpoints are saved
+        if isinstance(stop.code, int) and stop.code:  # threads of parallel stages may run; their checkpoints are saved
             sys.stdout.flush()
-            os._exit(INTERRUPTED)
+            sys.stderr.flush()
+            os._exit(stop.code)
         raise
 
 

@@ -21,7 +21,7 @@ from motorprior.actuator.kernels import ActuatorKind, without_refcounts
 from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
 from motorprior.compiled import njit
 
-SCALES = 4
+SCALES = 4  # rows of the parameters before the motor's
 
 
 @njit(cache=True, nogil=True)

@@ -90,6 +90,12 @@ class MotorPosterior:
         motors = LatentActuator(self.prior.network, z, gains=None if self.gains is None else gains)
         if not limit_follows_gain:
             return motors
+        if self.prior.network.motor is None:
+            raise ConfigError(
+                "the prior has no constants, so no torque limit",
+                remedy="leave it out, or identify with preset rollout",
+                argument="limit_follows_gain",
+            )
         factors = Factors.ones(count)._replace(torque_limit=kp_share(self.prior.network, motors.z))
         return motors.with_factors(factors)
 

@@ -76,9 +76,9 @@ FAINT = {
 }  # fmt: skip
 # Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)
 SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2, "temperature_loss": 0.1}
+# Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
-# Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
 LARGEST_SHARE = 0.9  # of asymmetry, and of what heat, supply or temperature take from a torque
 WARMER = 50.0  # Rise of the temperature [K] of which temperature_loss is the loss

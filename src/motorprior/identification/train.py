@@ -227,8 +227,8 @@ def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
     chosen = [f"{name} (logged)" if name in preset.stated_terms else name for name in physics.fit.terms]
     notes = [f"optional terms: {', '.join(chosen) or ('none' if physics.saved else 'none was tried')}"]
     notes += [
-        f"warning: {name} varies from {least:.3g} to {most:.3g} in these logs, which preset {preset.objective} without "
-        "optional terms ignores -> use preset rollout or long_runs"
+        f"warning: {name} varies from {least:.3g} to {most:.3g} in these logs, which a recipe without optional "
+        "terms ignores -> use preset rollout or long_runs"
         for name, least, usual, most in preset.conditions
         if not preset.tries_terms and most - least >= least_difference(name, usual)
     ]

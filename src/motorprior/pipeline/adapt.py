@@ -138,8 +138,7 @@ def run_adapt(
             _require_no_outliers(log, outliers, config.log)
         with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
             _posterior(prior, log, found, outliers).save(config.out / POSTERIOR)
-    if progress is not SILENT:  # tuning a PD to compare with takes time
-        _note_findings(prior, log, found, progress)
+    _note_findings(prior, log, found, progress)
 
 
 def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
@@ -252,6 +251,8 @@ def _note_training_log(prior: MotorPrior, log: MotorLog, where: str, progress: P
 
 
 def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
+    if progress is SILENT:
+        return  # tuning a PD to compare with takes time
     recipe = recipe_of(prior, "the prior")
     for line in filter(None, (told_at_rest(log), *other_conditions(recipe, log))):
         progress.note(line)

@@ -84,7 +84,7 @@ def fit_prior(
     """
     recipe = _recipe(preset, steps, seed)
     every = [logs] if isinstance(logs, MotorLog) else logs
-    if not all(isinstance(log, MotorLog) for log in every):
+    if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
         raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
     parts = [checked(log, where=log.source) for log in every]
     return fit_recipe(joined(parts), preset, recipe, seed, None if out is None else Path(out), progress, parts)

@@ -111,6 +111,8 @@ def _gain_note(prior: MotorPrior, robot: Robot) -> list[str]:
     texts = [
         f"kp {kp[0]:.3g} to {kp[1]:.3g} and kd {kd[0]:.3g} to {kd[1]:.3g}" for kp, kd in map(_range, (logged, own))
     ]
+    if texts[0] == texts[1]:
+        texts[1] = "the same for other joints"
     return [
         f"note: the logs of the prior have {texts[0]}, the description of {robot.name} has {texts[1]}: the simulated "
         "motors use the latter"

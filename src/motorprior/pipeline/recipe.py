@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,10 @@ def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
         ArtifactError: it is missing, or its entries are not those of this version.
     """
     try:
-        return Preset(**{name: _hashable(value) for name, value in prior.provenance["recipe"].items()})
+        recipe = prior.provenance["recipe"]
+        if recipe.keys() != {field.name for field in fields(Preset)}:
+            raise KeyError("other entries")
+        return Preset(**{name: _hashable(value) for name, value in recipe.items()})
     except (KeyError, AttributeError, TypeError) as error:
         problem = f"its provenance does not hold a recipe of this version ({error})"
         raise ArtifactError(problem, where=where, remedy="identify it again") from error

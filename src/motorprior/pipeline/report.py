@@ -7,6 +7,7 @@ from pathlib import Path
 
 from motorprior.artifacts import read_json, write_text
 from motorprior.exceptions import ConfigError
+from motorprior.pipeline.identify import PRIOR
 from motorprior.pipeline.stage import MARKER
 from motorprior.robots.load import load_robot
 from motorprior.transfer.robustness import MAPS, load_maps
@@ -39,7 +40,7 @@ def build_report(run: Path) -> Path:
     def robustness() -> list[Section]:
         return [chapters.robustness_section({name: load_maps(run / folder / MAPS) for name, folder in maps.items()})]
 
-    prior = run / "priors" / "rollout" / "prior.safetensors"
+    prior = run / "priors" / "rollout" / PRIOR
     stages: dict[str, tuple[list[str], Callable[[], list[Section]]]] = {
         "real_motors": (["real_motors"], lambda: real_motors(run)),
         "bench": (["bench/rollout"], lambda: [chapters.bench(run / "bench" / "rollout")]),

@@ -10,7 +10,7 @@ import hashlib
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -159,12 +159,15 @@ def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, pro
     """Results of functions of a `Progress`, in order, ``threads`` at a time; compiled code releases Python's lock.
 
     Raises:
-        BaseException: of the first that failed; those that wait are not begun.
+        BaseException: as soon as one fails; no other is begun, those that run go on.
     """
     if threads == 1 or len(works) == 1:
         return [work(progress) for work in works]
     pool = ThreadPoolExecutor(threads)
     try:
-        return [future.result() for future in [pool.submit(work, progress) for work in works]]
+        futures = [pool.submit(work, progress) for work in works]
+        for future in wait(futures, return_when=FIRST_EXCEPTION).done:
+            future.result()
+        return [future.result() for future in futures]
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

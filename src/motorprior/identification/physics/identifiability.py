@@ -29,7 +29,8 @@ def identifiable_constants(
 
     ``network`` has a geared motor; ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
-    ratio = {name: np.median(_loss_ratio(network, runs, z, name), axis=1).min() for name in names}
+    least = MotorFit(network, runs).losses(z)
+    ratio = {name: np.median(_loss_ratio(network, runs, z, name, least), axis=1).min() for name in names}
     return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
 
 
@@ -38,7 +39,8 @@ def unidentifiable_limits(network: LatentNetwork, runs: WindowRuns, z: np.ndarra
     assert network.motor is not None
     rows, fixed = parameters_of(network.motor.terms), fixed_constants(network.motor.terms, runs)
     fitted = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
-    found = {name: _loss_ratio(network, runs, z, name).min(axis=0) <= THRESHOLD for name in fitted}
+    least = MotorFit(network, runs).losses(z)
+    found = {name: _loss_ratio(network, runs, z, name, least).min(axis=0) <= THRESHOLD for name in fitted}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
 
 
@@ -60,11 +62,11 @@ def _scaled_torques(network: LatentNetwork, factor: float) -> LatentNetwork:
     )  # fmt: skip
 
 
-def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str) -> np.ndarray:
-    """(2, M) losses of the motors with half and with double of a constant, over those with it."""
+def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, least: np.ndarray) -> np.ndarray:
+    """(2, M) losses of the motors with half and with double of a constant, over those with it, ``least`` (M,)."""
     motor = network.motor
     assert motor is not None
     row = np.array(parameters_of(motor.terms)) == name
     changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
     losses = [MotorFit(replace(network, motor=each), runs).losses(z) for each in changed]
-    return np.stack(losses) / MotorFit(network, runs).losses(z)
+    return np.stack(losses) / least

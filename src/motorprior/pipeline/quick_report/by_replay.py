@@ -1,4 +1,4 @@
-"""Quick report at logs of a robot on its feet or in the air: its commands on a simulated robot with known motors."""
+"""Quick report of logs of a robot on its feet or in the air: its commands on a simulated robot with known motors."""
 
 from __future__ import annotations
 

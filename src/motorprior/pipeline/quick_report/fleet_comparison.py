@@ -43,9 +43,9 @@ def beside_the_fleet(fleet: Fleet, constants: Mapping[str, np.ndarray], units: M
     return said + (f"; inside in {', '.join(inside)}" if inside else "")
 
 
-def shown_by_logs(constants: Mapping[str, np.ndarray], felt: Collection[str]) -> dict[str, np.ndarray]:
-    """The constants that the logs feel, or in which the motors differ by more than ALIKE."""
-    return {name: values for name, values in constants.items() if name in felt or _ratio(values) > ALIKE}
+def shown_by_logs(constants: Mapping[str, np.ndarray], identifiable: Collection[str]) -> dict[str, np.ndarray]:
+    """The constants that the logs identify, or in which the motors differ by more than ALIKE."""
+    return {name: values for name, values in constants.items() if name in identifiable or _ratio(values) > ALIKE}
 
 
 def not_shown_results(constants: Mapping[str, np.ndarray], shown: Collection[str], units: Mapping[str, str]) -> Results:

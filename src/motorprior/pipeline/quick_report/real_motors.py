@@ -49,7 +49,7 @@ class RealMotors:
     columns: str | None = None
     """What columns of tables mean: a shipped map by name, or your .toml file."""
     suspended: bool = False
-    """A robot with a free base suspended in the air with its body level."""
+    """The robot has a free base and was suspended in the air with its body level."""
     fleet: str | None = None
     """Population to compare with; if not given, that of the robot, if it comes with one."""
     seed: int = 0
@@ -79,10 +79,10 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
     wanted = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            look = _findings(config, folder, robot, progress)
-            write_results(config.out, look.results)
-            arrays, names = as_tensors(look.traces)
-            write_tensors(config.out / TRACES, arrays, {"lines": list(look.lines), "traces": names})
+            found = _findings(config, folder, robot, progress)
+            write_results(config.out, found.results)
+            arrays, names = as_tensors(found.traces)
+            write_tensors(config.out / TRACES, arrays, {"lines": list(found.lines), "traces": names})
     results = read_results(config.out)
     show(results, read_tensors(config.out / TRACES)[1]["lines"])
     return results
@@ -94,7 +94,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
     Raises:
         LogError, ArtifactError: they cannot be read, are of different joints, or nothing moves in them.
             Or one of a fixed base states another posture.
-        ConfigError: suspended, of a robot that does not hang, or of logs of which one states another posture.
+        ConfigError: suspended, of a robot with a fixed base or of logs of which one states another posture.
     """
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
@@ -217,7 +217,7 @@ def _loads(
     if robot.base == "fixed" or config.suspended or stated == {"suspended"}:
         return lambda log: with_loads_on_grid(log, robot, PERIOD), f"loads: rigid body of {robot.name}, its base held"
     others = " and ".join(sorted(name for name in stated if name not in (None, "suspended")))
-    why = f"was {others}, as logs state" if others else "may have stood on its feet (say suspended if it suspended)"
+    why = f"was {others}, as logs state" if others else "may have stood on its feet (set suspended if it was suspended)"
     return None, f"loads: unknown, since {robot.name} {why}: no motor can be fitted, only responses that need no load"
 
 

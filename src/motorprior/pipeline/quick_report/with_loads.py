@@ -1,4 +1,4 @@
-"""Quick report at logs whose loads are known: PDs and a quickly fitted prior in free runs over other stretches."""
+"""Quick report of logs whose loads are known: PDs and a quickly fitted prior in free runs over other stretches."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def report_with_loads(
         traces += (free_run_trace(errors.logs[place[0]], known.joint_names[place[1]], place[1], runs, models),)
     names = SHOWN.keys() - (TOLD if prior.network.gain_unit else ())
     constants = {name: value for name, value in motor_constants(prior, known, prior.mean).items() if name in names}
-    shown = shown_by_logs(constants, _felt(prior, known, preset, constants))
+    shown = shown_by_logs(constants, _identifiable(prior, known, preset, constants))
     lines = (
         errors.compared(),
         *heard.warnings,
@@ -147,8 +147,8 @@ def _advice(prior: MotorPrior) -> list[str]:
     ]
 
 
-def _felt(prior: MotorPrior, known: MotorLog, preset: Preset, names: Iterable[str]) -> frozenset[str]:
-    """The constants that the known log feels."""
+def _identifiable(prior: MotorPrior, known: MotorLog, preset: Preset, names: Iterable[str]) -> frozenset[str]:
+    """Those of the constants that the training log identifies."""
     from motorprior.identification.physics.identifiability import identifiable_constants
     from motorprior.identification.physics.window_runs import WindowRuns
     from motorprior.identification.training_data.windows import training_data

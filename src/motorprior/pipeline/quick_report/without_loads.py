@@ -1,4 +1,4 @@
-"""Quick report at logs whose loads nobody knows: how every joint responds to its command, by models that need none."""
+"""Quick report of logs with unknown loads: how every joint responds to its command, by models that need none."""
 
 from __future__ import annotations
 

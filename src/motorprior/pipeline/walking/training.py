@@ -110,7 +110,7 @@ class Training:
         try:
             with (
                 saved_on_fatal_error(lambda: self._rescue(latest, curve)),
-                tensorboard_events(self.folder / EVENTS) if self.tensorboard else nullcontext(_nothing) as also,
+                tensorboard_events(self.folder / EVENTS) if self.tensorboard else nullcontext(lambda row: None) as also,
                 progress.start(f"{name}: {self.iterations} iterations", self.iterations) as task,
             ):
                 metrics = Metrics(self.folder, curve, 2 * self.search.num_directions, self.episode_steps, also)
@@ -155,10 +155,6 @@ class Training:
             self.save(best)
             what += f" and the best policy so far, of iteration {best.iteration},"
         return f"{what} are kept in {self.folder}"
-
-
-def _nothing(row: object) -> None:
-    pass
 
 
 def as_point(point: Iteration) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,9 @@ def _planned(config: Walk) -> _Plan:
             f"start is {POLICY} of the folder out itself, which the training would overwrite", where=config.start,
             remedy="give another folder as out", argument="out",
         )  # fmt: skip
+    if config.tensorboard and find_spec("tensorboardX") is None:
+        remedy = "pip install 'motorprior[tensorboard]'"
+        raise ConfigError("tensorboardX is not installed", remedy=remedy, argument="tensorboard")
     robot = load_robot(config.robot)
     start = None if config.start is None else Policy.load(config.start)
     if start is not None:

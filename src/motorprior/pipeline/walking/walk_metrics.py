@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import parse_json, write_text
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError
 from motorprior.files import read_text
 
 METRICS, EVENTS = "metrics.jsonl", "tensorboard"
@@ -41,7 +41,7 @@ class Metrics:
         curve: Sequence[dict[str, Any]],
         episodes: int,
         episode_steps: int,
-        also: Callable[[Mapping[str, Any]], None] = lambda row: None,
+        also: Callable[[Mapping[str, Any]], None],
     ):
         self._path, self._episodes, self._episode_steps, self._also = folder / METRICS, episodes, episode_steps, also
         rows = [self._row(point) for point in curve]
@@ -93,17 +93,9 @@ def read_metrics(folder: Path) -> dict[str, np.ndarray]:
 
 @contextmanager
 def tensorboard_events(folder: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """A function that adds a row of metrics.jsonl to the TensorBoard events in ``folder``, which start anew.
+    """A function that adds a row of metrics.jsonl to new TensorBoard events in ``folder``."""
+    import tensorboardX  # here, since it is an extra
 
-    Raises:
-        ConfigError: tensorboardX is not installed.
-    """
-    try:
-        import tensorboardX
-    except ImportError as error:
-        raise ConfigError(
-            "tensorboardX is not installed", remedy="pip install 'motorprior[tensorboard]'", argument="tensorboard"
-        ) from error
     shutil.rmtree(folder, ignore_errors=True)
     writer = tensorboardX.SummaryWriter(str(folder))
 
