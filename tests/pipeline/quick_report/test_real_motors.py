@@ -130,7 +130,7 @@ def stating(folder: Path, names: tuple[str, ...], *postures: str | None) -> Path
     ("postures", "told"),
     [
         (("suspended", "suspended"), "rigid body of pupper_v2, its base held"),
-        (("suspended", None), r"unknown, since pupper_v2 may have stood on its feet \(say suspended if it suspended\)"),
+        (("suspended", None), r"unknown, since pupper_v2 may have stood on its feet \(set suspended"),
         (("suspended", "fixed"), "unknown, since pupper_v2 was fixed, as logs state"),
         (("standing", "fallen"), "unknown, since pupper_v2 was fallen and standing, as logs state"),
     ],

@@ -32,7 +32,7 @@ def read_schedule(path: Path, robot: Robot) -> Timetable:
     high = np.broadcast_to([np.finfo(float).max, size.forward[1], size.yaw_rate], table.shape)
     for row, column in np.argwhere(~((table >= low) & (table <= high)))[:1]:
         least, most = low[row, column], high[row, column]
-        after = f"after {table[row - 1, 0]:g}" if row else "at least 0"
+        after = f"after {table[row - 1, 0]:g} (times must increase)" if row else "at least 0"
         allowed = after if column == 0 else f"within {least:g} to {most:g}"
         raise ConfigError(
             f"row {row}: {COLUMNS[column]} is {table[row, column]:g}, but must be {allowed}", where=path,
