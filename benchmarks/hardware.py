@@ -30,8 +30,7 @@ import numpy as np
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.deploy import gains_for, walk
-from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.recorder import Recorder

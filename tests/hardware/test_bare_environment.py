@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from policies import random_policy
 
-from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.sign_conventions import backend_state
 from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from policies import as_file_content, random_policy
 
-from motorprior.hardware.deploy import gains_for
+from motorprior.hardware.deploy import PolicyMotion, gains_for, ramp
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.motions import PolicyMotion, ramp
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy

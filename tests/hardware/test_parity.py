@@ -5,8 +5,8 @@ import pytest
 from policies import as_file_content, random_policy
 
 from motorprior.bench.fleet import load_fleet
+from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import SafetyGate
 from motorprior.hardware.sign_conventions import backend_state, from_wire, to_wire

@@ -16,7 +16,7 @@ from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.commands import run_deploy, run_record
-from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.virtual.firmware import ERROR, IDLE
 from motorprior.logs.formats.robot_run import Mode, read_robot_run

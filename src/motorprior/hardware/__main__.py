@@ -81,10 +81,10 @@ def main() -> None:
 
 def _run(arguments: dict[str, Any], show: Print) -> None:
     from motorprior.hardware.commands import require_ok, run_deploy, run_doctor, run_record
-    from motorprior.hardware.serial_link import the_port
+    from motorprior.hardware.serial_link import resolve_port
 
     command, policy = arguments.pop("command"), arguments.pop("policy", None)
-    robot, port = load_robot(arguments.pop("kind")), the_port(arguments.pop("port"))
+    robot, port = load_robot(arguments.pop("kind")), resolve_port(arguments.pop("port"))
     if command == "deploy":
         results = run_deploy(robot, policy, port, DeploySettings(**arguments), show)
         for name, value in results.to_figures().items():

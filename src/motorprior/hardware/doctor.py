@@ -17,19 +17,12 @@ from motorprior.robots.wire import SafetyLimits
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the doctor's report.
-
-    Attributes:
-        name: what was checked.
-        finding: the measured value.
-        ok: whether the check passed.
-        remedy: what to do if it did not.
-    """
+    """One line of the doctor's report."""
 
     name: str
-    finding: str
+    finding: str  # the measured value
     ok: bool
-    remedy: str = ""
+    remedy: str = ""  # what to do if the check failed
 
 
 def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
@@ -88,7 +81,6 @@ def _imu(telemetry: list[Telemetry], limits: SafetyLimits) -> Check:
 
 
 def _joints(robot: Robot, poses: np.ndarray) -> list[Check]:
-    """Present angle, range covered and joint limits of each joint."""
     checks = []
     for joint, angles in zip(robot.joints, poses.T, strict=True):
         low, high = angles.min(), angles.max()

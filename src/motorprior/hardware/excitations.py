@@ -9,9 +9,9 @@ import numpy as np
 from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.control_loop import ControlLoop, Timing
-from motorprior.hardware.motions import played
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, StopRequest, check_and_confirm, run_armed
+from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import StopRequest, check_and_confirm, run_armed
 from motorprior.hardware.settings import Excitation
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
@@ -31,7 +31,7 @@ _STATUS_PERIOD = 500  # control steps
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
-    """Indices of the joints named ``all``, a joint (FR_knee), or a part of joint names: a leg (FR), a kind (knee).
+    """Indices of all joints (``all``), of one (FR_knee), or of those with this part in their name (FR, knee).
 
     Raises:
         ConfigError: no joint has that name.
@@ -39,12 +39,12 @@ def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
     names = robot.joint_names
     if name in names:
         return (names.index(name),)
-    found = tuple(index for index, joint in enumerate(names) if name == "all" or name in joint.split("_"))
-    if not found:
+    indices = tuple(index for index, joint in enumerate(names) if name == "all" or name in joint.split("_"))
+    if not indices:
         parts = dict.fromkeys(part for joint in names for part in joint.split("_"))
-        known = f"all, {', '.join((*parts, names[0]))}, ..."
-        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {known}", argument="joint")
-    return found
+        valid = f"all, {', '.join((*parts, names[0]))}, ..."
+        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {valid}", argument="joint")
+    return indices
 
 
 def excitation_targets(
@@ -56,20 +56,11 @@ def excitation_targets(
     speed: float,
     seed: int,
 ) -> np.ndarray:
-    """(steps, joints) targets [rad] about the nominal pose.
+    """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
 
-    Every joint gets a signal of its own, scaled to ``amplitude`` and then down to ``speed``; ``gait`` is a trot of the
-    whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits their slew rate. ``varied`` is
-    a multisine of all joints in its first half, and then steps of one joint after the other.
-
-    Args:
-        robot: its nominal pose, limits and control period hold.
-        kind: of the signal, see `bench.excitation`.
-        joints: that move.
-        seconds: duration [s].
-        amplitude: maximum distance from the nominal pose [rad].
-        speed: limit of the targets [rad/s].
-        seed: of the random signals.
+    Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
+    [rad/s]; ``gait`` is a trot of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate
+    limits their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
 
     Raises:
         ConfigError: none of the joints would move: a trot does not move the abductions; or a trot without legs.
@@ -85,7 +76,7 @@ def excitation_targets(
 
 
 def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
-    """The same targets (steps, joints), but each of these joints moves in its own share of the time only."""
+    """The same targets (steps, joints), but each of these joints moves in its own part of the time only."""
     # A joint's load depends on the motion of all. Where all jump at once, it is known so badly that gears seem better
     # damped than they are.
     alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
@@ -141,22 +132,14 @@ def excite(
 ) -> None:
     """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
 
-    Args:
-        link: idle; with recorder and limits.
-        targets: from `excitation_targets`.
-        gains: to send.
-        stop: ends it early.
-        suspended: the robot hangs in the air, and does not crouch at the end.
-        need_imu: reject a robot whose IMU is not read.
-        confirm: raises if the user does not confirm arming.
-        status: gets a line every five seconds.
-        timing: filled, also if a fault ends the run.
+    A ``suspended`` robot does not crouch at the end. ``status`` gets a line every five seconds. The other arguments are
+    those of `deploy.walk`.
 
     Raises:
         RobotFault: what ended the run early; the robot is idle and the recording is kept.
     """
     check_and_confirm(link, confirm, need_imu)
-    done, period = 0, link.robot.control_dt
+    done, period, rows = 0, link.robot.control_dt, iter(targets)
 
     def count(_: Measurement) -> None:
         nonlocal done
@@ -165,6 +148,6 @@ def excite(
             status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(played(targets), Mode.EXCITE, count, timing)
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, count, timing)
 
     run_armed(link, gains, stop, work, crouch=not suspended)

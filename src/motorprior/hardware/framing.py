@@ -35,19 +35,12 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True)
 class Framing:
-    """Layout of a frame.
+    """Layout of a frame."""
 
-    Attributes:
-        start: bytes before the length.
-        length_bytes: size of the length, big-endian.
-        end: bytes after the payload.
-        max_payload: [bytes].
-    """
-
-    start: bytes
-    length_bytes: int
-    end: bytes
-    max_payload: int
+    start: bytes  # before the length
+    length_bytes: int  # size of the length, big-endian
+    end: bytes  # after the payload
+    max_payload: int  # [bytes]
 
     def wrap(self, payload: bytes) -> bytes:
         """A frame with this payload."""
@@ -72,20 +65,15 @@ IDLE_FRAME = command_frame(IDLE, 0)  # the same for every robot: it holds no arr
 
 
 class FrameReader(Generic[Message]):
-    """Bytes in, messages and lines of text out. Buffers at most one frame and one line.
+    """Reads messages and lines of text from bytes. Buffers at most one frame and one line.
 
-    Attributes:
-        rejected: frame starts that led to no valid frame.
-
-    Args:
-        framing: layout of the frames.
-        decode: payload to message; raises ProtocolError for an invalid payload.
+    ``decode`` turns a payload into a message and raises ProtocolError for an invalid one.
     """
 
     def __init__(self, framing: Framing, decode: Callable[[bytes], Message]):
         self._framing, self._decode = framing, decode
         self._buffer, self._line = bytearray(), bytearray()
-        self.rejected = 0
+        self.rejected = 0  # frame starts that led to no valid frame
 
     def feed(self, data: bytes) -> list[Message | str]:
         """Messages and lines that ``data`` completes, in order."""
@@ -149,12 +137,12 @@ class FrameReader(Generic[Message]):
 
 
 def command_reader(joints: int) -> FrameReader[Command]:
-    """Reads commands, at the robot's end of the wire."""
+    """Reads commands, on the robot."""
     return FrameReader(COMMAND_FRAMING, lambda payload: decode_command(payload, joints))
 
 
 def telemetry_reader(joints: int) -> FrameReader[Telemetry]:
-    """Reads telemetry and text, at the host's end of the wire."""
+    """Reads telemetry and text, on the host."""
     return FrameReader(TELEMETRY_FRAMING, lambda payload: decode_telemetry(payload, joints))
 
 

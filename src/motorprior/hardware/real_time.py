@@ -9,27 +9,34 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_PRIORITY = 10  # of SCHED_FIFO; the watchdog's is higher
+_SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
 
 
+def permitted() -> dict[str, bool]:
+    """Whether this process may have real-time priority and lock its memory."""
+    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
+    if normal is not None:
+        _set_scheduler(*normal)
+    return {"real_time_priority": normal is not None, "memory_locked": _may_lock_memory()}
+
+
 @contextmanager
-def real_time() -> Iterator[dict[str, bool]]:
-    """Real-time priority, locked memory and no garbage collection while this is open; yields what was permitted."""
-    normal = _set_scheduler(1, _PRIORITY)  # SCHED_FIFO
+def real_time() -> Iterator[None]:
+    """Real-time priority, locked memory and no garbage collection while this is open."""
+    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     libc = ctypes.CDLL(None) if _may_lock_memory() else None
-    locked = libc is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
-    collects = gc.isenabled()
+    if libc is not None:
+        libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
     gc.collect()
     gc.freeze()
     gc.disable()
     try:
-        yield {"real_time_priority": normal is not None, "memory_locked": locked}
+        yield
     finally:
         gc.unfreeze()
-        if collects:
-            gc.enable()
-        if locked and libc is not None:
+        gc.enable()
+        if libc is not None:
             libc.munlockall()
         if normal is not None:
             _set_scheduler(*normal)

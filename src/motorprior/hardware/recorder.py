@@ -20,10 +20,6 @@ class Recorder:
     A written line survives the death of this process. Nothing is forced to the disk, which would stop the control loop,
     so a power failure costs the last seconds.
 
-    Args:
-        robot: whose measurements they are.
-        path: of the file; its folder is created.
-
     Raises:
         ArtifactError: the file exists already.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
-from collections.abc import Iterator
+from functools import partial
 from types import TracebackType
 
 import numpy as np
@@ -14,7 +14,7 @@ from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.health import Electrical, FrozenImu, Tilt, Tracking, check_stream
 from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.safety_gate import SafetyGate
+from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.sign_conventions import from_wire
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
@@ -38,18 +38,15 @@ class RobotLink:
     """A host's link to one robot: idle until armed, idle again when closed. Use it in a ``with`` block.
 
     Attributes:
-        robot: at the other end.
-        limits: of gate and checks.
         stream: accepted telemetry and its counters, in the library's signs.
         text: the last lines that the robot printed.
         sent: commands with a target since arming.
-        position_clips: see `SafetyGate`; of the last motion, known once the robot is idle.
-        slew_clips: see position_clips.
+        position_clips, slew_clips: see `SafetyGate`; of the last motion, set once the robot is idle.
 
     Args:
         robot: with a wire.
         port: open; closed with the link.
-        limits: the robot's own if not given.
+        limits: of gate and checks; the robot's own if not given.
         recorder: gets every accepted measurement made under a target; closed with the link.
     """
 
@@ -83,11 +80,7 @@ class RobotLink:
 
     @property
     def gate(self) -> SafetyGate:
-        """The gate of an armed robot.
-
-        Raises:
-            RobotFault: it is not armed.
-        """
+        """The gate of an armed robot; raises RobotFault if it is not armed."""
         if self._gate is None:
             raise RobotFault("not armed", "the robot is idle", remedy="arm it first")
         return self._gate
@@ -151,20 +144,21 @@ class RobotLink:
             self._check_robot(measurement)
         return latest
 
-    def arm(self, kp: float, kd: float, max_current: float) -> None:
+    def arm(self, gains: Gains) -> None:
         """Start the watchdog, and hold the joints at their present positions with the first command.
 
         Raises:
-            RobotFault: a fault of the robot or the watchdog, or gains out of range.
+            ConfigError: gains out of range.
+            RobotFault: a fault of the robot or the watchdog.
         """
-        gate = SafetyGate(self.robot, self.limits, kp, kd, max_current)
+        gate = SafetyGate(self.robot, self.limits, gains)
         self._ignored.clear()
         self._watchdog = Watchdog(self._port.fileno(), self.limits.watchdog)
         self.receive(time.monotonic() + _CATCH_UP)  # what arrived while the watchdog started
         measurement = self.check()
         gate.start_at(measurement.telemetry.pos, time.monotonic())
         self._gate, self.sent = gate, 0
-        self._tracking.begin(kd / kp)
+        self._tracking.begin(gains.kd / gains.kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
         """Hold (joints,) position targets [rad]; returns when the command was sent [s].
@@ -185,7 +179,7 @@ class RobotLink:
         return sent
 
     def ignore(self, *kinds: str) -> None:
-        """Continue in spite of these kinds of faults: there is time to crouch."""
+        """Continue in spite of these kinds of faults, to crouch."""
         self._ignored.update(kinds)
         if "watchdog" in kinds and self._watchdog is not None:
             self._watchdog.kill()
@@ -228,23 +222,16 @@ class RobotLink:
             time.sleep(_IDLE_PAUSE)
 
     def _check_robot(self, measurement: Measurement) -> None:
-        telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
-        with self._unless_ignored():
-            self._electrical.check(telemetry, now)
-        with self._unless_ignored():
-            self._imu.check(telemetry, now)
-        self._tilt.check(telemetry, now)
-        if (target := self.target) is not None:
-            with self._unless_ignored():
-                self._tracking.check(telemetry.pos, target, now)
-
-    @contextlib.contextmanager
-    def _unless_ignored(self) -> Iterator[None]:
-        try:
-            yield
-        except RobotFault as fault:
-            if fault.kind not in self._ignored:
-                raise
+        telemetry, target, now = measurement.telemetry, self.target, 1e-3 * measurement.telemetry.ts
+        checks = [partial(sensor.check, telemetry, now) for sensor in (self._electrical, self._imu, self._tilt)]
+        if target is not None:
+            checks.append(partial(self._tracking.check, telemetry.pos, target, now))
+        for check in checks:
+            try:
+                check()
+            except RobotFault as fault:
+                if fault.kind not in self._ignored:
+                    raise
 
     def _record(self, measurement: Measurement) -> None:
         if (recorder := self._recorder) is None:

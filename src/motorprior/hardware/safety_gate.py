@@ -6,13 +6,50 @@ only idle pass and, if the fault leaves time for it, the motion into the crouch.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.sign_conventions import to_wire
 from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.wire import SafetyLimits, Wire
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains and current limit to send."""
+
+    kp: float  # [A/rad]
+    kd: float  # [A·s/rad]
+    max_current: float  # [A]
+
+    @classmethod
+    def of(
+        cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
+    ) -> Gains:
+        """The given gains, and the robot's own in place of None."""
+        return cls(
+            wire.kp if kp is None else kp,
+            wire.kd if kd is None else kd,
+            wire.max_current if max_current is None else max_current,
+        )
+
+    def check(self, limits: SafetyLimits) -> None:
+        """Check that every value is positive and within the limits.
+
+        Raises:
+            ConfigError: one is not.
+        """
+        for name, value, highest in (
+            ("kp", self.kp, limits.highest_kp),
+            ("kd", self.kd, limits.highest_kd),
+            ("max_current", self.max_current, limits.max_current),
+        ):
+            if not 0.0 < value <= highest:  # also NaN
+                problem = f"{name} {value:g} is out of range"
+                raise ConfigError(problem, remedy=f"give more than 0 and at most {highest:g}", argument=name)
 
 
 class SafetyGate:
@@ -23,25 +60,16 @@ class SafetyGate:
         position_clips: joint targets clipped to the joint limits.
         slew_clips: joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves.
 
-    Args:
-        robot: its joint limits hold.
-        limits: of speed, gains and current.
-        kp: gain to send [A/rad].
-        kd: gain to send [A·s/rad].
-        max_current: limit to send [A].
-
     Raises:
-        RobotFault: gains or a current limit that are not in the range of ``limits``.
+        ConfigError: gains or a current limit that are out of range.
     """
 
-    def __init__(self, robot: Robot, limits: SafetyLimits, kp: float, kd: float, max_current: float):
-        _require_gain("kp", kp, limits.highest_kp, "A/rad")
-        _require_gain("kd", kd, limits.highest_kd, "A·s/rad")
-        _require_gain("max_current", max_current, limits.max_current, "A")
+    def __init__(self, robot: Robot, limits: SafetyLimits, gains: Gains):
+        gains.check(limits)
         self._wire, self._lower, self._upper = robot.require_wire(), robot.lower, robot.upper
         # A late step may make up for at most two periods: a target must not jump after a pause.
         self._max_step = 2.0 * robot.control_dt
-        self._limits, self._kp, self._kd, self._max_current = limits, kp, kd, max_current
+        self._limits, self._gains = limits, gains
         self._target: np.ndarray | None = None
         self._time = 0.0
         self._fault: RobotFault | None = None
@@ -51,7 +79,7 @@ class SafetyGate:
 
     @property
     def target(self) -> np.ndarray | None:
-        """The (joints,) target that the robot holds [rad], None while idle."""
+        """The (joints,) target in force [rad], None while idle."""
         return None if self._target is None else self._target.copy()
 
     def start_at(self, joint_pos: np.ndarray, now: float) -> None:
@@ -71,16 +99,15 @@ class SafetyGate:
         Raises:
             RobotFault: not one finite number per joint, no `start_at` before, or after a fault.
         """
-        if self._fault is not None and not self._crouching:
-            raise self._fault
+        self._require_no_fault()
         if self._target is None:
             raise self.latch(RobotFault("not armed", "a target for a robot that is idle"))
-        wanted = np.asarray(target, dtype=np.float64)
-        if wanted.shape != self._lower.shape or not np.all(np.isfinite(wanted)):
-            problem = f"target {wanted.tolist()} is not {len(self._lower)} finite angles"
+        target = np.asarray(target, dtype=np.float64)
+        if target.shape != self._lower.shape or not np.all(np.isfinite(target)):
+            problem = f"target {target.tolist()} is not {len(self._lower)} finite angles"
             raise self.latch(RobotFault("impossible command", problem, safe_state="crouch"))
-        inside = np.clip(wanted, self._lower, self._upper)
-        self.position_clips += int(np.count_nonzero(inside != wanted))
+        inside = np.clip(target, self._lower, self._upper)
+        self.position_clips += int(np.count_nonzero(inside != target))
         speed = self._limits.slow_speed if self.slow else self._limits.target_speed
         reach = speed * min(max(0.0, now - self._time), self._max_step)
         near = np.clip(inside, self._target - reach, self._target + reach)
@@ -94,9 +121,8 @@ class SafetyGate:
         Raises:
             RobotFault: after a fault.
         """
-        if self._fault is not None and not self._crouching:
-            raise self._fault
-        return Command(kp=self._kp, kd=self._kd, max_current=self._max_current)
+        self._require_no_fault()
+        return Command(kp=self._gains.kp, kd=self._gains.kd, max_current=self._gains.max_current)
 
     def latch(self, fault: RobotFault) -> RobotFault:
         """Let nothing but idle pass from now on; returns the first fault, which stays."""
@@ -115,7 +141,6 @@ class SafetyGate:
         self._crouching = False
         return IDLE
 
-
-def _require_gain(name: str, value: float, highest: float, unit: str) -> None:
-    if not 0.0 < value <= highest:
-        raise RobotFault("gains", f"{name} {value:g} {unit} is not in (0, {highest:g}]", remedy="use the robot's gains")
+    def _require_no_fault(self) -> None:
+        if self._fault is not None and not self._crouching:
+            raise self._fault

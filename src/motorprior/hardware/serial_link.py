@@ -21,11 +21,7 @@ _UNPLUGGED = "switch the robot's motors off by hand: without its host it holds i
 
 
 class SerialLink:
-    """One open port.
-
-    Args:
-        robot: at the port.
-        port: path of the device, for example /dev/ttyACM0.
+    """An open port, for example /dev/ttyACM0.
 
     Raises:
         RobotFault: no such port, no permission, or another program has it.
@@ -112,8 +108,8 @@ class SerialLink:
         return RobotFault("unplugged", f"{self.port} is gone ({error})", remedy=_UNPLUGGED)
 
 
-def the_port(port: str | None) -> str:
-    """The given port, or the only one that a robot could be on.
+def resolve_port(port: str | None) -> str:
+    """The given port, or the only USB serial port.
 
     Raises:
         ConfigError: none, or more than one.

@@ -12,20 +12,19 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import FrameType
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop
+from motorprior.hardware.control_loop import ControlLoop, Motion, ramp
 from motorprior.hardware.health import is_imu_alive
-from motorprior.hardware.motions import Motion, ramp
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
-from motorprior.robots.wire import Wire
 
 _CHECK_DURATION = 0.5  # [s]
 # Per control period of the robot's own clock, so that old frames from a buffer and a busy host have no influence; the
@@ -51,7 +50,7 @@ class StopRequest:
         return self.reason is not None
 
     def on_signal(self, number: int, _: FrameType | None) -> None:
-        """Handler of a signal.
+        """Handle a signal.
 
         Raises:
             RobotFault: at the second signal. Further signals do nothing: they must not interrupt the way to idle.
@@ -76,47 +75,12 @@ def stop_on_signals() -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
-@dataclass(frozen=True)
-class Gains:
-    """Gains and current limit to send.
-
-    Attributes:
-        kp: [A/rad].
-        kd: [A·s/rad].
-        max_current: [A].
-    """
-
-    kp: float
-    kd: float
-    max_current: float
-
-    @classmethod
-    def of(
-        cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
-    ) -> Gains:
-        """The given gains, and the robot's own in place of None."""
-        return cls(
-            wire.kp if kp is None else kp,
-            wire.kd if kd is None else kd,
-            wire.max_current if max_current is None else max_current,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class RestState:
-    """State of a robot at rest.
-
-    Attributes:
-        measurement: the last one.
-        gyro_bias: (3,) mean measured rates about the body's axes [rad/s]; 0 if one is too large for a bias.
-    """
-
-    measurement: Measurement
-    gyro_bias: np.ndarray
-
-
-def check_before_arming(link: RobotLink, need_imu: bool) -> RestState:
+def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, np.ndarray]:
     """Check telemetry for half a second.
+
+    Returns:
+        The last measurement, and the (3,) gyroscope bias [rad/s]: mean rates about the body's axes, 0 if one is too
+        large for a bias.
 
     Raises:
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
@@ -159,7 +123,7 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> RestState:
         )
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
-    return RestState(measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3))
+    return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
 
 
 def _mean_rates(link: RobotLink, seconds: float) -> np.ndarray:
@@ -177,17 +141,17 @@ def check_and_confirm(
     confirm: Callable[[], None],
     need_imu: bool,
     prepare: Callable[[Measurement], None] = lambda _: None,
-) -> RestState:
-    """Check, prepare and confirm; if that took long, check again. Returns the last state.
+) -> np.ndarray:
+    """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s].
 
     Raises:
         RobotFault: not confirmed, or see `check_before_arming`.
     """
-    state = check_before_arming(link, need_imu)
+    measurement, gyro_bias = check_before_arming(link, need_imu)
     before = time.monotonic()
-    prepare(state.measurement)
+    prepare(measurement)
     confirm()
-    return check_before_arming(link, need_imu) if time.monotonic() - before > _RECHECK_AFTER else state
+    return check_before_arming(link, need_imu)[1] if time.monotonic() - before > _RECHECK_AFTER else gyro_bias
 
 
 def run_armed(
@@ -215,17 +179,16 @@ def run_armed(
     descent = _Descent(link)
     with real_time():
         try:
-            link.arm(gains.kp, gains.kd, gains.max_current)
+            link.arm(gains)
             loop = ControlLoop(link, link.limits, link.robot.control_dt, stop)
-            link.gate.slow = True
-            loop.play(_to_nominal(link), Mode.RAMP)
+            ramp_to(link, loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
             if not stop():
                 link.gate.slow, descent.stopping = False, stopping
                 work(loop)
             if crouch:
                 descent.play()
         except Exception as error:
-            fault = error if isinstance(error, RobotFault) else fault_of(error)
+            fault = fault_of(error)
             if crouch and fault.safe_state == "crouch":
                 descent.play_after(fault)
             raise
@@ -234,15 +197,19 @@ def run_armed(
 
 
 def fault_of(error: Exception) -> RobotFault:
-    """The robot fault for an error of the program; the robot can still crouch."""
+    """The robot fault for an error; after an error of the program the robot can still crouch."""
+    if isinstance(error, RobotFault):
+        return error
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-def _to_nominal(link: RobotLink) -> Motion:
-    target, robot = link.gate.target, link.robot
+def ramp_to(link: RobotLink, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> Measurement | None:
+    """Move an armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
+    target = link.gate.target
     assert target is not None, "armed"
-    return ramp(target, robot.nominal_pose, link.limits.slow_speed, robot.control_dt, _HOLD)
+    link.gate.slow = True
+    return loop.play(ramp(target, pose, link.limits.slow_speed, link.robot.control_dt, hold), mode)
 
 
 class _Descent:
@@ -267,10 +234,7 @@ class _Descent:
         if self.stopping is not None:
             loop.play(self.stopping(), Mode.WALK)
         self.stopping = None
-        link.gate.slow = True
-        target, crouch = link.gate.target, robot.require_wire().crouch_pose
-        assert target is not None, "armed"
-        loop.play(ramp(target, crouch, link.limits.slow_speed, robot.control_dt), Mode.CROUCH)
+        ramp_to(link, loop, robot.require_wire().crouch_pose, Mode.CROUCH)
 
     def play_after(self, fault: RobotFault) -> None:
         """After a fault; a second fault meanwhile leaves idle, which follows anyway."""

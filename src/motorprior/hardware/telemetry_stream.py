@@ -30,17 +30,11 @@ _RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
 
 @dataclass(frozen=True)
 class Measurement:
-    """An accepted frame.
-
-    Attributes:
-        telemetry: the frame.
-        arrival: time of arrival on the host's monotonic clock [s].
-        sampled: time of measurement on the same clock [s].
-    """
+    """An accepted frame."""
 
     telemetry: Telemetry
-    arrival: float
-    sampled: float
+    arrival: float  # time of arrival on the host's monotonic clock [s]
+    sampled: float  # time of measurement on the same clock [s]
 
 
 class ClockOffset:

@@ -35,13 +35,9 @@ _AUTONOMOUS_SPEED = 0.3  # [m/s]
 
 
 class Teleop:
-    """Reads keyboard and gamepad without waiting.
+    """Reads keyboard (a terminal in cbreak mode) and gamepad (a joystick device), if any, without waiting.
 
-    Args:
-        keyboard: open file of a terminal in cbreak mode, or None.
-        gamepad: open joystick device, or None.
-        gait: limits of speed and yaw rate.
-        command: initial speed [m/s] and yaw rate [rad/s].
+    ``command`` is the initial speed [m/s] and yaw rate [rad/s]; ``gait`` limits both.
     """
 
     def __init__(self, keyboard: int | None, gamepad: int | None, gait: Gait, command: tuple[float, float]):

@@ -23,9 +23,8 @@ _PIPE_SIZE = 4096
 class Watchdog:
     """A running watchdog process, see `watchdog_process`.
 
-    Args:
-        port: open file of the serial port, which the process inherits.
-        timeout: longest time between two heartbeats [s].
+    The process inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between two
+    heartbeats [s].
 
     Raises:
         RobotFault: it did not start.
