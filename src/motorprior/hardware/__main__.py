@@ -12,7 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from motorprior.exceptions import ConfigError, MotorPriorError
+from motorprior.exceptions import MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
 from motorprior.hardware.teleop import Print, non_blocking
 from motorprior.robots.load import load_robot
@@ -67,8 +67,6 @@ def main() -> None:
     """Run a command line; exit code 2 and one line on bad input or a robot fault."""
     show = non_blocking(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
     try:
-        if virtual := [word for word in sys.argv[1:] if word == "--virtual" or word.startswith("--robot.")]:
-            raise ConfigError(f"{virtual[0]} needs the simulator", remedy="pip install 'motorprior[full,robot]'")
         arguments = vars(parser().parse_args())
         require_robot_extra()
         _run(arguments, show)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware import deploy
+from motorprior.hardware import deploy, teleop
 from motorprior.hardware.control_loop import clock_results
 from motorprior.hardware.doctor import Check, check_telemetry
 from motorprior.hardware.excitations import excitation_targets, excite, joints_of
@@ -24,16 +24,7 @@ from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
-from motorprior.hardware.teleop import (
-    STANDING,
-    SUSPENDED,
-    WALKING,
-    Print,
-    autonomous_speed,
-    confirm_arming,
-    require_terminal,
-    teleop,
-)
+from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
@@ -61,13 +52,13 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     gains.check(robot.require_wire().safety)
     if settings.dry_run:
-        command = autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
+        command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             seconds, has_imu = settings.seconds or 5.0, not settings.without_imu
             steps = deploy.dry_run(link, policy, stop, seconds, show, command, has_imu)
         show(f"dry run: {steps} control steps, nothing was sent")
         return Results()
-    require_terminal(settings.yes)
+    teleop.require_terminal(settings.yes)
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
@@ -75,13 +66,13 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     with _recorded_run(robot, port, out) as (link, stop, files):
 
         def confirm() -> None:
-            confirm_arming(stop, settings.yes, WALKING, show)
+            teleop.confirm_arming(stop, settings.yes, teleop.WALKING, show)
             files.begin("deploy", port, settings, gains, policy=str(path), provenance=dict(policy.provenance))
 
         files.outcome = deploy.walk(
             link, policy, gains, stop,
             seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            teleop=lambda: teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=files.timing,
+            teleop=lambda: teleop.teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=files.timing,
         )  # fmt: skip
     show(f"stopped by {files.outcome}; {out / _LOG}")
     return clock_results([files.timing], policy.control_dt)
@@ -105,7 +96,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     gains.check(safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
-    require_terminal(settings.yes)
+    teleop.require_terminal(settings.yes)
     out = settings.out or _dated("record")
     limits = replace(safety, target_speed=speed)
     if not settings.standing:
@@ -113,7 +104,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     with _recorded_run(robot, port, out, limits) as (link, stop, files):
 
         def confirm() -> None:
-            confirm_arming(stop, settings.yes, STANDING if settings.standing else SUSPENDED, show)
+            teleop.confirm_arming(stop, settings.yes, teleop.STANDING if settings.standing else teleop.SUSPENDED, show)
             files.begin("record", port, settings, gains)
 
         excite(
@@ -138,12 +129,7 @@ def _recorded_run(
 
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
-    """Check the telemetry of a robot; sends nothing, or only idle.
-
-    Raises:
-        ConfigError: less than a second.
-        RobotFault: no telemetry, or the port is gone.
-    """
+    """Check the telemetry of a robot; sends nothing, or only idle. Raises RobotFault if no telemetry comes."""
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
@@ -153,13 +139,8 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Chec
 
 
 def require_ok(checks: list[Check]) -> None:
-    """Check that all checks passed.
-
-    Raises:
-        RobotFault: at least one failed.
-    """
-    failed = [check.name for check in checks if not check.ok]
-    if failed:
+    """Raise RobotFault if a check failed."""
+    if failed := [check.name for check in checks if not check.ok]:
         raise RobotFault("doctor", f"failed: {', '.join(failed)}", remedy="see the remedies above")
 
 

@@ -27,7 +27,7 @@ from motorprior.hardware.protocol import (
     encode_telemetry,
 )
 
-MAX_LINE = 256  # [bytes]; longer lines of text are cut
+MAX_LINE = 256  # [bytes]; of longer lines of text only the end is read
 # Only the printable end of a line: what precedes it may be the rest of a damaged frame.
 _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
 Message = TypeVar("Message")
@@ -72,7 +72,7 @@ class FrameReader(Generic[Message]):
 
     def __init__(self, framing: Framing, decode: Callable[[bytes], Message]):
         self._framing, self._decode = framing, decode
-        self._buffer, self._line = bytearray(), bytearray()
+        self._buffer, self._line = bytearray(), b""
         self.rejected = 0  # frame starts that led to no valid frame
 
     def feed(self, data: bytes) -> list[Message | str]:
@@ -92,10 +92,13 @@ class FrameReader(Generic[Message]):
         """Take one step; False when more bytes are needed."""
         framing, buffer = self._framing, self._buffer
         at = buffer.find(framing.start)
-        if at != 0:
-            keep = 0 if at > 0 else _prefix_length(buffer, framing.start)
-            self._skip(at if at > 0 else len(buffer) - keep, out)
-            return at > 0
+        if at > 0:
+            self._skip(at, out)
+            return True
+        if at < 0:  # the last bytes may become a start
+            may_start = next((n for n in range(len(framing.start) - 1, 0, -1) if buffer.endswith(framing.start[:n])), 0)
+            self._skip(len(buffer) - may_start, out)
+            return False
         head = len(framing.start) + framing.length_bytes
         if len(buffer) < head:
             return False
@@ -121,19 +124,12 @@ class FrameReader(Generic[Message]):
 
     def _skip(self, count: int, out: list[Message | str]) -> None:
         """Remove bytes outside frames; they are text if printable and ended by a line feed."""
-        *lines, rest = bytes(self._buffer[:count]).split(b"\n")
+        *lines, rest = (self._line + self._buffer[:count]).split(b"\n")
         del self._buffer[:count]
+        self._line = rest[-MAX_LINE:]
         for line in lines:
-            self._extend_line(line, out)
-            _append_text(bytes(self._line), out)
-            self._line.clear()
-        self._extend_line(rest, out)
-
-    def _extend_line(self, piece: bytes, out: list[Message | str]) -> None:
-        self._line += piece
-        while len(self._line) > MAX_LINE:
-            head, self._line = self._line[:MAX_LINE], self._line[MAX_LINE:]
-            _append_text(bytes(head), out)
+            if text := _PRINTABLE_END.search(line[-MAX_LINE:].rstrip(b"\r")):
+                out.append(text.group().decode("ascii").strip())
 
 
 def command_reader(joints: int) -> FrameReader[Command]:
@@ -146,17 +142,6 @@ def telemetry_reader(joints: int) -> FrameReader[Telemetry]:
     return FrameReader(TELEMETRY_FRAMING, lambda payload: decode_telemetry(payload, joints))
 
 
-def _append_text(line: bytes, out: list) -> None:
-    found = _PRINTABLE_END.search(line.rstrip(b"\r"))
-    if found:
-        out.append(found.group().decode("ascii").strip())
-
-
 def _begins_map(byte: int) -> bool:
     """Whether a msgpack map can begin with this byte."""
     return 0x80 <= byte <= 0x8F or byte in (0xDE, 0xDF)
-
-
-def _prefix_length(buffer: bytearray, start: bytes) -> int:
-    """Length of the end of ``buffer`` that may become ``start``."""
-    return next((n for n in range(len(start) - 1, 0, -1) if buffer.endswith(start[:n])), 0)

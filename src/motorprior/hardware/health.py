@@ -60,12 +60,9 @@ class FrozenImu:
         if values != self._last or not self._has_worked:
             self._last, self._since = values, now
         elif now - self._since >= self._limits.imu_time:
-            raise RobotFault(
-                "frozen IMU",
-                f"roll, pitch, yaw and their rates have been constant for {now - self._since:.2f} s",
-                safe_state="crouch",
-                remedy="look for a loose IMU, switch the robot off and on",
-            )
+            problem = f"roll, pitch, yaw and their rates have been constant for {now - self._since:.2f} s"
+            remedy = "look for a loose IMU, switch the robot off and on"
+            raise RobotFault("frozen IMU", problem, safe_state="crouch", remedy=remedy)
 
 
 class Tracking:
@@ -104,11 +101,10 @@ class Tracking:
         self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
         worst = int(np.argmax(self._away))
         if self._away[worst] >= self._limits.tracking_time:
-            raise RobotFault(
-                "tracking",
-                f"{self._names[worst]} is {error[worst]:.2f} rad from its lagged target, for {self._away[worst]:.2f} s",
-                remedy="look for a motor without power, a loose cable or an obstacle",
-            )
+            name, away = self._names[worst], self._away[worst]
+            problem = f"{name} is {error[worst]:.2f} rad from its lagged target, for {away:.2f} s"
+            remedy = "look for a motor without power, a loose cable or an obstacle"
+            raise RobotFault("tracking", problem, remedy=remedy)
         if now >= self._restart:
             self._check_stuck(joint_pos, self._reference, now)
 
@@ -123,12 +119,9 @@ class Tracking:
         stuck = (moved < self._limits.stuck_motion) & (expected > self._limits.stuck_target)
         if stuck.any():
             joint = int(np.argmax(stuck))
-            raise RobotFault(
-                "stuck",
-                f"{self._names[joint]} moved less than {self._limits.stuck_motion} rad while its lagged target moved "
-                f"{expected[joint]:.2f} rad",
-                remedy="look for a frozen encoder or a blocked joint",
-            )
+            problem = f"{self._names[joint]} moved less than {self._limits.stuck_motion} rad while its lagged target "
+            problem += f"moved {expected[joint]:.2f} rad"
+            raise RobotFault("stuck", problem, remedy="look for a frozen encoder or a blocked joint")
 
 
 class Electrical:
@@ -169,7 +162,7 @@ class SlowHost:
         self._count = 0
 
     def check(self, late: float) -> None:
-        """Count a control step and its lateness [s]: of its command, or of its end if that missed the next deadline.
+        """Add the lateness [s] of a step: of its command, or of its end if that missed the next deadline.
 
         Raises:
             RobotFault: one step far too late, too many late steps, or too much lateness in all.
@@ -179,13 +172,9 @@ class SlowHost:
         self._count += 1
         num_late, total = len(steps) - steps.count(0.0), sum(steps)
         if late > limits.tick_delay or num_late > limits.late_ticks or total > limits.stalled_time:
-            raise RobotFault(
-                "slow host",
-                f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
-                f"{1e3 * total:.0f} ms in all",
-                safe_state="crouch",
-                remedy="close other programs on this computer",
-            )
+            problem = f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
+            problem += f"{1e3 * total:.0f} ms in all"
+            raise RobotFault("slow host", problem, safe_state="crouch", remedy="close other programs on this computer")
 
 
 def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
@@ -195,11 +184,9 @@ def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> M
         RobotFault: no measurement yet, an old one, or several impossible frames in a row.
     """
     if stream.impossible_in_a_row >= limits.implausible_frames:
-        raise RobotFault(
-            "implausible telemetry",
-            f"{stream.impossible_in_a_row} physically impossible frames in a row",
-            remedy="look for a slipping encoder, a loose cable or a restart of the robot",
-        )
+        problem = f"{stream.impossible_in_a_row} physically impossible frames in a row"
+        remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
+        raise RobotFault("implausible telemetry", problem, remedy=remedy)
     if stream.latest is None:
         raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
     age = now - stream.latest.sampled

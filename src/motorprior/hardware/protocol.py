@@ -1,8 +1,7 @@
-"""Messages between host and robot, and their msgpack payloads. Pure functions.
+"""Messages between host and robot, and their msgpack payloads, with numbers as float32.
 
 Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`sign_conventions`. Numbers travel as float32. ``temp`` and ``bat`` are not in that firmware: a robot that measures them
-may send them under these names.
+`sign_conventions`. ``temp`` and ``bat`` are not in that firmware: a robot that measures them may send them so.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ _ARRAYS = ("pos", "vel", "cur", "temp")
 
 
 def encode_command(command: Command, joints: int) -> bytes:
-    """Encode a command to a robot with this number of joints; numbers as float32.
+    """Encode a command to a robot with this number of joints.
 
     Raises:
         ProtocolError: an empty command, an array of another size, or a number that is not finite as float32.
@@ -76,28 +75,20 @@ def decode_command(payload: bytes, joints: int) -> Command:
     """
     values = _unpack(payload, joints)
     if not values or any(key not in _COMMAND_KEYS for key in values):
-        raise ProtocolError(f"not a command: keys {str(list(values))[:60]}")
+        raise ProtocolError("not a command")
     return Command(**_validated(values, values, joints))
 
 
 def encode_telemetry(telemetry: Telemetry, joints: int) -> bytes:
-    """Encode telemetry; numbers as float32, ``ts`` as an integer.
-
-    Raises:
-        ProtocolError: an array of another size, or a number that is not finite.
-    """
+    """Encode telemetry, ``ts`` as an integer; raises as `encode_command`."""
     return _encode(telemetry, _TELEMETRY_KEYS, joints, MAX_TELEMETRY)
 
 
 def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
-    """Decode telemetry; unknown keys are ignored.
-
-    Raises:
-        ProtocolError: as `decode_command`, or a required key is missing.
-    """
+    """Decode telemetry; unknown keys are ignored. Raises as `decode_command`, or if a required key is missing."""
     values = _unpack(payload, joints)
-    if missing := [key for key in _REQUIRED if key not in values]:
-        raise ProtocolError(f"telemetry without {missing}")
+    if any(key not in values for key in _REQUIRED):
+        raise ProtocolError("incomplete telemetry")
     return Telemetry(**_validated(values, [key for key in _TELEMETRY_KEYS if key in values], joints))
 
 
@@ -118,9 +109,9 @@ def _unpack(payload: bytes, joints: int) -> dict[Any, Any]:
         # A newer firmware may send other arrays, such as foot positions: a little longer, and ignored.
         values = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
-        raise ProtocolError(f"not msgpack ({str(error)[:60]})") from error
+        raise ProtocolError("not msgpack") from error
     if not isinstance(values, dict):
-        raise ProtocolError(f"a msgpack {type(values).__name__}, not a map")
+        raise ProtocolError("not a msgpack map")
     return values
 
 

@@ -91,11 +91,7 @@ class RobotLink:
         return None if self._gate is None else self._gate.target
 
     def receive(self, until: float) -> None:
-        """Read telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived.
-
-        Raises:
-            RobotFault: the port is gone.
-        """
+        """Read telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
         late_reads = 0
         while late_reads < 100:  # a device may send without end
             messages = self._port.wait(until)
@@ -113,11 +109,7 @@ class RobotLink:
                 late_reads += 1
 
     def resume_after_pause(self) -> None:
-        """Wait for a fresh measurement after this host skipped control steps.
-
-        Raises:
-            RobotFault: see `receive`.
-        """
+        """Wait for a fresh measurement after this host skipped control steps."""
         give_up = time.monotonic() + _CATCH_UP
         while (now := time.monotonic()) < give_up:
             latest = self.stream.latest
@@ -128,11 +120,7 @@ class RobotLink:
             self._tracking.restart_window(1e-3 * latest.telemetry.ts)
 
     def check(self) -> Measurement:
-        """The latest measurement of a robot without faults.
-
-        Raises:
-            RobotFault: the first fault; see docs/hardware.md.
-        """
+        """The latest measurement; raises RobotFault for the first fault (docs/hardware.md)."""
         if self._error_line is not None:
             line, self._error_line = self._error_line, None
             raise RobotFault("firmware", f"the robot reports {line!r}", remedy="switch it off and on again")
@@ -161,7 +149,7 @@ class RobotLink:
         self._tracking.begin(gains.kd / gains.kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
-        """Hold (joints,) position targets [rad]; returns when the command was sent [s].
+        """Send (joints,) position targets [rad]; returns when the command was sent [s].
 
         Raises:
             RobotFault: an invalid target, a watchdog that has tripped or died, or the port is gone.

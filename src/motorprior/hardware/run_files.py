@@ -37,11 +37,7 @@ class RunFiles:
         self.timing, self.outcome = Timing(), ""
 
     def begin(self, command: str, port: str, settings: Any, gains: Gains, **more: Any) -> None:
-        """Write what is known before the first command: the settings (a dataclass), gains, limits and ``more``.
-
-        Raises:
-            ArtifactError: it cannot be written.
-        """
+        """Before the first command, write the settings (a dataclass), gains, limits and ``more``."""
         self._facts = {
             "command": command,
             "port": port,
@@ -57,11 +53,7 @@ class RunFiles:
 
     @contextlib.contextmanager
     def written_at_end(self) -> Iterator[None]:
-        """Write how the run ended when this is closed, if it had begun; the robot is idle by then.
-
-        Raises:
-            ArtifactError: it cannot be written, and there was no other error.
-        """
+        """Write how the run ended when this is closed, if it had begun; the robot is idle by then."""
         try:
             yield
         except BaseException as error:

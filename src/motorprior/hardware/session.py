@@ -50,14 +50,10 @@ class StopRequest:
         return self.reason is not None
 
     def on_signal(self, number: int, _: FrameType | None) -> None:
-        """Handle a signal.
-
-        Raises:
-            RobotFault: at the second signal. Further signals do nothing: they must not interrupt the way to idle.
-        """
+        """Handle a signal; the second one raises RobotFault."""
         if self.reason is None:
             self.reason = signal.Signals(number).name
-        elif not self._dropped:
+        elif not self._dropped:  # further signals must not interrupt the way to idle
             self._dropped = True
             raise RobotFault("stopped", f"a second signal, {signal.Signals(number).name}")
 
@@ -93,11 +89,9 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
     telemetry, frames = measurement.telemetry, link.stream.accepted - before
     seconds, min_rate = 1e-3 * (telemetry.ts - first.ts), _MIN_FRAMES / robot.control_dt
     if frames < max(2.0, min_rate * seconds):
-        raise RobotFault(
-            "stale telemetry",
-            f"{frames} frames in {seconds:.2f} s, at least {min_rate:.0f} per second are needed",
-            remedy="see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period",
-        )
+        problem = f"{frames} frames in {seconds:.2f} s, at least {min_rate:.0f} per second are needed"
+        remedy = "see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period"
+        raise RobotFault("stale telemetry", problem, remedy=remedy)
     if need_imu and not is_imu_alive(telemetry):
         raise RobotFault(
             "no IMU",
@@ -108,19 +102,16 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
     outside = (telemetry.pos < robot.lower - _RANGE_SLACK) | (telemetry.pos > robot.upper + _RANGE_SLACK)
     if outside.any():
         worst = int(np.argmax(outside))
-        raise RobotFault(
-            "joint range",
-            f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is "
-            f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}",
-            remedy="switch the robot on with its legs free so that it finds its end stops",
-        )
+        limits = f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}"
+        problem = f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is {limits}"
+        remedy = "switch the robot on with its legs free so that it finds its end stops"
+        raise RobotFault("joint range", problem, remedy=remedy)
     moved = np.abs(telemetry.pos - first.pos)
     if moved.max() > _MAX_MOTION:
-        raise RobotFault(
-            "moving",
-            f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, and this host sent nothing",
-            remedy="wait until homing has ended, hands off the robot, and end other programs that drive it",
-        )
+        name = robot.joint_names[int(np.argmax(moved))]
+        problem = f"{name} moved {moved.max():.2f} rad, and this host sent nothing"
+        remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
+        raise RobotFault("moving", problem, remedy=remedy)
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
     return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
@@ -165,13 +156,7 @@ def run_armed(
 ) -> None:
     """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, whatever happens.
 
-    Args:
-        link: idle, checked.
-        gains: to send.
-        stop: ends any motion.
-        work: plays motions on the loop it gets.
-        crouch: crouch at the end; False for a suspended robot.
-        stopping: a motion that slows ``work`` down before the crouch.
+    A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch.
 
     Raises:
         RobotFault: the fault that ended the run; the robot is idle.

@@ -99,9 +99,5 @@ class Watchdog:
 
 
 def _dead() -> RobotFault:
-    return RobotFault(
-        "watchdog",
-        "the watchdog process is dead or stopped",
-        safe_state="crouch",
-        remedy="look into the system's log for the reason",
-    )
+    remedy = "look into the system's log for the reason"
+    return RobotFault("watchdog", "the watchdog process is dead or stopped", safe_state="crouch", remedy=remedy)
