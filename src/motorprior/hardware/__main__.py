@@ -23,44 +23,34 @@ def parser() -> argparse.ArgumentParser:
     """The command line, from the settings and their docstrings."""
     top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or check a robot.")
     commands = top.add_subparsers(dest="command", required=True)
-    for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
-        command = commands.add_parser(name)
+    deploy, record, doctor = (commands.add_parser(name) for name in ("deploy", "record", "doctor"))
+    for command in (deploy, record, doctor):
         command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one if not given")
         command.add_argument("--kind", default=DEFAULT_ROBOT, help="name of a shipped robot")
-        if name == "deploy":
-            command.add_argument("policy", type=Path, help="policy.safetensors")
-        if settings is not None:
-            _add_options(command, settings)
-        else:
-            command.add_argument("--seconds", type=float, default=3.0, help="duration of the check [s]")
-            command.add_argument(
-                "--idle", action="store_true",
-                help="remove the current from the motors first, so that legs move by hand; a standing robot sinks",
-            )  # fmt: skip
+    deploy.add_argument("policy", type=Path, help="policy.safetensors")
+    _add_options(deploy, DeploySettings)
+    _add_options(record, RecordSettings)
+    doctor.add_argument("--seconds", type=float, default=3.0, help="duration of the check [s]")
+    idle = "remove the current from the motors first, so that legs move by hand; a standing robot sinks"
+    doctor.add_argument("--idle", action="store_true", help=idle)
     return top
 
 
 def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
-    hints, texts = get_type_hints(settings), _texts(settings)
-    for field in fields(settings):
-        option, kind = f"--{field.name.replace('_', '-')}", hints[field.name]
-        if kind is bool:
-            command.add_argument(option, action="store_true", help=texts[field.name])
-            continue
-        choices = [choice for type_ in (kind, *get_args(kind)) for choice in get_args(type_) if isinstance(choice, str)]
-        plain = next((inner for inner in get_args(kind) if isinstance(inner, type)), kind)
-        command.add_argument(
-            option, type=str if choices else plain, choices=choices or None, default=field.default,
-            help=texts[field.name].replace("%", "%%"),
-        )  # fmt: skip
-
-
-def _texts(settings: type) -> dict[str, str]:
-    """The Attributes section of a docstring, by name."""
+    """One option per field of a settings dataclass; the help is its line in the docstring's Attributes."""
     section = (settings.__doc__ or "").partition("Attributes:")[2]
-    return {
-        name: " ".join(text.split()) for name, text in re.findall(r"(\w+): ((?:.|\n)*?)(?=\n {8}\w+: |\Z)", section)
-    }
+    texts = dict(re.findall(r"(\w+): ((?:.|\n)*?)(?=\n {8}\w+: |\Z)", section))
+    hints = get_type_hints(settings)
+    for field in fields(settings):
+        option, text = f"--{field.name.replace('_', '-')}", " ".join(texts[field.name].split()).replace("%", "%%")
+        if hints[field.name] is bool:
+            command.add_argument(option, action="store_true", help=text)
+            continue
+        kind = (get_args(hints[field.name]) or (hints[field.name],))[0]  # of an optional value, the value's
+        choices = get_args(kind)  # of a Literal
+        command.add_argument(
+            option, type=str if choices else kind, choices=choices or None, default=field.default, help=text
+        )
 
 
 def main() -> None:

@@ -57,12 +57,6 @@ class Timing:
     skipped: int = 0  # steps skipped because the one before took too long
     aborted: float | None = None  # lateness of the step that a fault ended before its command
 
-    def add(self, sent: float, late: float, measurement: Measurement) -> None:
-        """Add one step."""
-        self.sent.append(sent)
-        self.late.append(late)
-        self.age.append(sent - measurement.sampled)
-
 
 def clock_results(runs: Sequence[Timing], period: float) -> Results:
     """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
@@ -116,11 +110,8 @@ class ControlLoop:
     ) -> Measurement | None:
         """Play ``motion`` until it ends or ``stop`` returns True; returns the last measurement.
 
-        Args:
-            motion: gives the targets.
-            mode: for the recording.
-            after_step: called after each command, in the rest of the period; must be fast.
-            timing: filled, also if a fault ends the motion.
+        ``after_step`` is called after each command, in the rest of the period, and must be fast. ``timing`` is filled
+        also if a fault ends the motion.
 
         Raises:
             RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
@@ -137,7 +128,9 @@ class ControlLoop:
             except Exception:
                 timing.aborted = max(0.0, time.monotonic() - self._deadline)
                 raise
-            timing.add(sent, sent - self._deadline, measurement)
+            timing.sent.append(sent)
+            timing.late.append(sent - self._deadline)
+            timing.age.append(sent - measurement.sampled)
             after_step(measurement)
             self._next_deadline(measurement, sent, timing)
         return measurement

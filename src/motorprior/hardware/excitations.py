@@ -44,13 +44,7 @@ def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
 
 
 def excitation_targets(
-    robot: Robot,
-    kind: Excitation,
-    joints: Sequence[int],
-    seconds: float,
-    amplitude: float,
-    speed: float,
-    seed: int,
+    robot: Robot, kind: Excitation, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
 ) -> np.ndarray:
     """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
 

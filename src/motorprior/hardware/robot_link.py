@@ -181,10 +181,7 @@ class RobotLink:
             self._gate = None
         if self._watchdog is not None:
             watchdog, self._watchdog = self._watchdog, None
-            if self._port.unsent:
-                watchdog.abandon()
-            else:
-                watchdog.release()
+            watchdog.end(idle_sent=not self._port.unsent)
         if self._recorder is not None:
             self._recorder.idle()
 

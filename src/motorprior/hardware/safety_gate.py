@@ -30,26 +30,16 @@ class Gains:
         cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
     ) -> Gains:
         """The given gains, and the robot's own in place of None."""
-        return cls(
-            wire.kp if kp is None else kp,
-            wire.kd if kd is None else kd,
-            wire.max_current if max_current is None else max_current,
-        )
+        given = {"kp": kp, "kd": kd, "max_current": max_current}
+        return cls(**{name: getattr(wire, name) if value is None else value for name, value in given.items()})
 
     def check(self, limits: SafetyLimits) -> None:
-        """Check that every value is positive and within the limits.
-
-        Raises:
-            ConfigError: one is not.
-        """
-        for name, value, highest in (
-            ("kp", self.kp, limits.highest_kp),
-            ("kd", self.kd, limits.highest_kd),
-            ("max_current", self.max_current, limits.max_current),
-        ):
-            if not 0.0 < value <= highest:  # also NaN
+        """Raise ConfigError unless every value is positive and within the limits."""
+        maxima = {"kp": limits.highest_kp, "kd": limits.highest_kd, "max_current": limits.max_current}
+        for name, maximum in maxima.items():
+            if not 0.0 < (value := getattr(self, name)) <= maximum:  # also NaN
                 problem = f"{name} {value:g} is out of range"
-                raise ConfigError(problem, remedy=f"give more than 0 and at most {highest:g}", argument=name)
+                raise ConfigError(problem, remedy=f"give more than 0 and at most {maximum:g}", argument=name)
 
 
 class SafetyGate:
@@ -83,11 +73,7 @@ class SafetyGate:
         return None if self._target is None else self._target.copy()
 
     def start_at(self, joint_pos: np.ndarray, now: float) -> None:
-        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump.
-
-        Raises:
-            RobotFault: after an earlier fault.
-        """
+        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump."""
         if self._fault is not None:
             raise self._fault
         self._target = np.clip(joint_pos, self._lower, self._upper)
@@ -116,11 +102,7 @@ class SafetyGate:
         return Command(pos=to_wire(self._wire, near))
 
     def gains(self) -> Command:
-        """Gains and current limit. A command of their own: some firmwares ignore them in a command with ``pos``.
-
-        Raises:
-            RobotFault: after a fault.
-        """
+        """Gains and current limit. A command of their own: some firmwares ignore them in a command with ``pos``."""
         self._require_no_fault()
         return Command(kp=self._gains.kp, kd=self._gains.kd, max_current=self._gains.max_current)
 

@@ -49,7 +49,7 @@ class Watchdog:
         os.set_blocking(self._heartbeats, False)
         ready, _, _ = select.select([self._reports], [], [], _MAX_START)
         if not ready or os.read(self._reports, 1) != b"r":
-            self.release()
+            self.end(idle_sent=True)
             raise RobotFault("watchdog", "the watchdog process did not start", remedy="see what it printed above")
 
     @property
@@ -58,11 +58,7 @@ class Watchdog:
         return self._process.pid
 
     def beat(self) -> None:
-        """Send a heartbeat.
-
-        Raises:
-            RobotFault: the watchdog has tripped, is dead, or has not read for a second.
-        """
+        """Send a heartbeat; raises RobotFault if the watchdog has tripped, is dead, or has not read for a second."""
         try:
             os.write(self._heartbeats, _HEARTBEAT)
         except (BrokenPipeError, BlockingIOError):
@@ -73,14 +69,11 @@ class Watchdog:
                 raise _dead()
             raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
 
-    def release(self) -> None:
-        """End the watchdog process; the robot must be idle by now."""
-        with contextlib.suppress(OSError):
-            os.write(self._heartbeats, b"q")
-        self.abandon()
-
-    def abandon(self) -> None:
-        """Close the pipe: as after the death of the host, the watchdog sends idle for a second."""
+    def end(self, idle_sent: bool) -> None:
+        """End the process; without ``idle_sent`` it first sends idle for a second, as after the host's death."""
+        if idle_sent:
+            with contextlib.suppress(OSError):
+                os.write(self._heartbeats, b"q")
         os.close(self._heartbeats)
         try:
             self._process.wait(timeout=2.0)
