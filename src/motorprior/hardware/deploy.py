@@ -95,19 +95,15 @@ def gains_for(
         ConfigError: the policy was trained with other gains, and none were given.
     """
     wire = robot.require_wire()
-    for name, unit, given, of_policy, of_robot, highest in (
-        ("kp", "A/rad", kp, policy.kp, wire.kp, wire.safety.highest_kp),
-        ("kd", "A·s/rad", kd, policy.kd, wire.kd, wire.safety.highest_kd),
-    ):
-        trained = of_policy / wire.torque_constant
-        if given is None and np.abs(trained / of_robot - 1.0).max() > _GAIN_TOLERANCE:
-            mean = float(trained.mean())
-            raise ConfigError(
-                f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {of_robot:g}",
-                remedy=(f"give {name} {mean:.1f} if that is intended, or " if mean <= highest else "")
-                + "train it with the robot's gains",
-                argument=name,
-            )
+    maxima = {"kp": wire.safety.highest_kp, "kd": wire.safety.highest_kd}
+    for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
+        trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
+        if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
+            mean, remedy = float(trained.mean()), "train it with the robot's gains"
+            if mean <= maxima[name]:
+                remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
+            problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
+            raise ConfigError(problem, remedy=remedy, argument=name)
     return Gains.of(wire, kp, kd, max_current)
 
 
@@ -131,7 +127,7 @@ def walk(
         link: idle.
         policy: for this robot.
         gains: to send.
-        stop: ends the walk.
+        stop: ends the walk when it is set.
         command: speed [m/s] and yaw rate [rad/s] without ``teleop``.
         seconds: duration of the walk [s]; without end if not given.
         need_imu: reject a robot whose IMU is not read.

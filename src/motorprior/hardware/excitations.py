@@ -84,7 +84,7 @@ def _away(
     speed: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """(steps, joints) distances of the targets from the nominal pose [rad], 0 at both ends."""
+    """(steps, joints) differences between the targets and the nominal pose [rad], 0 at both ends."""
     control_dt, names, nominal = robot.control_dt, robot.joint_names, robot.nominal_pose
     if kind == "gait":
         body = body_of(robot)

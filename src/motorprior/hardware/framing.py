@@ -23,8 +23,7 @@ from motorprior.hardware.protocol import (
     Telemetry,
     decode_command,
     decode_telemetry,
-    encode_command,
-    encode_telemetry,
+    encode,
 )
 
 MAX_LINE = 256  # [bytes]; of longer lines of text only the end is read
@@ -52,13 +51,13 @@ TELEMETRY_FRAMING = Framing(b"\x45\x45", 2, b"\r\n", MAX_TELEMETRY)
 
 
 def command_frame(command: Command, joints: int) -> bytes:
-    """The bytes of a command on the wire; raises as `encode_command`."""
-    return COMMAND_FRAMING.wrap(encode_command(command, joints))
+    """The bytes of a command on the wire; raises as `encode`."""
+    return COMMAND_FRAMING.wrap(encode(command, joints))
 
 
 def telemetry_frame(telemetry: Telemetry, joints: int) -> bytes:
-    """The bytes of telemetry on the wire; raises as `encode_telemetry`."""
-    return TELEMETRY_FRAMING.wrap(encode_telemetry(telemetry, joints))
+    """The bytes of telemetry on the wire; raises as `encode`."""
+    return TELEMETRY_FRAMING.wrap(encode(telemetry, joints))
 
 
 IDLE_FRAME = command_frame(IDLE, 0)  # the same for every robot: it holds no array

@@ -58,13 +58,22 @@ _REQUIRED = _TELEMETRY_KEYS[: _TELEMETRY_KEYS.index("cur")]
 _ARRAYS = ("pos", "vel", "cur", "temp")
 
 
-def encode_command(command: Command, joints: int) -> bytes:
-    """Encode a command to a robot with this number of joints.
+def encode(message: Command | Telemetry, joints: int) -> bytes:
+    """Encode a message to or from a robot with this number of joints; ``ts`` as an integer.
 
     Raises:
-        ProtocolError: an empty command, an array of another size, or a number that is not finite as float32.
+        ProtocolError: no keys, an array of another size, or a number that is not finite as float32.
     """
-    return _encode(command, _COMMAND_KEYS, joints, MAX_COMMAND)
+    values = {key: value for key, value in vars(message).items() if value is not None}
+    values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
+    _validated(values, values, joints)
+    if "ts" in values:
+        values["ts"] = round(values["ts"])
+    payload = msgpack.packb(values, use_single_float=True)
+    max_size = MAX_COMMAND if isinstance(message, Command) else MAX_TELEMETRY
+    if not values or payload is None or len(payload) > max_size:
+        raise ProtocolError(f"a message with {', '.join(values) or 'no keys'} has no valid size")
+    return payload
 
 
 def decode_command(payload: bytes, joints: int) -> Command:
@@ -79,29 +88,12 @@ def decode_command(payload: bytes, joints: int) -> Command:
     return Command(**_validated(values, values, joints))
 
 
-def encode_telemetry(telemetry: Telemetry, joints: int) -> bytes:
-    """Encode telemetry, ``ts`` as an integer; raises as `encode_command`."""
-    return _encode(telemetry, _TELEMETRY_KEYS, joints, MAX_TELEMETRY)
-
-
 def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
     """Decode telemetry; unknown keys are ignored. Raises as `decode_command`, or if a required key is missing."""
     values = _unpack(payload, joints)
     if any(key not in values for key in _REQUIRED):
         raise ProtocolError("incomplete telemetry")
     return Telemetry(**_validated(values, [key for key in _TELEMETRY_KEYS if key in values], joints))
-
-
-def _encode(message: Command | Telemetry, keys: Collection[str], joints: int, max_size: int) -> bytes:
-    values = {key: getattr(message, key) for key in keys if getattr(message, key) is not None}
-    values = {name: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for name, v in values.items()}
-    _validated(values, values, joints)
-    if "ts" in values:
-        values["ts"] = round(values["ts"])
-    payload = msgpack.packb(values, use_single_float=True)
-    if not values or payload is None or len(payload) > max_size:
-        raise ProtocolError(f"a message with {', '.join(values) or 'no keys'} has no valid size")
-    return payload
 
 
 def _unpack(payload: bytes, joints: int) -> dict[Any, Any]:

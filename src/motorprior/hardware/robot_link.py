@@ -97,7 +97,9 @@ class RobotLink:
             messages = self._port.wait(until)
             for arrival, message in messages:
                 if isinstance(message, str):
-                    self._read_text(message)
+                    self.text.append(message)
+                    if "ERROR" in message:
+                        self._error_line = message
                     continue
                 measurement = self.stream.accept(from_wire(self._wire, message), arrival)
                 if measurement is not None:
@@ -219,16 +221,11 @@ class RobotLink:
                     raise
 
     def _record(self, measurement: Measurement) -> None:
-        if (recorder := self._recorder) is None:
+        if self._recorder is None:
             return
         try:
-            recorder.write(measurement)
+            self._recorder.write(measurement)
         except ArtifactError:  # ends the motion, and must not prevent the crouch
+            self._recorder.close()
             self._recorder = None
-            recorder.close()
             raise
-
-    def _read_text(self, line: str) -> None:
-        self.text.append(line)
-        if "ERROR" in line:
-            self._error_line = line

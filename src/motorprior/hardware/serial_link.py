@@ -61,13 +61,13 @@ class SerialLink:
         """
         try:
             ready, _, _ = select.select([self.fileno()], [], [], max(0.0, until - time.monotonic()))
-            data = os.read(self.fileno(), 4096) if ready else None
+            if not ready:
+                return []
+            data = os.read(self.fileno(), 4096)
         except BlockingIOError:
             return []
         except (OSError, ValueError, TypeError) as error:  # pyserial's fileno is None once it is closed
             raise self._gone(error) from error
-        if data is None:
-            return []
         if not data:
             raise self._gone("end of file")
         now = time.monotonic()

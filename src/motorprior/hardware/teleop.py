@@ -17,8 +17,10 @@ from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.robots.robot import Gait
 
 Print = Callable[[str], None]
-KEYS = "w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down"
-WALKING = f"Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it."
+WALKING = (
+    "Keys while it moves: w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down; "
+    "Ctrl-C sits down, twice drops it."
+)
 STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
 SUSPENDED = "The legs move fast. Ctrl-C removes the current at once and the legs drop; no key does anything."
 
