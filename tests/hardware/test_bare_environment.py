@@ -1,4 +1,4 @@
-"""The robot's own computer has numpy, safetensors, pyserial and msgpack; that is enough to examine, record and walk."""
+"""The commands of the robot's own computer run with numpy, safetensors, pyserial and msgpack only."""
 
 import re
 import subprocess
@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from policies import random_policy
+from telemetry import telemetry
 
 from motorprior.hardware.deploy import PolicyMotion
-from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.sign_conventions import backend_state
 from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
 from motorprior.locomotion.body import body_of
@@ -42,7 +42,7 @@ def test_every_module_of_hardware_can_be_imported():
     assert done.stdout == "all\n", done.stderr
 
 
-def test_the_command_itself_knows_what_a_robot_s_computer_can_do():
+def test_the_command_states_what_a_robot_s_computer_can_do():
     done = in_bare_environment("motorprior.__main__", "record", "--help")
     assert done.returncode == 0 and "--excitation" in done.stdout, done.stderr
     done = in_bare_environment("motorprior.__main__", "walk", "--out", "x")
@@ -56,8 +56,8 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     dry = in_bare_environment(
         "motorprior.hardware", "deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3
     )
-    said = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)  # 100 Hz for 0.3 s, and the last tick
-    assert dry.returncode == 0 and said and 29 <= int(said[1]) <= 32, dry.stderr
+    steps = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)  # 100 Hz for 0.3 s, and the last tick
+    assert dry.returncode == 0 and steps and 29 <= int(steps[1]) <= 32, dry.stderr
     doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
     assert doctor.returncode == 0 and "ok  IMU" in doctor.stderr and "ok  joint RL_knee" in doctor.stderr, doctor.stderr
     assert pupper.received == 0
@@ -105,10 +105,5 @@ def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest
         targets.append(path)
     np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-12)
     monkeypatch.undo()
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
-    assert np.all(
-        np.isfinite(
-            PolicyMotion(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12)))
-        )
-    )
+    motion, still = PolicyMotion(PUPPER_V2, policy.Policy.load(trot)), telemetry(pos=spec.NOMINAL_POSE)
+    assert np.all(np.isfinite(motion.step(backend_state(PUPPER_V2, still, np.zeros(12)))))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from telemetry import telemetry
 
-from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.doctor.checks import check_log
@@ -13,30 +13,25 @@ from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-LAG = 0.0025
-"""Between a measurement and the command that follows it [s]."""
+LAG = 0.0025  # between a measurement and the command that follows it [s]
 
 
-def measured(time: float, with_current: bool = False) -> Measurement:
+def measured(time: float) -> Measurement:
     pos = spec.NOMINAL_POSE + 0.2 * np.sin(3.0 * time)
-    zeros = dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.01)
-    telemetry = Telemetry(
-        ts=round(1e3 * time), **zeros, pos=pos, vel=0.6 * np.cos(3.0 * time) * np.ones(12),
-        cur=np.full(12, 2.0) if with_current else None,
-    )  # fmt: skip
-    return Measurement(telemetry, 100.0 + time, 100.0 + time)
+    frame = telemetry(ts=round(1e3 * time), roll=0.01, pos=pos, vel=0.6 * np.cos(3.0 * time) * np.ones(12))
+    return Measurement(frame, 100.0 + time, 100.0 + time)
 
 
 def target_at(step: int) -> np.ndarray:
     return spec.NOMINAL_POSE + 0.2 * np.sin(0.03 * step + 0.1)
 
 
-def recorded(path: Path, steps: int = 200, mode: Mode = Mode.EXCITE, with_current: bool = False) -> Path:
-    """Each command leaves LAG after a measurement, at 100 Hz."""
+def recorded(path: Path) -> Path:
+    """Each command is sent LAG after a measurement, at 100 Hz."""
     recorder = Recorder(PUPPER_V2, path)
-    for step in range(steps):
-        recorder.write(measured(0.01 * step, with_current))
-        recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), mode)
+    for step in range(200):
+        recorder.write(measured(0.01 * step))
+        recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), Mode.EXCITE)
     recorder.close()
     return path
 
