@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -51,9 +50,9 @@ def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, h
 class Timing:
     """Timing of every control step, in seconds."""
 
-    sent: array = field(default_factory=lambda: array("d"))  # when the command was sent
-    late: array = field(default_factory=lambda: array("d"))  # sent after the deadline by
-    age: array = field(default_factory=lambda: array("d"))  # of the measurement acted on, when the command was sent
+    sent: list[float] = field(default_factory=list)  # when the command was sent
+    late: list[float] = field(default_factory=list)  # how late after the deadline
+    age: list[float] = field(default_factory=list)  # of the measurement acted on, when the command was sent
     skipped: int = 0  # steps skipped because the one before took too long
     aborted: float | None = None  # lateness of the step that a fault ended before its command
 

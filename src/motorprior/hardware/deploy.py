@@ -121,20 +121,12 @@ def walk(
     status: Callable[[str], None] = lambda _: None,
     timing: Timing | None = None,
 ) -> str:
-    """Check the robot, arm it, stand up, walk, crouch; returns what ended it: "time", "operator" or a signal's name.
+    """Check an idle robot, arm it, stand up, walk, crouch; returns "time", "operator" or the signal that ended it.
 
-    Args:
-        link: idle.
-        policy: for this robot.
-        gains: to send.
-        stop: ends the walk when it is set.
-        command: speed [m/s] and yaw rate [rad/s] without ``teleop``.
-        seconds: duration of the walk [s]; without end if not given.
-        need_imu: reject a robot whose IMU is not read.
-        confirm: raises if the user does not confirm arming.
-        teleop: opened when the robot walks, and read at every control step.
-        status: gets a line twice a second.
-        timing: filled, also if a fault ends the walk.
+    It walks at ``command`` (speed [m/s], yaw rate [rad/s]), or as ``teleop`` commands at every control step, for
+    ``seconds`` [s] or until ``stop`` is set. A robot whose IMU is not read is rejected if ``need_imu``. ``confirm``
+    raises if the user does not confirm arming. ``status`` gets a line twice a second. ``timing`` is filled also if a
+    fault ends the walk.
 
     Raises:
         RobotFault: what ended the walk early; the robot is idle.

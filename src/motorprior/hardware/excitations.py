@@ -53,16 +53,47 @@ def excitation_targets(
     limits their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
 
     Raises:
-        ConfigError: none of the joints would move: a trot does not move the abductions; or a trot without legs.
+        ConfigError: none of the joints would move, such as abductions in a trot; or a trot without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
+    parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
+    away = [
+        _scaled(_signals(robot, part, joints, num, rng), part, amplitude, speed, robot.control_dt)
+        for part, num in parts
+    ]
     if kind == "varied":
-        together = _away(robot, "multisine", joints, steps // 2, amplitude, speed, rng)
-        alone = _away(robot, "steps", joints, steps - steps // 2, amplitude, speed, rng)
-        away = np.concatenate([together, _one_at_a_time(alone, joints)])
+        away[1] = _one_at_a_time(away[1], joints)
+    return np.clip(robot.nominal_pose + np.concatenate(away), robot.lower, robot.upper)
+
+
+def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np.random.Generator) -> np.ndarray:
+    """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
+    if kind == "gait":
+        body = body_of(robot)
+        forward, frequency = _SLOW * body.fastest, _SLOW * body.frequency
+        gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
+        away = gait - robot.nominal_pose
     else:
-        away = _away(robot, kind, joints, steps, amplitude, speed, rng)
-    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
+        away = np.stack([_SIGNALS[kind](rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
+        away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
+    away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
+    if not away.any():
+        names = ", ".join(robot.joint_names[joint] for joint in joints)
+        raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
+    return away
+
+
+def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control_dt: float) -> np.ndarray:
+    """The same motion within amplitude and speed, faded in from 0 and out to it."""
+    time = np.arange(len(away)) * control_dt
+    fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
+    over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are scaled joint by joint
+    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
+    away *= fade
+    if kind != "steps":
+        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
+        away /= np.maximum(1.0, fastest / speed)
+    return away
 
 
 def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
@@ -73,39 +104,6 @@ def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
     for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
         alone[first:end, joint] = away[first:end, joint]
     return alone
-
-
-def _away(
-    robot: Robot,
-    kind: Excitation,
-    joints: Sequence[int],
-    steps: int,
-    amplitude: float,
-    speed: float,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """(steps, joints) differences between the targets and the nominal pose [rad], 0 at both ends."""
-    control_dt, names, nominal = robot.control_dt, robot.joint_names, robot.nominal_pose
-    if kind == "gait":
-        body = body_of(robot)
-        forward, frequency = _SLOW * body.fastest, _SLOW * body.frequency
-        away = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, control_dt) - nominal
-    else:
-        away = np.stack([_SIGNALS[kind](rng, steps, control_dt) for _ in names], axis=1)
-        away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
-    away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
-    if not away.any():
-        still = ", ".join(names[joint] for joint in joints)
-        raise ConfigError(f"{kind} does not move {still}", remedy="choose another joint, or a sine", argument="joint")
-    time = np.arange(steps) * control_dt
-    fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are scaled joint by joint
-    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
-    away *= fade
-    if kind != "steps":
-        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
-        away /= np.maximum(1.0, fastest / speed)
-    return away
 
 
 def excite(

@@ -164,8 +164,7 @@ class SlowHost:
     def check(self, late: float) -> None:
         """Add the lateness [s] of a step: of its command, or of its end if that missed the next deadline.
 
-        Raises:
-            RobotFault: one step far too late, too many late steps, or too much lateness in all.
+        Raise if one step is far too late, too many steps are late, or the sum is too large.
         """
         limits, steps = self._limits, self._late
         steps[self._count % len(steps)] = late if late > 0.5 * self._period else 0.0
@@ -178,11 +177,7 @@ class SlowHost:
 
 
 def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
-    """The latest measurement, if it is recent enough.
-
-    Raises:
-        RobotFault: no measurement yet, an old one, or several impossible frames in a row.
-    """
+    """The latest measurement; raises if there is none, if it is old, or after several impossible frames in a row."""
     if stream.impossible_in_a_row >= limits.implausible_frames:
         problem = f"{stream.impossible_in_a_row} physically impossible frames in a row"
         remedy = "look for a slipping encoder, a loose cable or a restart of the robot"

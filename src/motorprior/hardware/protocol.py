@@ -77,11 +77,7 @@ def encode(message: Command | Telemetry, joints: int) -> bytes:
 
 
 def decode_command(payload: bytes, joints: int) -> Command:
-    """Decode a command, as the firmware does.
-
-    Raises:
-        ProtocolError: not a msgpack map, an unknown key, an array of another size, or a number that is not finite.
-    """
+    """Decode a command, as the firmware does; raises ProtocolError for an invalid payload or unknown key."""
     values = _unpack(payload, joints)
     if not values or any(key not in _COMMAND_KEYS for key in values):
         raise ProtocolError("not a command")
@@ -89,7 +85,7 @@ def decode_command(payload: bytes, joints: int) -> Command:
 
 
 def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
-    """Decode telemetry; unknown keys are ignored. Raises as `decode_command`, or if a required key is missing."""
+    """Decode telemetry; raises ProtocolError for an invalid payload or missing key. Unknown keys are ignored."""
     values = _unpack(payload, joints)
     if any(key not in values for key in _REQUIRED):
         raise ProtocolError("incomplete telemetry")

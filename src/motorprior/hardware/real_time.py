@@ -53,11 +53,9 @@ def _may_lock_memory() -> bool:
 
 def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:
     """Set scheduling policy and priority of this thread; returns the earlier ones, None if not permitted."""
-    if not hasattr(os, "sched_setscheduler"):  # not Linux
-        return None
-    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
         os.sched_setscheduler(0, policy, os.sched_param(priority))
-    except OSError:
+    except (OSError, AttributeError):  # not permitted, or not Linux
         return None
     return before

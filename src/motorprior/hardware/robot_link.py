@@ -6,7 +6,6 @@ import contextlib
 import time
 from collections import deque
 from functools import partial
-from types import TracebackType
 
 import numpy as np
 
@@ -61,8 +60,8 @@ class RobotLink:
         self.sent = self.position_clips = self.slew_clips = 0
         self._gate: SafetyGate | None = None
         self._watchdog: Watchdog | None = None
-        self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(robot, limits)
-        self._electrical = Electrical(robot, limits)
+        self._sensors = Electrical(robot, limits), FrozenImu(limits), Tilt(limits)
+        self._tracking = Tracking(robot, limits)
         self._unchecked: deque[Measurement] = deque(maxlen=1000)  # bounded: an idle host may never check
         self._error_line: str | None = None
         self._ignored: set[str] = set()
@@ -70,7 +69,7 @@ class RobotLink:
     def __enter__(self) -> RobotLink:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -153,8 +152,7 @@ class RobotLink:
     def send(self, target: np.ndarray, mode: Mode) -> float:
         """Send (joints,) position targets [rad]; returns when the command was sent [s].
 
-        Raises:
-            RobotFault: an invalid target, a watchdog that has tripped or died, or the port is gone.
+        Raises RobotFault for an invalid target, a watchdog that has tripped or died, or a port that is gone.
         """
         gate = self.gate
         if self._watchdog is not None:
@@ -210,7 +208,7 @@ class RobotLink:
 
     def _check_robot(self, measurement: Measurement) -> None:
         telemetry, target, now = measurement.telemetry, self.target, 1e-3 * measurement.telemetry.ts
-        checks = [partial(sensor.check, telemetry, now) for sensor in (self._electrical, self._imu, self._tilt)]
+        checks = [partial(sensor.check, telemetry, now) for sensor in self._sensors]
         if target is not None:
             checks.append(partial(self._tracking.check, telemetry.pos, target, now))
         for check in checks:

@@ -49,9 +49,6 @@ class SafetyGate:
         slow: limit targets to ``slow_speed``: while standing up and crouching.
         position_clips: joint targets clipped to the joint limits.
         slew_clips: joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves.
-
-    Raises:
-        ConfigError: gains or a current limit that are out of range.
     """
 
     def __init__(self, robot: Robot, limits: SafetyLimits, gains: Gains):
@@ -82,8 +79,7 @@ class SafetyGate:
     def limited(self, target: np.ndarray, now: float) -> Command:
         """The command for (joints,) position targets [rad] in the library's signs, within the limits.
 
-        Raises:
-            RobotFault: not one finite number per joint, no `start_at` before, or after a fault.
+        Raises RobotFault after a fault, without `start_at`, or for targets that are not finite.
         """
         self._require_no_fault()
         if self._target is None:

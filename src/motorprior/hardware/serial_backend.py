@@ -40,11 +40,7 @@ class SerialBackend:
         self._last: Measurement | None = None
 
     def reset(self, seed: int) -> BackendState:
-        """Ramp to the nominal pose; a real robot's motors do not depend on the seed.
-
-        Raises:
-            RobotFault: the robot has a fault.
-        """
+        """Ramp to the nominal pose; a real robot's motors do not depend on the seed. Raises RobotFault."""
         link = self._link
         try:
             if not self._armed:

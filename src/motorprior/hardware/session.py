@@ -72,11 +72,9 @@ def stop_on_signals() -> Iterator[StopRequest]:
 
 
 def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, np.ndarray]:
-    """Check telemetry for half a second.
+    """Check telemetry for half a second; returns the last measurement and the (3,) gyroscope bias [rad/s].
 
-    Returns:
-        The last measurement, and the (3,) gyroscope bias [rad/s]: mean rates about the body's axes, 0 if one is too
-        large for a bias.
+    The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
 
     Raises:
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
@@ -133,11 +131,7 @@ def check_and_confirm(
     need_imu: bool,
     prepare: Callable[[Measurement], None] = lambda _: None,
 ) -> np.ndarray:
-    """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s].
-
-    Raises:
-        RobotFault: not confirmed, or see `check_before_arming`.
-    """
+    """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s]."""
     measurement, gyro_bias = check_before_arming(link, need_imu)
     before = time.monotonic()
     prepare(measurement)
@@ -156,10 +150,8 @@ def run_armed(
 ) -> None:
     """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, whatever happens.
 
-    A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch.
-
-    Raises:
-        RobotFault: the fault that ended the run; the robot is idle.
+    A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch. An error
+    is raised when the robot is idle.
     """
     descent = _Descent(link)
     with real_time():

@@ -21,13 +21,9 @@ _PIPE_SIZE = 4096
 
 
 class Watchdog:
-    """A running watchdog process, see `watchdog_process`.
+    """A running watchdog process, see `watchdog_process`; raises RobotFault if it does not start.
 
-    The process inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between two
-    heartbeats [s].
-
-    Raises:
-        RobotFault: it did not start.
+    It inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between heartbeats [s].
     """
 
     def __init__(self, port: int, timeout: float):
