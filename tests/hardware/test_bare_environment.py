@@ -12,7 +12,7 @@ from policies import random_policy
 from telemetry import telemetry
 
 from motorprior.hardware.deploy import PolicyMotion
-from motorprior.hardware.sign_conventions import backend_state
+from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, new_gait
@@ -106,4 +106,4 @@ def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest
     np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-12)
     monkeypatch.undo()
     motion, still = PolicyMotion(PUPPER_V2, policy.Policy.load(trot)), telemetry(pos=spec.NOMINAL_POSE)
-    assert np.all(np.isfinite(motion.step(backend_state(PUPPER_V2, still, np.zeros(12)))))
+    assert np.all(np.isfinite(motion(Measurement(still, 0.0, 0.0))))

@@ -10,7 +10,7 @@ from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
-from motorprior.hardware.sign_conventions import backend_state, from_wire, to_wire
+from motorprior.hardware.sign_conventions import backend_state, from_wire
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
 from motorprior.locomotion.command import Commands
@@ -92,10 +92,10 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
 def test_signs_on_the_wire_are_the_robot_s_own():
     """FR and RR abduction count the other way; nothing else does."""
     angles = np.arange(1.0, 13.0)
-    np.testing.assert_array_equal(to_wire(WIRE, angles), [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12])
+    signed = [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12]
     seen = from_wire(WIRE, telemetry(pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
-        np.testing.assert_array_equal(series, factor * to_wire(WIRE, angles))
+        np.testing.assert_array_equal(series, factor * np.array(signed))
     np.testing.assert_array_equal(seen.temp, angles)
 
 

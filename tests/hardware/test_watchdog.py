@@ -37,7 +37,7 @@ def hold(link: RobotLink, steps: int) -> None:
 def signal_watchdog(number: signal.Signals) -> Callable[[VirtualRobot, RobotLink], None]:
     def send(_: VirtualRobot, link: RobotLink) -> None:
         assert link._watchdog is not None
-        os.kill(link._watchdog.pid, number)
+        os.kill(link._watchdog._process.pid, number)
 
     return send
 

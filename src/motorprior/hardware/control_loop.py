@@ -90,15 +90,15 @@ def _quantiles_ms(quantity: str, seconds: np.ndarray) -> list[Result]:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot, with a control period [s] and limits of the host's lateness.
+    """Plays motions on an armed robot, within limits of the host's lateness.
 
     ``stop`` is called before every step; True ends the motion.
     """
 
-    def __init__(self, link: RobotLink, limits: SafetyLimits, period: float, stop: Callable[[], bool]):
-        self._link, self._period, self._stop = link, period, stop
-        self._slow_host = SlowHost(limits, period)
-        self._deadline, self._paused = time.monotonic() + period, False
+    def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Callable[[], bool]):
+        self._link, self._period, self._stop = link, link.robot.control_dt, stop
+        self._slow_host = SlowHost(limits, self._period)
+        self._deadline, self._paused = time.monotonic() + self._period, False
 
     def play(
         self,

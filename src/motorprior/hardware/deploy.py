@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion, Timing
 from motorprior.hardware.robot_link import RobotLink
@@ -53,21 +52,18 @@ class PolicyMotion:
         """(observations,) the last input of the policy."""
         return self._controller.observation
 
-    def step(self, state: BackendState) -> np.ndarray:
-        """The (joints,) targets [rad] for a state: observe, act, command."""
+    def __call__(self, measurement: Measurement) -> np.ndarray:
+        """The (joints,) targets [rad] for a measurement: observe, act, command."""
+        state = backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints))
         self._controller.read(replace(state, base_ang_vel=state.base_ang_vel - self.gyro_bias))
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
             self._controller.observation[YAW_RATE] = self._controller.gait.twist[1]
         act(self._policy, self._controller.follow(self.forward, self.yaw_rate), self._action)
         return self._controller.command(self._action)
 
-    def __call__(self, measurement: Measurement) -> np.ndarray:
-        """`step` as a `Motion`."""
-        return self.step(backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints)))
-
-    def stopping(self, seconds: float) -> Motion:
-        """Slow down and step in place, ``seconds`` in all."""
-        remaining = round(seconds / self._controller.control_dt)
+    def stopping(self) -> Motion:
+        """Slow down and step in place."""
+        remaining = round(_STOPPING_TIME / self._controller.control_dt)
 
         def target(measurement: Measurement) -> np.ndarray | None:
             nonlocal remaining
@@ -150,7 +146,7 @@ def walk(
         with teleop() as operator:
             loop.play(steered, Mode.WALK, _status_line(link, motion, status), timing)
 
-    run_armed(link, gains, stop, work, stopping=lambda: motion.stopping(_STOPPING_TIME))
+    run_armed(link, gains, stop, work, stopping=motion.stopping)
     return ended_by or stop.reason or ""
 
 

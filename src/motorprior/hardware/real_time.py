@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import resource
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,12 +30,10 @@ def real_time() -> Iterator[None]:
     if libc is not None:
         libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
     gc.collect()
-    gc.freeze()
     gc.disable()
     try:
         yield
     finally:
-        gc.unfreeze()
         gc.enable()
         if libc is not None:
             libc.munlockall()
@@ -44,11 +43,7 @@ def real_time() -> Iterator[None]:
 
 def _may_lock_memory() -> bool:
     """Only without any limit: within one, a later allocation would fail in the middle of a motion."""
-    if sys.platform != "linux":
-        return False
-    import resource
-
-    return resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    return sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
 
 
 def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.protocol import IDLE, Command
-from motorprior.hardware.sign_conventions import to_wire
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits, Wire
 
@@ -53,7 +52,7 @@ class SafetyGate:
 
     def __init__(self, robot: Robot, limits: SafetyLimits, gains: Gains):
         gains.check(limits)
-        self._wire, self._lower, self._upper = robot.require_wire(), robot.lower, robot.upper
+        self._signs, self._lower, self._upper = robot.require_wire().joint_signs, robot.lower, robot.upper
         # A late step may make up for at most two periods: a target must not jump after a pause.
         self._max_step = 2.0 * robot.control_dt
         self._limits, self._gains = limits, gains
@@ -95,7 +94,7 @@ class SafetyGate:
         near = np.clip(inside, self._target - reach, self._target + reach)
         self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))
         self._target, self._time = near, now
-        return Command(pos=to_wire(self._wire, near))
+        return Command(pos=self._signs * near)
 
     def gains(self) -> Command:
         """Gains and current limit. A command of their own: some firmwares ignore them in a command with ``pos``."""

@@ -47,7 +47,7 @@ class SerialBackend:
                 check_before_arming(link, self._need_imu)
                 link.arm(self._gains)
                 self._armed, self.fault = True, None
-            loop = ControlLoop(link, link.limits, self._period, lambda: False)
+            loop = ControlLoop(link, link.limits, lambda: False)
             self._last = ramp_to(link, loop, link.robot.nominal_pose, Mode.RAMP, hold=0.3)
             link.gate.slow = False
         except RobotFault as fault:

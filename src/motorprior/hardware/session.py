@@ -157,7 +157,7 @@ def run_armed(
     with real_time():
         try:
             link.arm(gains)
-            loop = ControlLoop(link, link.limits, link.robot.control_dt, stop)
+            loop = ControlLoop(link, link.limits, stop)
             ramp_to(link, loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
             if not stop():
                 link.gate.slow, descent.stopping = False, stopping
@@ -167,7 +167,8 @@ def run_armed(
         except Exception as error:
             fault = fault_of(error)
             if crouch and fault.safe_state == "crouch":
-                descent.play_after(fault)
+                with contextlib.suppress(MotorPriorError):  # a second fault: idle follows anyway
+                    descent.play(fault)
             raise
         finally:
             link.idle()
@@ -200,24 +201,20 @@ class _Descent:
         self._link = link
         self.stopping: Callable[[], Motion] | None = None
 
-    def play(self) -> None:
+    def play(self, fault: RobotFault | None = None) -> None:
         """With a control loop of its own: what stopped the motion before must not stop this one."""
         link, robot = self._link, self._link.robot
+        if fault is not None:
+            link.gate.latch(fault)
+            link.ignore(fault.kind)
+            if fault.kind in _UNTRUSTED:
+                self.stopping = None
         link.gate.allow_crouch()
         link.ignore("stuck")  # the ground may block a foot while the body descends; to continue is safer than to fall
         never = float("inf")  # a late crouch is better than none
         lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
-        loop = ControlLoop(link, lenient, robot.control_dt, lambda: False)
+        loop = ControlLoop(link, lenient, lambda: False)
         if self.stopping is not None:
             loop.play(self.stopping(), Mode.WALK)
         self.stopping = None
         ramp_to(link, loop, robot.require_wire().crouch_pose, Mode.CROUCH)
-
-    def play_after(self, fault: RobotFault) -> None:
-        """After a fault; a second fault meanwhile leaves idle, which follows anyway."""
-        with contextlib.suppress(MotorPriorError):
-            self._link.gate.latch(fault)
-            self._link.ignore(fault.kind)
-            if fault.kind in _UNTRUSTED:
-                self.stopping = None
-            self.play()

@@ -12,10 +12,7 @@ from motorprior.hardware.protocol import Telemetry
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import Wire
 
-
-def to_wire(wire: Wire, angles: np.ndarray) -> np.ndarray:
-    """(joints,) angles [rad] in the robot's signs, from the library's; its own inverse."""
-    return wire.joint_signs * angles
+Gain = np.ndarray | float  # of every joint, or the same for all
 
 
 def from_wire(wire: Wire, telemetry: Telemetry) -> Telemetry:
@@ -26,12 +23,7 @@ def from_wire(wire: Wire, telemetry: Telemetry) -> Telemetry:
 
 
 def servo_current(
-    target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    kp: np.ndarray | float,
-    kd: np.ndarray | float,
-    max_current: float,
+    target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray, kp: Gain, kd: Gain, max_current: float
 ) -> np.ndarray:
     """(joints,) currents [A] of the firmware's control law, kp·(target - joint_pos) - kd·joint_vel, ±max_current.
 

@@ -48,11 +48,6 @@ class Watchdog:
             self.end(idle_sent=True)
             raise RobotFault("watchdog", "the watchdog process did not start", remedy="see what it printed above")
 
-    @property
-    def pid(self) -> int:
-        """Process number."""
-        return self._process.pid
-
     def beat(self) -> None:
         """Send a heartbeat; raises RobotFault if the watchdog has tripped, is dead, or has not read for a second."""
         try:

@@ -1,10 +1,9 @@
-"""The firmware's behaviour without a port: bytes in and bytes out, at times that the caller gives.
+"""The firmware's behaviour without a port: bytes in and bytes out, in simulated time.
 
-After Nate711/DJIPupperTests (MIT): it homes by itself, then holds; a target starts position mode with the present
-gains; ``idle`` removes the current; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every
-millisecond until it is switched off. It has no watchdog. Assumptions: it ignores targets while homing; homing ends in
-the crouch pose. Some versions ignore all other keys of a command with ``pos``, so this one does too: a host must not
-rely on them.
+After Nate711/DJIPupperTests (MIT): it homes by itself, then holds its pose; a target starts position mode; ``idle``
+removes the current; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
+switched off. It has no watchdog. Assumptions: it ignores targets while homing; homing ends in the crouch pose. As in
+some versions, it ignores all other keys of a command with ``pos``.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 
 from motorprior.hardware.framing import command_reader, telemetry_frame
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.sign_conventions import to_wire
 from motorprior.robots.robot import Robot
 
 HOMING_CURRENT, HOMING_SPEED = 6.0, 1.5  # [A], [rad/s]
@@ -53,7 +51,6 @@ class Body(Protocol):
 
     def advance(self, milliseconds: int, drive: Drive) -> None:
         """Simulate under a constant drive; the current control runs at 1 kHz or faster."""
-        ...
 
     def sense(self) -> Sensors:
         """The present readings."""
@@ -145,7 +142,7 @@ class Firmware:
 
     def _home(self) -> None:
         """Targets move to the crouch pose at the homing speed; then the robot holds."""
-        step, away = 1e-3 * HOMING_SPEED, self._target - to_wire(self._wire, self._wire.crouch_pose)
+        step, away = 1e-3 * HOMING_SPEED, self._target - self._wire.joint_signs * self._wire.crouch_pose
         self._target -= np.clip(away, -step, step)
         if np.abs(away).max() <= step:
             self._text.append("Homed")
