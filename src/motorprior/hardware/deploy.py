@@ -161,10 +161,7 @@ def dry_run(
 ) -> int:
     """Compute targets from an idle robot's telemetry, and send nothing; returns the number of control steps.
 
-    The arguments are those of `walk`.
-
-    Raises:
-        RobotFault: targets that are not finite, or see `check_before_arming` and `RobotLink.check`.
+    Arguments and errors are those of `walk`.
     """
     motion = PolicyMotion(link.robot, policy, has_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)

@@ -120,11 +120,8 @@ def excite(
 ) -> None:
     """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
 
-    A ``suspended`` robot does not crouch at the end. ``status`` gets a line every five seconds. The other arguments are
-    those of `deploy.walk`.
-
-    Raises:
-        RobotFault: what ended the run early; the robot is idle and the recording is kept.
+    A ``suspended`` robot does not crouch at the end. ``status`` gets a line every five seconds. Other arguments and
+    errors are those of `deploy.walk`.
     """
     check_and_confirm(link, confirm, need_imu)
     done, period, rows = 0, link.robot.control_dt, iter(targets)

@@ -21,11 +21,7 @@ _UNPLUGGED = "switch the robot's motors off by hand: without its host it holds i
 
 
 class SerialLink:
-    """An open port, for example /dev/ttyACM0.
-
-    Raises:
-        RobotFault: no such port, no permission, or another program has it.
-    """
+    """An open port, for example /dev/ttyACM0; raises RobotFault if it cannot be opened."""
 
     def __init__(self, robot: Robot, port: str | Path):
         import serial
@@ -55,10 +51,7 @@ class SerialLink:
         return self._serial.fileno()
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
-        """Messages with their arrival times [s]; returns when bytes come, or at ``until`` on the monotonic clock [s].
-
-        Raises RobotFault if the port is gone.
-        """
+        """Messages with their arrival times; returns when bytes come, or at ``until`` on the monotonic clock [s]."""
         try:
             ready, _, _ = select.select([self.fileno()], [], [], max(0.0, until - time.monotonic()))
             if not ready:

@@ -147,21 +147,17 @@ def non_blocking(show: Print, file: TextIO) -> Print:
 
     A control loop that waits for a terminal would trip the watchdog.
     """
-
-    def print_line(text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            if _is_writable(file):
-                show(text)
-
-    return print_line
-
-
-def _is_writable(file: TextIO) -> bool:
     try:
         number = file.fileno()
     except (OSError, ValueError):  # a notebook's: no terminal, never full
-        return True
-    return bool(select.select([], [number], [], 0.0)[1])
+        return show
+
+    def print_line(text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            if select.select([], [number], [], 0.0)[1]:
+                show(text)
+
+    return print_line
 
 
 def _in_foreground(terminal: int) -> bool:
