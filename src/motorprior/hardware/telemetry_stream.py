@@ -24,7 +24,7 @@ _MAX_ANGLE = 2.0 * math.pi  # the firmware's own bound on joint angles
 _SLACK = 0.05  # [rad] in addition to speed times time: time stamps are whole milliseconds
 _MAX_LEAD = 0.03  # [s] by which a frame may be faster than all before; a time stamp further ahead is damaged
 _NUM_AGREEING = 3  # this many leading time stamps in a row that agree are right
-_WARM_UP = 20  # frames until the shortest transmission time is known
+_WARM_UP = 20  # frames until the shortest transmission time is measured
 _RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
 
 
