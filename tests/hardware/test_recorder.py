@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from telemetry import telemetry
 
+from motorprior.hardware.commands import run_record
 from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from simulated_port import SimulatedPort, on_its_clock
 
 LAG = 0.0025  # between a measurement and the command that follows it [s]
 
@@ -80,3 +83,31 @@ def test_pauses_and_other_modes_start_new_segments(tmp_path: Path):
     log = read_robot_run(tmp_path / "run.csv", PUPPER_V2)
     assert [part.stop - part.start for part in log.segment_slices()] == [100, 99, 90]
     assert len(list(read_robot_run(tmp_path / "run.csv", PUPPER_V2, (Mode.RAMP,)).segments())) == 1
+
+
+class _Witness(SimulatedPort):
+    """It stores the targets that the motors had in every millisecond."""
+
+    def __init__(self) -> None:
+        self.targets: list[np.ndarray] = []
+        super().__init__(PUPPER_V2, 0, suspended=True, period=5)
+        advance = self.body.advance
+
+        def remembered(milliseconds: int, drive) -> None:
+            self.targets += [PUPPER_V2.require_wire().joint_signs * drive.target] * milliseconds
+            advance(milliseconds, drive)
+
+        self.body.advance = remembered
+
+
+def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
+    port = _Witness()
+    with on_its_clock(port):
+        run_record(PUPPER_V2, port.port, RecordSettings(tmp_path, "sine", seconds=4.0, yes=True), lambda _: None)
+    log = read_robot_run(tmp_path / "run.csv", PUPPER_V2, period=0.001)
+    first, count, acted = round(1e3 * log.time[0]), log.num_rows - 20, np.array(port.targets)
+    errors = {
+        late: float(np.sqrt(np.mean((log.position_target[10 : 10 + count] - acted[first + 10 + late :][:count]) ** 2)))
+        for late in range(-4, 5)
+    }
+    assert min(errors, key=lambda late: errors[late]) == 0, errors
