@@ -30,8 +30,7 @@ import numpy as np
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.deploy import gains_for, walk
-from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.recorder import Recorder
@@ -46,11 +45,11 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 SPEED = 0.3  # commanded [m/s]
-MAX_FAULTS, KILLS = 5, 5
+MAX_FAULTS, NUM_KILLS = 5, 5
 
 
 def trot_policy(robot: Robot, folder: Path) -> Path:
-    """A policy of zero weights: the robot's own trot, which needs no training."""
+    """Save a policy of zero weights, the robot's own trot; returns its path."""
     path, wire, ones = folder / "trot.safetensors", robot.require_wire(), np.ones(robot.num_joints)
     zero = zero_policy(robot.num_joints)
     Policy(
@@ -79,7 +78,7 @@ def _run_robot(robot_name: str, connection: Connection) -> None:
 
 @contextmanager
 def robot_process(robot_name: str) -> Iterator[tuple[str, Callable[[], list[tuple[float, str]]]]]:
-    """A virtual robot: its port, and a function that ends it and returns its events."""
+    """Run a virtual robot; yields its port, and a function that ends it and returns its events."""
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_run_robot, args=(robot_name, theirs), daemon=True)
@@ -97,9 +96,9 @@ def robot_process(robot_name: str) -> Iterator[tuple[str, Callable[[], list[tupl
 
 
 def walking(folder: Path, policy: Policy, seconds: float) -> dict[str, float]:
-    """Timing of a walk of so many seconds; one that a fault ends is followed by another."""
+    """Timing of a walk; after a fault another robot walks for the rest of the time."""
     robot, runs, faults = load_robot(policy.robot), list[Timing](), 0
-    while (left := seconds - policy.control_dt * sum(len(run.sent) for run in runs)) > 1.0 and faults < MAX_FAULTS:
+    while (rest := seconds - policy.control_dt * sum(len(run.sent) for run in runs)) > 1.0 and faults < MAX_FAULTS:
         timing, log = Timing(), folder / f"run_{len(runs)}.csv"
         with (
             robot_process(policy.robot) as (port, _),
@@ -107,7 +106,7 @@ def walking(folder: Path, policy: Policy, seconds: float) -> dict[str, float]:
         ):
             try:
                 gains, stop = gains_for(robot, policy), StopRequest()
-                walk(link, policy, gains, stop, command=(SPEED, 0.0), seconds=left, timing=timing)
+                walk(link, policy, gains, stop, command=(SPEED, 0.0), seconds=rest, timing=timing)
             except RobotFault as fault:
                 print(fault, file=sys.stderr)
                 faults += 1
@@ -116,7 +115,7 @@ def walking(folder: Path, policy: Policy, seconds: float) -> dict[str, float]:
 
 
 def inference(policy: Policy, count: int = 5000) -> dict[str, float]:
-    """Time of one step of the policy."""
+    """Median and 99 % quantile of the time of one step of the policy [ms]."""
     robot = load_robot(policy.robot)
     motion = PolicyMotion(robot, policy)
     zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
@@ -169,7 +168,7 @@ def main() -> None:
         figures = walking(folder, policy, 60.0 * arguments.minutes)
         figures |= {f"inference_ms/{name}": value for name, value in inference(policy).items()}
         figures |= {f"interpreted_ms/{name}": value for name, value in inference_interpreted(path).items()}
-        took = [kill_to_idle(folder, path) for _ in range(KILLS)]
+        took = [kill_to_idle(folder, path) for _ in range(NUM_KILLS)]
         figures |= {"kill_to_idle_ms/median": float(np.median(took)), "kill_to_idle_ms/max": max(took)}
     arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
     for key, value in figures.items():

@@ -1,9 +1,8 @@
-"""Run a module as on the robot's own computer: nothing can be imported but the standard library and four packages.
+"""Run a module as on the robot's own computer: only the standard library and four packages can be imported.
 
 python bare_environment.py MODULE ARGS... or python bare_environment.py -c CODE
 
-The limits on being late are wide: the machine that runs tests has other things to do, and what is tested is what
-happens, not when.
+The limits of lateness are wide, for a busy computer.
 """
 
 import dataclasses
@@ -15,7 +14,7 @@ INSTALLED = {"numpy", "safetensors", "serial", "msgpack", "motorprior"}
 
 
 class OnlyInstalled(importlib.abc.MetaPathFinder):
-    """Says of everything else that it is not there."""
+    """Finds no other package."""
 
     def find_spec(self, fullname, path=None, target=None):
         top = fullname.partition(".")[0]

@@ -7,27 +7,22 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from policies import as_file_content
 from threads import in_thread
 
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.sign_conventions import servo_current
-from motorprior.hardware.virtual.firmware import Drive, Sensors
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 from motorprior.locomotion.policy import zero_policy
 from motorprior.pipeline.virtual_robot import VirtualRobotSettings, make_virtual_robot
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-NEVER = float("inf")
+# For a busy computer; the real limits are tested in simulated time.
 PATIENT = replace(
     PUPPER_V2.require_wire().safety,
-    tick_delay=NEVER, late_ticks=100, stalled_time=NEVER, telemetry_age=0.5, watchdog=0.5,
+    tick_delay=100.0, late_ticks=100, stalled_time=100.0, telemetry_age=0.5, watchdog=0.5,
 )  # fmt: skip
-"""For a machine with other work; the real limits are tested in simulated time."""
 
 
 @pytest.fixture(scope="session")
@@ -83,29 +78,3 @@ def when() -> Callable[..., float]:
 def bare_command() -> list[str]:
     """The command line of the robot's computer, without numba, tyro and all the rest."""
     return [sys.executable, str(Path(__file__).with_name("bare_environment.py")), "motorprior.hardware"]
-
-
-@pytest.fixture
-def still_body() -> "StillBody":
-    """A body for firmware alone."""
-    return StillBody()
-
-
-class StillBody:
-    """Joints that follow their targets like a first-order low-pass of kd/kp; no ground, no weight."""
-
-    def __init__(self):
-        self.pos, self.vel, self.drive = spec.JOINT_SIGNS * spec.NOMINAL_POSE, np.zeros(12), None
-
-    def advance(self, milliseconds: int, drive: Drive) -> None:
-        self.drive = drive
-        before = self.pos.copy()
-        rate = drive.kp / np.where(drive.kd > 0.0, drive.kd, 1.0)
-        self.pos = self.pos + (1.0 - np.exp(-1e-3 * milliseconds * rate)) * (drive.target - self.pos)
-        self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
-
-    def sense(self) -> Sensors:
-        drive, current = self.drive, np.zeros(12)
-        if drive is not None:
-            current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
-        return Sensors(self.pos.copy(), self.vel.copy(), current, np.full(3, 1e-3), np.zeros(3))

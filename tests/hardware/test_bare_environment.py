@@ -1,5 +1,6 @@
-"""The robot's own computer has numpy, safetensors, pyserial and msgpack; that is enough to examine, record and walk."""
+"""The commands of the robot's own computer run with numpy, safetensors, pyserial and msgpack only."""
 
+import json
 import re
 import subprocess
 import sys
@@ -8,16 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from policies import random_policy
+import replay_policy
+from policies import as_file_content, random_policy
 
-from motorprior.hardware.motions import PolicyMotion
-from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.sign_conventions import backend_state
-from motorprior.locomotion import control_step, leg_kinematics, policy, task, trajectory_generator
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.control_step import begin_gait, new_gait
+from motorprior import hardware
 from motorprior.logs.formats.robot_run import read_robot_run
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BARE = Path(__file__).with_name("bare_environment.py")
@@ -33,7 +29,7 @@ def test_the_bare_environment_is_bare():
 
 
 def test_every_module_of_hardware_can_be_imported():
-    folder = Path(policy.__file__).parents[1] / "hardware"
+    folder = Path(hardware.__file__).parent
     files = [file.relative_to(folder).with_suffix("") for file in sorted(folder.rglob("*.py"))]
     modules = ["motorprior.hardware." + ".".join(file.parts) for file in files if file.stem != "__init__"]
     assert len(modules) > 15
@@ -42,7 +38,7 @@ def test_every_module_of_hardware_can_be_imported():
     assert done.stdout == "all\n", done.stderr
 
 
-def test_the_command_itself_knows_what_a_robot_s_computer_can_do():
+def test_the_command_states_what_a_robot_s_computer_can_do():
     done = in_bare_environment("motorprior.__main__", "record", "--help")
     assert done.returncode == 0 and "--excitation" in done.stdout, done.stderr
     done = in_bare_environment("motorprior.__main__", "walk", "--out", "x")
@@ -56,8 +52,8 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     dry = in_bare_environment(
         "motorprior.hardware", "deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3
     )
-    said = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)  # 100 Hz for 0.3 s, and the last tick
-    assert dry.returncode == 0 and said and 29 <= int(said[1]) <= 32, dry.stderr
+    steps = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)  # 100 Hz for 0.3 s, and the last tick
+    assert dry.returncode == 0 and steps and 29 <= int(steps[1]) <= 32, dry.stderr
     doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
     assert doctor.returncode == 0 and "ok  IMU" in doctor.stderr and "ok  joint RL_knee" in doctor.stderr, doctor.stderr
     assert pupper.received == 0
@@ -73,42 +69,11 @@ def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
     assert 0.9 < log.duration < 1.1 and log.joint_torque is not None and (out / "run.json").is_file()
 
 
-def test_interpreted_and_compiled_formulas_agree(trot: Path, monkeypatch: pytest.MonkeyPatch):
+def test_interpreted_and_compiled_formulas_agree(tmp_path: Path):
     """To the last bit or two: the compiler may order a product differently, not more."""
-    rng, body, pose = np.random.default_rng(0), body_of(PUPPER_V2), spec.NOMINAL_POSE
-    modules = (control_step, leg_kinematics, policy, task, trajectory_generator)
-    compiled = {name: value for module in modules for name, value in vars(module).items() if hasattr(value, "py_func")}
-    names = ("observe", "follow_command", "act", "command_step")
-    assert {*names, "low_pass", "joint_targets", "leg_angles", "foot_path"} <= set(compiled)
-    interpreted = {name: value.py_func for name, value in compiled.items()}
-    given = random_policy(0.3, seed=0, std=0.7, units=3)
-    gaits, targets = [new_gait(12, 4), new_gait(12, 4)], []
-    seen, action = np.zeros((2, 23)), np.zeros((2, 17))
-    for gait in gaits:
-        begin_gait(body, gait)
-    states = []
-    for _ in range(300):
-        quaternion = rng.normal(size=4)
-        states.append((quaternion / np.linalg.norm(quaternion), rng.normal(0.0, 2.0, 3), rng.normal(0.0, 0.5, 12)))
-    for way, functions in enumerate((compiled, interpreted)):
-        if way:  # what they call is interpreted too
-            for module in modules:
-                for name in compiled.keys() & vars(module).keys():
-                    monkeypatch.setattr(module, name, interpreted[name])
-        path = []
-        for step, state in enumerate(states):
-            functions["observe"](*state, pose, seen[way])
-            functions["follow_command"](body, gaits[way], 0.4, 0.5 * np.sin(0.1 * step), 0.01, seen[way])
-            functions["act"](given, seen[way], action[way])
-            functions["command_step"](body, action[way], seen[way], gaits[way], 0.01)
-            path.append([*seen[way], *gaits[way].target, gaits[way].phase])
-        targets.append(path)
-    np.testing.assert_allclose(targets[0], targets[1], rtol=0, atol=1e-12)
-    monkeypatch.undo()
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
-    assert np.all(
-        np.isfinite(
-            PolicyMotion(PUPPER_V2, policy.Policy.load(trot)).step(backend_state(PUPPER_V2, still, np.zeros(12)))
-        )
-    )
+    path = tmp_path / "policy.safetensors"
+    as_file_content(random_policy(0.3, seed=0, std=0.7, units=3)).save(path)
+    code = Path(replay_policy.__file__).read_text() + f"print(json.dumps(replay({str(path)!r})))"
+    interpreted = in_bare_environment("-c", code)
+    assert interpreted.returncode == 0, interpreted.stderr
+    np.testing.assert_allclose(json.loads(interpreted.stdout), replay_policy.replay(path), rtol=0, atol=1e-12)

@@ -5,12 +5,48 @@ import pytest
 
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual.firmware import ERROR, HOLDING, HOMING, IDLE, POSITION, Firmware, FirmwareConfig
+from motorprior.hardware.sign_conventions import servo_current
+from motorprior.hardware.virtual.firmware import (
+    ERROR,
+    HOLDING,
+    HOMING,
+    IDLE,
+    POSITION,
+    Drive,
+    Firmware,
+    FirmwareConfig,
+    Sensors,
+)
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 JOINTS = 12
 NOMINAL = spec.JOINT_SIGNS * spec.NOMINAL_POSE
+
+
+class StillBody:
+    """Joints that follow their targets like a first-order low-pass of kd/kp; no ground, no weight."""
+
+    def __init__(self):
+        self.pos, self.vel, self.drive = NOMINAL, np.zeros(12), Drive(NOMINAL, np.zeros(12), np.zeros(12), 0.0)
+        self.offset = self.extra_current = 0.0
+
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        self.drive, before = drive, self.pos
+        rate = drive.kp / np.where(drive.kd > 0.0, drive.kd, 1.0)
+        self.pos = before + (1.0 - np.exp(-1e-3 * milliseconds * rate)) * (drive.target - before)
+        self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
+
+    def sense(self) -> Sensors:
+        drive = self.drive
+        current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
+        attitude = np.full(3, 1e-3)
+        return Sensors(self.pos + self.offset, self.vel, current + self.extra_current, attitude, np.zeros(3))
+
+
+@pytest.fixture
+def still_body() -> StillBody:
+    return StillBody()
 
 
 def started(body, **config) -> Firmware:
@@ -39,14 +75,14 @@ def test_telemetry_comes_at_its_rate_on_the_robot_s_own_clock(still_body, period
 
 def test_it_homes_by_itself_slowly_and_then_holds(still_body):
     still_body.pos = spec.JOINT_SIGNS * spec.CROUCH_POSE + 0.3
-    firmware, modes = started(still_body, homes=True), []
+    firmware = started(still_body, homes=True)
     lines = [m for m in received(firmware, 150) if isinstance(m, str)]
     assert firmware.mode == HOMING and lines == ["LED on", "Homing"]
     send(firmware, pos=NOMINAL, kp=50.0, kd=5.0, max_current=7.0)
     assert firmware.mode == HOMING, "it takes no targets yet"
     assert still_body.drive.max_current == 6.0
     lines = [m for m in received(firmware, 200) if isinstance(m, str)]
-    assert firmware.mode == HOLDING and lines == ["Homed"], modes
+    assert firmware.mode == HOLDING and lines == ["Homed"]
     received(firmware, 1000)
     np.testing.assert_allclose(still_body.pos, spec.JOINT_SIGNS * spec.CROUCH_POSE, atol=1e-3)
 
@@ -72,16 +108,10 @@ def test_idle_takes_the_current_until_the_next_target(still_body):
     assert firmware.mode == POSITION
 
 
-@pytest.mark.parametrize("sick", ["angle", "current"])
-def test_beyond_its_bounds_it_gives_up_and_says_so_every_millisecond(still_body, sick: str):
-    firmware, sense = started(still_body), still_body.sense
-
-    def sensed():
-        sensors = sense()
-        (sensors.pos if sick == "angle" else sensors.current)[3] = 11.0
-        return sensors
-
-    still_body.sense = sensed
+@pytest.mark.parametrize("value", ["offset", "extra_current"])
+def test_beyond_its_limits_it_removes_the_current_and_reports_every_millisecond(still_body, value: str):
+    firmware = started(still_body)
+    setattr(still_body, value, 11.0)
     received(firmware, 10)
     assert firmware.mode == ERROR
     assert received(firmware, 100).count("ERROR") >= 90

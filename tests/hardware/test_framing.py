@@ -1,4 +1,4 @@
-"""From any bytes, however they are cut, come only frames and lines, and memory stays bounded."""
+"""Any bytes, however they are cut, give only frames and lines, and memory stays bounded."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from telemetry import telemetry
 
 from motorprior.hardware.framing import (
     COMMAND_FRAMING,
@@ -18,34 +19,29 @@ from motorprior.hardware.framing import (
     telemetry_frame,
     telemetry_reader,
 )
-from motorprior.hardware.protocol import IDLE, Command, Telemetry, encode_command, encode_telemetry
+from motorprior.hardware.protocol import IDLE, Command, encode
 
 JOINTS = 12
 READERS = {"command": lambda: command_reader(JOINTS), "telemetry": lambda: telemetry_reader(JOINTS)}
-MOST_KEPT = max(framing.max_payload for framing in (COMMAND_FRAMING, TELEMETRY_FRAMING)) + 8 + MAX_LINE
+MAX_BUFFERED = max(framing.max_payload for framing in (COMMAND_FRAMING, TELEMETRY_FRAMING)) + 8 + MAX_LINE
 
 
-def telemetry(ts: int) -> Telemetry:
-    rates = dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.1)
-    return Telemetry(ts=ts, **rates, pos=np.linspace(-1.0, 1.0, 12) + 0.01 * ts, vel=np.zeros(12))
+def measured(ts: int) -> bytes:
+    return telemetry_frame(telemetry(ts=ts, yaw=0.1, pos=np.linspace(-1.0, 1.0, 12) + 0.01 * ts), JOINTS)
 
 
-def target(step: int) -> Command:
-    return Command(pos=np.linspace(-1.0, 1.0, 12) + 0.01 * step, kp=50.0, kd=5.0, max_current=7.0)
-
-
-def framed(message: Command | Telemetry) -> bytes:
-    return telemetry_frame(message, JOINTS) if isinstance(message, Telemetry) else command_frame(message, JOINTS)
-
-
-def as_bytes(message) -> bytes | str:
-    if isinstance(message, str):
-        return message
-    return encode_telemetry(message, JOINTS) if isinstance(message, Telemetry) else encode_command(message, JOINTS)
+def target(step: int) -> bytes:
+    return command_frame(Command(pos=np.linspace(-1.0, 1.0, 12) + 0.01 * step, kp=50.0), JOINTS)
 
 
 def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
-    return [as_bytes(message) for piece in pieces for message in reader.feed(piece)]
+    """Lines, and payloads of messages."""
+    messages = [message for piece in pieces for message in reader.feed(piece)]
+    return [message if isinstance(message, str) else encode(message, JOINTS) for message in messages]
+
+
+def payloads(frames: list[bytes]) -> list[bytes | str]:
+    return [payload for frame in frames for payload in read(telemetry_reader(JOINTS), [frame])]
 
 
 def cut(data: bytes, at: list[int]) -> list[bytes]:
@@ -53,14 +49,14 @@ def cut(data: bytes, at: list[int]) -> list[bytes]:
     return [data[a:b] for a, b in pairwise(bounds)]
 
 
-good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([framed(telemetry(n)), framed(target(n)), framed(IDLE)]))
+good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([measured(n), target(n), command_frame(IDLE, JOINTS)]))
 noise = st.one_of(
     st.binary(max_size=40), st.sampled_from([b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"SPEED\r\n", b"EE\x00\x10\x8f"])
 )
 damaged = st.tuples(good, st.integers(0, 400), st.integers(0, 255)).map(
     lambda parts: parts[0][: parts[1]] + bytes([parts[2]]) + parts[0][parts[1] + 1 :]
 )
-streams = st.lists(st.one_of(good, noise, damaged), max_size=12).map(b"".join)
+streams = st.lists(st.one_of(good, noise, damaged, st.just(b"long " * 70)), max_size=12).map(b"".join)
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -75,45 +71,40 @@ def test_the_same_messages_however_the_stream_is_cut(kind: str, data: bytes, at:
 @pytest.mark.parametrize("kind", READERS)
 def test_a_million_bytes_of_noise_with_frames_in_them(kind: str):
     """No exception, bounded memory, and the frames between the noise are found."""
-    rng, reader, sent, found, size = np.random.default_rng(7), READERS[kind](), [], [], 0
-    make: Callable = target if kind == "command" else telemetry
+    rng, reader, sent, received, size = np.random.default_rng(7), READERS[kind](), [], [], 0
+    make: Callable[[int], bytes] = target if kind == "command" else measured
     while size < 1_000_000:
         junk = rng.integers(0, 256, int(rng.integers(1, 4000)), dtype=np.uint8)
         if rng.random() < 0.5:  # starts of frames everywhere
             junk[rng.integers(0, len(junk), 1 + len(junk) // 8)] = 0 if kind == "command" else 0x45
-        message = make(len(sent))
-        # What a false start at the end of the noise may swallow is at most one frame long: pad with text.
-        piece = junk.tobytes() + b"\n" * 1100 + framed(message)
-        sent.append(as_bytes(message))
+        # A false start at the end of the noise may swallow at most one frame: pad with text.
+        frame = make(len(sent))
+        piece = junk.tobytes() + b"\n" * 1100 + frame
+        sent += read(READERS[kind](), [frame])
         size += len(piece)
-        found += [as_bytes(m) for m in reader.feed(piece) if not isinstance(m, str)]
-        assert reader.pending <= MOST_KEPT
+        received += read(reader, [piece])
+        assert reader.pending <= MAX_BUFFERED
     assert len(sent) > 200
-    assert [message for message in found if message in set(sent)] == sent
+    assert [message for message in received if message in set(sent)] == sent
 
 
 def test_text_between_frames_is_read_and_costs_no_frame():
-    reader = telemetry_reader(JOINTS)
-    stream = b"Homing\r\n" + framed(telemetry(1)) + b"ERROR\r\n" + b"FEET OK\r\n" + framed(telemetry(2))
-    assert read(reader, [stream]) == [
-        "Homing", encode_telemetry(telemetry(1), JOINTS), "ERROR", "FEET OK", encode_telemetry(telemetry(2), JOINTS),
-    ]  # fmt: skip
+    stream = b"Homing\r\n" + measured(1) + b"ERROR\r\n" + b"FEET OK\r\n" + measured(2)
+    one, two = payloads([measured(1), measured(2)])
+    assert read(telemetry_reader(JOINTS), [stream]) == ["Homing", one, "ERROR", "FEET OK", two]
 
 
 @pytest.mark.parametrize("place", range(0, 4))
 def test_a_damaged_head_costs_one_frame_only(place: int):
     """Also a length that became longer: the frames it would swallow are found again."""
-    frame = framed(telemetry(0))
-    broken = bytearray(frame)
+    broken, intact = bytearray(measured(0)), [measured(n) for n in range(1, 8)]
     broken[place] ^= 0x03
-    reader = telemetry_reader(JOINTS)
-    found = read(reader, [bytes(broken), *(framed(telemetry(n)) for n in range(1, 8))])
-    assert found == [encode_telemetry(telemetry(n), JOINTS) for n in range(1, 8)]
+    assert read(telemetry_reader(JOINTS), [bytes(broken), *intact]) == payloads(intact)
 
 
-def test_a_robot_hears_idle_after_half_a_command():
+def test_a_robot_receives_idle_after_half_a_command():
     """What a host leaves when it is killed within a write, and then the watchdog's idle frames."""
-    frame = framed(target(0))
+    frame = target(0)
     for length in range(len(frame)):
-        heard = [message for message in command_reader(JOINTS).feed(frame[:length] + 40 * framed(IDLE))]
-        assert any(isinstance(message, Command) and message.idle for message in heard), length
+        received = command_reader(JOINTS).feed(frame[:length] + 40 * command_frame(IDLE, JOINTS))
+        assert any(isinstance(message, Command) and message.idle for message in received), length

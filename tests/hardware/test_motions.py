@@ -1,17 +1,17 @@
 """Motions and gains: excitations and ramps stay within their limits, a gyroscope's bias is removed."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from policies import as_file_content, random_policy
+from telemetry import telemetry
 
-from motorprior.hardware.deploy import gains_for
+from motorprior.hardware.control_loop import ramp
+from motorprior.hardware.deploy import PolicyMotion, gains_for
 from motorprior.hardware.excitations import excitation_targets, joints_of
-from motorprior.hardware.motions import PolicyMotion, ramp
-from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2 import spec
@@ -43,7 +43,7 @@ def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, am
 def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
     start, goal = np.zeros(12), np.linspace(-1.0, 2.0, 12)
     motion, row = ramp(start, goal, 1.5, 0.01, hold=0.1), []
-    while (target := motion(None)) is not None:  # pyright: ignore[reportArgumentType]
+    while (target := motion(Measurement(telemetry(), 0.0, 0.0))) is not None:
         row.append(target)
     speeds = np.abs(np.diff([start, *row], axis=0)) / 0.01
     assert speeds.max() <= 1.5 and speeds[0].max() < 0.05 and np.array_equal(row[-1], goal)
@@ -52,21 +52,20 @@ def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
 
 def test_gains_of_a_policy_near_the_robot_s_are_the_robot_s(trot: Path):
     policy = Policy.load(trot)
-    assert (gains_for(PUPPER_V2, policy).kp, gains_for(PUPPER_V2, policy).kd) == (50.0, 5.0)
-    assert (gains_for(PUPPER_V2, policy, 22.0, 2.2).kp, gains_for(PUPPER_V2, policy, 22.0, 2.2).kd) == (22.0, 2.2)
+    assert gains_for(PUPPER_V2, policy) == Gains(50.0, 5.0, 7.0)
+    assert gains_for(PUPPER_V2, policy, 22.0, 2.2) == Gains(22.0, 2.2, 7.0)
 
 
 def test_a_gyroscope_s_bias_does_not_change_the_heading():
     """Two robots stand still, one with a bias."""
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    still = Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12))
-    turning = replace(still, yaw_rate=0.03, roll_rate=-0.02)
+    still = telemetry(pos=spec.NOMINAL_POSE)
+    turning = telemetry(pos=spec.NOMINAL_POSE, yaw_rate=0.03, roll_rate=-0.02)
     motions = [PolicyMotion(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)]
     motions[1].gyro_bias = np.array([-0.02, 0.0, 0.03])
     for motion, seen in zip(motions, (still, turning, turning), strict=True):
         motion.forward = 0.2
         for _ in range(50):
             motion(Measurement(seen, 0.0, 0.0))
-    right, mended, wrong = (motion.observation for motion in motions)
-    np.testing.assert_allclose(mended, right, atol=1e-12)
+    right, corrected, wrong = (motion.observation for motion in motions)
+    np.testing.assert_allclose(corrected, right, atol=1e-12)
     assert not np.allclose(wrong, right, atol=1e-3)

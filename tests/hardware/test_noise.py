@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.safety_gate import Gains
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -20,7 +21,7 @@ def test_with_three_percent_lost_and_three_damaged_it_walks_on(trot: Path):
 
 
 class _Wiretap(SimulatedPort):
-    """Keeps what was sent."""
+    """Stores the keys that were sent."""
 
     def __init__(self) -> None:
         super().__init__(PUPPER_V2, 0)
@@ -31,14 +32,13 @@ class _Wiretap(SimulatedPort):
         return super().send(command)
 
 
-def test_gains_go_over_the_line_with_the_first_targets_only():
+def test_gains_are_sent_with_the_first_targets_only():
     port = _Wiretap()
     with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
         link.receive(0.1)
-        link.arm(spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
+        link.arm(Gains.of(PUPPER_V2.require_wire()))
         for _ in range(50):
             link.send(spec.NOMINAL_POSE, Mode.RAMP)
             link.receive(port.now + 0.01)
         sent = list(port.keys)
-    law = ["kp", "kd", "max_current", "pos"]
-    assert sent == 3 * law + 47 * ["pos"]
+    assert sent == 3 * ["kp", "kd", "max_current", "pos"] + 47 * ["pos"]

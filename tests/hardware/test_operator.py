@@ -45,24 +45,24 @@ class Terminal:
 def test_arm_walk_and_sit_down_by_keys(
     virtual: Callable, bare_command: list[str], trot: Path, tmp_path: Path, when: Callable
 ):
-    pupper = virtual()
-    arguments = ["deploy", str(trot), "--port", pupper.port, "--out", str(tmp_path / "run")]
-    refused = Terminal([*bare_command, *arguments])
-    refused.read_until(b"press Enter")
-    refused.type("no\n")
-    refused.read_until(b"arm was not typed")
-    assert refused.process.wait(timeout=10.0) == 2 and pupper.received == 0
+    robot = virtual()
+    arguments = ["deploy", str(trot), "--port", robot.port, "--out", str(tmp_path / "run")]
+    rejected = Terminal([*bare_command, *arguments])
+    rejected.read_until(b"press Enter")
+    rejected.type("no\n")
+    assert rejected.process.wait(timeout=10.0) == 2 and robot.received == 0
     terminal = Terminal([*bare_command, *arguments])
     try:
-        terminal.read_until(b"press Enter")
-        terminal.type("arm\n")
-        terminal.read_until(b"+0.00 m/s")
-        terminal.type("wwwa")
-        terminal.read_until(b"+0.15 m/s +0.1 rad/s")
-        terminal.type("q")
-        terminal.read_until(b"stopped by operator")
+        for words, keys in (
+            (b"press Enter", "arm\n"),
+            (b"+0.00 m/s", "wwwa"),
+            (b"+0.15 m/s +0.1 rad/s", "q"),
+            (b"stopped by operator", ""),
+        ):
+            terminal.read_until(words)
+            terminal.type(keys)
         assert terminal.process.wait(timeout=10.0) == 0
-        when(pupper, IDLE)
+        when(robot, IDLE)
     finally:
         terminal.process.kill()
         terminal.process.wait()
@@ -75,7 +75,7 @@ def event(value: int, kind: int, number: int) -> bytes:
 
 @pytest.fixture
 def steering() -> Iterator[tuple[Teleop, int, int]]:
-    """A standing robot's operator, and the files to type into and to push the gamepad with."""
+    """Steering of a standing robot, and the files of keyboard and gamepad to write to."""
     (keys, typed), (stick, pushed) = os.pipe(), os.pipe()
     yield Teleop(keys, stick, GAIT, (0.0, 0.0)), typed, pushed
     for file in (keys, typed, stick, pushed):

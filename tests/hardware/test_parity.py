@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from policies import as_file_content, random_policy
+from telemetry import telemetry
 
 from motorprior.bench.fleet import load_fleet
+from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.framing import command_frame, telemetry_reader
-from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.safety_gate import SafetyGate
-from motorprior.hardware.sign_conventions import backend_state, from_wire, to_wire
+from motorprior.hardware.safety_gate import Gains, SafetyGate
+from motorprior.hardware.sign_conventions import backend_state, from_wire
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
 from motorprior.locomotion.command import Commands
@@ -25,8 +26,8 @@ WIRE = PUPPER_V2.require_wire()
 JOINTS = 12
 
 
-class ShownBody:
-    """A body that is in whatever state it is shown, in the robot's own signs."""
+class CopiedBody:
+    """A body in a given state, in the robot's own signs."""
 
     def __init__(self, state):
         self.state, self.drive = state, None
@@ -68,15 +69,15 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
-    body = ShownBody(spy.state)
+    body = CopiedBody(spy.state)
     firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(JOINTS)
-    gate = SafetyGate(PUPPER_V2, WIRE.safety, spec.WIRE_KP, spec.WIRE_KD, spec.MAX_CURRENT)
+    gate = SafetyGate(PUPPER_V2, WIRE.safety, Gains.of(WIRE))
     gate.start_at(spec.NOMINAL_POSE, 0.0)
     for step in range(200):
         body.state = spy.state
-        (telemetry,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
+        (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
         motion.forward, motion.yaw_rate = schedule[step]
-        target = motion(Measurement(from_wire(WIRE, telemetry), 0.0, 0.0))
+        target = motion(Measurement(from_wire(WIRE, frame), 0.0, 0.0))
         np.testing.assert_allclose(motion.observation, observation, rtol=0, atol=2e-6)
         act(policy.arrays(), observation, action)
         observation, _, terminated, _, info = env.step(action)
@@ -85,21 +86,19 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         firmware.advance(0)
         assert not terminated
         np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)
-    assert gate.slew_clips == gate.position_clips == 0, "the gate lets a walking policy be"
+    assert gate.slew_clips == gate.position_clips == 0, "the gate does not change a walking policy"
 
 
 def test_signs_on_the_wire_are_the_robot_s_own():
     """FR and RR abduction count the other way; nothing else does."""
     angles = np.arange(1.0, 13.0)
-    np.testing.assert_array_equal(to_wire(WIRE, angles), [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12])
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    seen = from_wire(WIRE, Telemetry(**zeros, pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
+    signed = [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12]
+    seen = from_wire(WIRE, telemetry(pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
-        np.testing.assert_array_equal(series, factor * to_wire(WIRE, angles))
+        np.testing.assert_array_equal(series, factor * np.array(signed))
     np.testing.assert_array_equal(seen.temp, angles)
 
 
 def test_the_height_of_a_standing_robot_follows_from_its_legs():
-    zeros = dict.fromkeys(("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0)
-    state = backend_state(PUPPER_V2, Telemetry(**zeros, pos=spec.NOMINAL_POSE, vel=np.zeros(12)), np.zeros(12))
+    state = backend_state(PUPPER_V2, telemetry(pos=spec.NOMINAL_POSE), np.zeros(12))
     assert state.base_pos[2] == pytest.approx(PUPPER_V2.standing_height, abs=1e-9)

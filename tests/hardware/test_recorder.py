@@ -4,39 +4,37 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from telemetry import telemetry
 
-from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.commands import run_record
 from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.formats.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from simulated_port import SimulatedPort, on_its_clock
 
-LAG = 0.0025
-"""Between a measurement and the command that follows it [s]."""
+LAG = 0.0025  # between a measurement and the command that follows it [s]
 
 
-def measured(time: float, with_current: bool = False) -> Measurement:
+def measured(time: float) -> Measurement:
     pos = spec.NOMINAL_POSE + 0.2 * np.sin(3.0 * time)
-    zeros = dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.01)
-    telemetry = Telemetry(
-        ts=round(1e3 * time), **zeros, pos=pos, vel=0.6 * np.cos(3.0 * time) * np.ones(12),
-        cur=np.full(12, 2.0) if with_current else None,
-    )  # fmt: skip
-    return Measurement(telemetry, 100.0 + time, 100.0 + time)
+    frame = telemetry(ts=round(1e3 * time), roll=0.01, pos=pos, vel=0.6 * np.cos(3.0 * time) * np.ones(12))
+    return Measurement(frame, 100.0 + time, 100.0 + time)
 
 
 def target_at(step: int) -> np.ndarray:
     return spec.NOMINAL_POSE + 0.2 * np.sin(0.03 * step + 0.1)
 
 
-def recorded(path: Path, steps: int = 200, mode: Mode = Mode.EXCITE, with_current: bool = False) -> Path:
-    """Each command leaves LAG after a measurement, at 100 Hz."""
+def recorded(path: Path) -> Path:
+    """Each command is sent LAG after a measurement, at 100 Hz."""
     recorder = Recorder(PUPPER_V2, path)
-    for step in range(steps):
-        recorder.write(measured(0.01 * step, with_current))
-        recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), mode)
+    for step in range(200):
+        recorder.write(measured(0.01 * step))
+        recorder.sent(100.0 + 0.01 * step + LAG, target_at(step), Mode.EXCITE)
     recorder.close()
     return path
 
@@ -85,3 +83,31 @@ def test_pauses_and_other_modes_start_new_segments(tmp_path: Path):
     log = read_robot_run(tmp_path / "run.csv", PUPPER_V2)
     assert [part.stop - part.start for part in log.segment_slices()] == [100, 99, 90]
     assert len(list(read_robot_run(tmp_path / "run.csv", PUPPER_V2, (Mode.RAMP,)).segments())) == 1
+
+
+class _Witness(SimulatedPort):
+    """It stores the targets that the motors had in every millisecond."""
+
+    def __init__(self) -> None:
+        self.targets: list[np.ndarray] = []
+        super().__init__(PUPPER_V2, 0, suspended=True, period=5)
+        advance = self.body.advance
+
+        def remembered(milliseconds: int, drive) -> None:
+            self.targets += [PUPPER_V2.require_wire().joint_signs * drive.target] * milliseconds
+            advance(milliseconds, drive)
+
+        self.body.advance = remembered
+
+
+def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
+    port = _Witness()
+    with on_its_clock(port):
+        run_record(PUPPER_V2, port.port, RecordSettings(tmp_path, "sine", seconds=4.0, yes=True), lambda _: None)
+    log = read_robot_run(tmp_path / "run.csv", PUPPER_V2, period=0.001)
+    first, count, acted = round(1e3 * log.time[0]), log.num_rows - 20, np.array(port.targets)
+    errors = {
+        late: float(np.sqrt(np.mean((log.position_target[10 : 10 + count] - acted[first + 10 + late :][:count]) ** 2)))
+        for late in range(-4, 5)
+    }
+    assert min(errors, key=lambda late: errors[late]) == 0, errors

@@ -29,11 +29,11 @@ class FaultyPort(SimulatedPort):
         super().__init__(robot, 0, currents=currents, suspended=suspended, period=period, corrupt=corrupt)
 
     def inject(self, kind: str, joint: int = 0) -> None:
-        """Break from now on. Kinds: see `FaultyBody`; mute and lagging (telemetry), restart (its clock)."""
+        """Inject a fault, see `FaultyBody`; or mute and lagging (telemetry), restart (its clock)."""
         self.faults[kind] = self.now, joint
 
     def pause_host(self, seconds: float) -> None:
-        """The host stands still for so long before its next command."""
+        """Pause the host before its next command."""
         self._pause = seconds
 
     def on_change(self, what: str) -> None:

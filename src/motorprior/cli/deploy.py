@@ -39,7 +39,7 @@ def run_deploy_command(config: Deploy) -> None:
     from motorprior.hardware.commands import run_deploy
     from motorprior.hardware.teleop import non_blocking
 
-    Policy.load(config.policy)  # before a virtual robot is started for nothing
+    Policy.load(config.policy)  # an error comes before a virtual robot is started
     show = non_blocking(TERMINAL.note, sys.stderr)
     with config.choice.open() as port:
         results = run_deploy(load_robot(config.choice.kind), config.policy, port, config.settings, show)

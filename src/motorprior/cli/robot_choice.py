@@ -39,9 +39,9 @@ class RobotChoice:
                 "settings of a virtual robot without --virtual", remedy="give --virtual, or leave them out"
             )
         if not self.virtual:
-            from motorprior.hardware.serial_link import the_port
+            from motorprior.hardware.serial_link import resolve_port
 
-            yield the_port(self.port)
+            yield resolve_port(self.port)
             return
         with running_virtual_robot(self.kind, self.robot) as port:
             yield port

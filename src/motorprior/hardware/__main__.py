@@ -12,7 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from motorprior.exceptions import ConfigError, MotorPriorError
+from motorprior.exceptions import MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
 from motorprior.hardware.teleop import Print, non_blocking
 from motorprior.robots.load import load_robot
@@ -23,52 +23,40 @@ def parser() -> argparse.ArgumentParser:
     """The command line, from the settings and their docstrings."""
     top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or check a robot.")
     commands = top.add_subparsers(dest="command", required=True)
-    for name, settings in (("deploy", DeploySettings), ("record", RecordSettings), ("doctor", None)):
-        command = commands.add_parser(name)
+    deploy, record, doctor = (commands.add_parser(name) for name in ("deploy", "record", "doctor"))
+    for command in (deploy, record, doctor):
         command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one if not given")
         command.add_argument("--kind", default=DEFAULT_ROBOT, help="name of a shipped robot")
-        if name == "deploy":
-            command.add_argument("policy", type=Path, help="policy.safetensors")
-        if settings is not None:
-            _add_options(command, settings)
-        else:
-            command.add_argument("--seconds", type=float, default=3.0, help="duration of the check [s]")
-            command.add_argument(
-                "--idle", action="store_true",
-                help="remove the current from the motors first, so that legs move by hand; a standing robot sinks",
-            )  # fmt: skip
+    deploy.add_argument("policy", type=Path, help="policy.safetensors")
+    _add_options(deploy, DeploySettings)
+    _add_options(record, RecordSettings)
+    doctor.add_argument("--seconds", type=float, default=3.0, help="duration of the check [s]")
+    idle = "remove the current from the motors first, so that legs move by hand; a standing robot sinks"
+    doctor.add_argument("--idle", action="store_true", help=idle)
     return top
 
 
 def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
-    hints, texts = get_type_hints(settings), _texts(settings)
-    for field in fields(settings):
-        option, kind = f"--{field.name.replace('_', '-')}", hints[field.name]
-        if kind is bool:
-            command.add_argument(option, action="store_true", help=texts[field.name])
-            continue
-        choices = [choice for type_ in (kind, *get_args(kind)) for choice in get_args(type_) if isinstance(choice, str)]
-        plain = next((inner for inner in get_args(kind) if isinstance(inner, type)), kind)
-        command.add_argument(
-            option, type=str if choices else plain, choices=choices or None, default=field.default,
-            help=texts[field.name].replace("%", "%%"),
-        )  # fmt: skip
-
-
-def _texts(settings: type) -> dict[str, str]:
-    """The Attributes section of a docstring, by name."""
+    """One option per field of a settings dataclass; the help is its line in the docstring's Attributes."""
     section = (settings.__doc__ or "").partition("Attributes:")[2]
-    return {
-        name: " ".join(text.split()) for name, text in re.findall(r"(\w+): ((?:.|\n)*?)(?=\n {8}\w+: |\Z)", section)
-    }
+    texts = dict(re.findall(r"(\w+): ((?:.|\n)*?)(?=\n {8}\w+: |\Z)", section))
+    hints = get_type_hints(settings)
+    for field in fields(settings):
+        option, text = f"--{field.name.replace('_', '-')}", " ".join(texts[field.name].split()).replace("%", "%%")
+        if hints[field.name] is bool:
+            command.add_argument(option, action="store_true", help=text)
+            continue
+        kind = (get_args(hints[field.name]) or (hints[field.name],))[0]  # of an optional value, the value's
+        choices = get_args(kind)  # of a Literal
+        command.add_argument(
+            option, type=str if choices else kind, choices=choices or None, default=field.default, help=text
+        )
 
 
 def main() -> None:
     """Run a command line; exit code 2 and one line on bad input or a robot fault."""
     show = non_blocking(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
     try:
-        if virtual := [word for word in sys.argv[1:] if word == "--virtual" or word.startswith("--robot.")]:
-            raise ConfigError(f"{virtual[0]} needs the simulator", remedy="pip install 'motorprior[full,robot]'")
         arguments = vars(parser().parse_args())
         require_robot_extra()
         _run(arguments, show)
@@ -81,10 +69,10 @@ def main() -> None:
 
 def _run(arguments: dict[str, Any], show: Print) -> None:
     from motorprior.hardware.commands import require_ok, run_deploy, run_doctor, run_record
-    from motorprior.hardware.serial_link import the_port
+    from motorprior.hardware.serial_link import resolve_port
 
     command, policy = arguments.pop("command"), arguments.pop("policy", None)
-    robot, port = load_robot(arguments.pop("kind")), the_port(arguments.pop("port"))
+    robot, port = load_robot(arguments.pop("kind")), resolve_port(arguments.pop("port"))
     if command == "deploy":
         results = run_deploy(robot, policy, port, DeploySettings(**arguments), show)
         for name, value in results.to_figures().items():

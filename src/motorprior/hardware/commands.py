@@ -5,32 +5,26 @@ The command line `motorprior` and, on the robot's own computer, `python -m motor
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware import deploy
-from motorprior.hardware.control_loop import Timing, clock_results
+from motorprior.hardware import deploy, teleop
+from motorprior.hardware.control_loop import clock_results
 from motorprior.hardware.doctor import Check, check_telemetry
 from motorprior.hardware.excitations import excitation_targets, excite, joints_of
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_files import RunFiles
+from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import Gains, stop_on_signals
+from motorprior.hardware.session import StopRequest, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
-from motorprior.hardware.teleop import (
-    STANDING,
-    SUSPENDED,
-    WALKING,
-    Print,
-    autonomous_speed,
-    confirm_arming,
-    require_terminal,
-    teleop,
-)
+from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
@@ -55,36 +49,33 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     gait = policy.commanded(robot).require_legs()
     _require("forward", settings.forward, *gait.forward, or_equal=True)
     _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
-    command = autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
-    _require_gains(gains, robot.require_wire().safety)
+    gains.check(robot.require_wire().safety)
     if settings.dry_run:
+        command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             seconds, has_imu = settings.seconds or 5.0, not settings.without_imu
             steps = deploy.dry_run(link, policy, stop, seconds, show, command, has_imu)
         show(f"dry run: {steps} control steps, nothing was sent")
         return Results()
-    require_terminal(settings.yes)
+    teleop.require_terminal(settings.yes)
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
     out = settings.out or _dated("deploy")
-    recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), recorder=recorder)
-    with link, stop_on_signals() as stop, files.written_at_end(link, timing, policy.control_dt):
+    with _recorded_run(robot, port, out) as (link, stop, files):
 
         def confirm() -> None:
-            confirm_arming(stop, settings.yes, WALKING, show)
-            more = {"policy": str(path), "provenance": dict(policy.provenance)}
-            files.begin("deploy", port, settings, gains, link, more)
+            teleop.confirm_arming(stop, settings.yes, teleop.WALKING, show)
+            files.begin("deploy", port, settings, gains, policy=str(path), provenance=dict(policy.provenance))
 
         files.outcome = deploy.walk(
             link, policy, gains, stop,
             seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            teleop=lambda: teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=timing,
+            teleop=lambda: teleop.teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=files.timing,
         )  # fmt: skip
     show(f"stopped by {files.outcome}; {out / _LOG}")
-    return clock_results([timing], policy.control_dt)
+    return clock_results([files.timing], policy.control_dt)
 
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -> Path:
@@ -102,38 +93,43 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     _require("speed", speed, 0.0, safety.target_speed)
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
-    _require_gains(gains, safety)
+    gains.check(safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
-    require_terminal(settings.yes)
+    teleop.require_terminal(settings.yes)
     out = settings.out or _dated("record")
     limits = replace(safety, target_speed=speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
-    recorder, files, timing = Recorder(robot, out / _LOG), RunFiles(out), Timing()
-    link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
-    with link, stop_on_signals() as stop, files.written_at_end(link, timing, robot.control_dt):
+    with _recorded_run(robot, port, out, limits) as (link, stop, files):
 
         def confirm() -> None:
-            confirm_arming(stop, settings.yes, STANDING if settings.standing else SUSPENDED, show)
-            files.begin("record", port, settings, gains, link)
+            teleop.confirm_arming(stop, settings.yes, teleop.STANDING if settings.standing else teleop.SUSPENDED, show)
+            files.begin("record", port, settings, gains)
 
         excite(
             link, targets, gains, stop,
             suspended=not settings.standing, need_imu=settings.standing and not settings.without_imu,
-            confirm=confirm, status=show, timing=timing,
+            confirm=confirm, status=show, timing=files.timing,
         )  # fmt: skip
         files.outcome = stop.reason or "time"
     return out / _LOG
 
 
-def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
-    """Check the telemetry of a robot; sends nothing, or only idle.
+@contextmanager
+def _recorded_run(
+    robot: Robot, port: str, out: Path, limits: SafetyLimits | None = None
+) -> Iterator[tuple[RobotLink, StopRequest, RunFiles]]:
+    """A link that records to ``out``, idle at the end; the files of the run are written then."""
+    recorder = Recorder(robot, out / _LOG)
+    link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
+    files = RunFiles(out, link)
+    with link, stop_on_signals() as stop, files.written_at_end():
+        yield link, stop, files
 
-    Raises:
-        ConfigError: less than a second.
-        RobotFault: no telemetry, or the port is gone.
-    """
+
+def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
+    """Check the telemetry of a robot; sends nothing, or only idle. Raises RobotFault if no telemetry comes."""
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
@@ -143,13 +139,8 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Chec
 
 
 def require_ok(checks: list[Check]) -> None:
-    """Check that all checks passed.
-
-    Raises:
-        RobotFault: at least one failed.
-    """
-    failed = [check.name for check in checks if not check.ok]
-    if failed:
+    """Raise RobotFault if a check failed."""
+    if failed := [check.name for check in checks if not check.ok]:
         raise RobotFault("doctor", f"failed: {', '.join(failed)}", remedy="see the remedies above")
 
 
@@ -171,16 +162,8 @@ def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
 def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:
     if value is None or low < value <= high or (or_equal and value == low):
         return
-    bound = "at least" if or_equal else "more than"
-    raise ConfigError(
-        f"{name} {value:g} is out of range", remedy=f"give {bound} {low:g} and at most {high:g}", argument=name
-    )
-
-
-def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
-    _require("kp", gains.kp, 0.0, limits.highest_kp)
-    _require("kd", gains.kd, 0.0, limits.highest_kd)
-    _require("max_current", gains.max_current, 0.0, limits.max_current)
+    bounds = f"{'at least' if or_equal else 'more than'} {low:g} and at most {high:g}"
+    raise ConfigError(f"{name} {value:g} is out of range", remedy=f"give {bounds}", argument=name)
 
 
 def _dated(command: str) -> Path:

@@ -1,60 +1,68 @@
-"""Control steps at absolute times on the monotonic clock, and figures of their timing."""
+"""Motions, control steps at absolute times on the monotonic clock, and figures of their timing."""
 
 from __future__ import annotations
 
 import math
 import time
-from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from motorprior.hardware.health import Pace
-from motorprior.hardware.motions import Motion
+from motorprior.hardware.health import SlowHost
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.results import Result, Results
 from motorprior.robots.wire import SafetyLimits
 
+# From the latest measurement to the (joints,) position targets [rad] of this control step; None ends the motion.
+Motion = Callable[[Measurement], np.ndarray | None]
+
+_MIN_RAMP = 0.5  # [s]
 # A step aims at this time [s] after the arrival of a measurement, so that it acts on a fresh one. Robot and host have
 # their own clocks, so each period may differ from the nominal one by _MAX_SHIFT [s].
 _AFTER_TELEMETRY = 0.0015
 _MAX_SHIFT = 2e-5
 
 
+def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, hold: float = 0.0) -> Motion:
+    """Move all joints together from (joints,) ``start`` to ``goal`` [rad], and stay there for ``hold`` [s].
+
+    target = start + (goal - start)·(1 - cos(π t / T)) / 2, T such that no target exceeds ``speed`` [rad/s].
+    """
+    duration = max(_MIN_RAMP, 0.5 * math.pi * float(np.abs(goal - start).max()) / speed)
+    moving, holding = math.ceil(duration / control_dt), round(hold / control_dt)
+    step = 0
+
+    def target(_: Measurement) -> np.ndarray | None:
+        nonlocal step
+        step += 1
+        if step > moving + holding:
+            return None
+        share = 0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving))
+        return start + share * (goal - start)
+
+    return target
+
+
 @dataclass
 class Timing:
-    """Of every control step, in seconds.
+    """Timing of every control step, in seconds."""
 
-    Attributes:
-        sent: when its command was sent.
-        late: by how much its command was sent after the deadline.
-        age: of the measurement it acted on, when its command was sent.
-        skipped: steps skipped because the one before took too long.
-        aborted: lateness of the step that a fault ended before its command; None if there was none.
-    """
-
-    sent: array = field(default_factory=lambda: array("d"))
-    late: array = field(default_factory=lambda: array("d"))
-    age: array = field(default_factory=lambda: array("d"))
-    skipped: int = 0
-    aborted: float | None = None
-
-    def add(self, sent: float, late: float, measurement: Measurement) -> None:
-        """Add one step."""
-        self.sent.append(sent)
-        self.late.append(late)
-        self.age.append(sent - measurement.sampled)
+    sent: list[float] = field(default_factory=list)  # when the command was sent
+    late: list[float] = field(default_factory=list)  # how late after the deadline
+    age: list[float] = field(default_factory=list)  # of the measurement acted on, when the command was sent
+    skipped: int = 0  # steps skipped because the one before took too long
+    aborted: float | None = None  # lateness of the step that a fault ended before its command
 
 
 def clock_results(runs: Sequence[Timing], period: float) -> Results:
     """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
 
     period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
-    more than half a period late. telemetry_age_ms: of the measurement acted on. An aborted step counts in the first two
-    as if its command had been sent when the fault was found. Empty without any run of two steps.
+    more than half a period late. telemetry_age_ms: age of the measurement acted on. An aborted step counts in the first
+    two as if its command had been sent when the fault was found. Empty without any run of two steps.
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
@@ -74,28 +82,23 @@ def clock_results(runs: Sequence[Timing], period: float) -> Results:
     )
 
 
-def _quantiles_ms(quantity: str, seconds: np.ndarray) -> Results:
-    """Median, 99 % quantile and maximum of times [s], in ms."""
+def _quantiles_ms(quantity: str, seconds: np.ndarray) -> list[Result]:
     quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
-    return Results.of(
+    return [
         Result(quantity, "ms", 1e3 * float(np.percentile(seconds, q)), statistic=name) for name, q in quantiles.items()
-    )
+    ]
 
 
 class ControlLoop:
-    """Plays motions on an armed robot.
+    """Plays motions on an armed robot, within limits of the host's lateness.
 
-    Args:
-        link: armed.
-        limits: of the host's lateness.
-        period: control period [s].
-        stop: asked before every step; True ends the motion.
+    ``stop`` is called before every step; True ends the motion.
     """
 
-    def __init__(self, link: RobotLink, limits: SafetyLimits, period: float, stop: Callable[[], bool]):
-        self._link, self._period, self._stop = link, period, stop
-        self._pace = Pace(limits, period)
-        self._deadline, self._paused = time.monotonic() + period, False
+    def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Callable[[], bool]):
+        self._link, self._period, self._stop = link, link.robot.control_dt, stop
+        self._slow_host = SlowHost(limits, self._period)
+        self._deadline, self._paused = time.monotonic() + self._period, False
 
     def play(
         self,
@@ -106,14 +109,11 @@ class ControlLoop:
     ) -> Measurement | None:
         """Play ``motion`` until it ends or ``stop`` returns True; returns the last measurement.
 
-        Args:
-            motion: gives the targets.
-            mode: for the recording.
-            after_step: called after each command, in the rest of the period; must be fast.
-            timing: filled, also if a fault ends the motion.
+        ``after_step`` is called after each command, in the rest of the period, and must be fast. ``timing`` is filled
+        also if a fault ends the motion.
 
         Raises:
-            RobotFault: see `RobotLink.check`, `RobotLink.send` and `Pace.check`.
+            RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
         """
         timing, measurement = timing or Timing(), None
         self._deadline = max(self._deadline, time.monotonic() + self._period)
@@ -127,13 +127,15 @@ class ControlLoop:
             except Exception:
                 timing.aborted = max(0.0, time.monotonic() - self._deadline)
                 raise
-            timing.add(sent, sent - self._deadline, measurement)
+            timing.sent.append(sent)
+            timing.late.append(sent - self._deadline)
+            timing.age.append(sent - measurement.sampled)
             after_step(measurement)
             self._next_deadline(measurement, sent, timing)
         return measurement
 
     def _next_measurement(self) -> Measurement:
-        """Wait for the deadline; the latest measurement then."""
+        """Wait for the deadline; returns the latest measurement then."""
         self._link.receive(self._deadline)
         if self._paused or time.monotonic() - self._deadline > self._period:
             self._link.resume_after_pause()
@@ -147,7 +149,7 @@ class ControlLoop:
         shift -= self._period * round(shift / self._period)
         self._deadline += self._period - min(_MAX_SHIFT, max(-_MAX_SHIFT, shift))
         behind = now - self._deadline
-        self._pace.check(now - due if behind > 0.0 else sent - due)
+        self._slow_host.check(now - due if behind > 0.0 else sent - due)
         if behind > 0.0:
             skipped = math.ceil(behind / self._period)
             self._deadline += skipped * self._period

@@ -5,62 +5,101 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Timing
-from motorprior.hardware.motions import PolicyMotion
+from motorprior.hardware.control_loop import ControlLoop, Motion, Timing
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, StopRequest, check_and_confirm, check_before_arming, run_armed
+from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import StopRequest, check_and_confirm, check_before_arming, run_armed
+from motorprior.hardware.sign_conventions import backend_state
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.body import YAW_RATE, action_size
+from motorprior.locomotion.gait_controller import GaitController
+from motorprior.locomotion.policy import Policy, act
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 
 _GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit
 _STATUS_PERIOD = 50  # control steps
-# On the twin, 11 of 36 walks that crouched at once from full speed tilted beyond 0.5 rad; with it, none.
+# Of 36 simulated walks that crouched at once from full speed, 11 tilted beyond 0.5 rad; with this time, none.
 _STOPPING_TIME = 1.0  # [s]
 
 
+class PolicyMotion:
+    """A walking policy as a motion, on the `GaitController` of `WalkEnv`.
+
+    Without an IMU the policy acts as if the robot were upright and turned as commanded.
+
+    Attributes:
+        forward: commanded speed [m/s].
+        yaw_rate: commanded yaw rate [rad/s], to the left.
+        gyro_bias: (3,) rates that the gyroscope measures at rest [rad/s]; subtracted, or the heading would drift.
+    """
+
+    def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
+        self._robot, self._policy, self._has_imu = robot, policy.arrays(), has_imu
+        self._controller = GaitController(policy.commanded(robot), policy.control_dt, policy.gait)
+        self._action = np.zeros(action_size(robot.num_joints))
+        self.forward = self.yaw_rate = 0.0
+        self.gyro_bias = np.zeros(3)
+
+    @property
+    def observation(self) -> np.ndarray:
+        """(observations,) the last input of the policy."""
+        return self._controller.observation
+
+    def __call__(self, measurement: Measurement) -> np.ndarray:
+        """The (joints,) targets [rad] for a measurement: observe, act, command."""
+        state = backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints))
+        self._controller.read(replace(state, base_ang_vel=state.base_ang_vel - self.gyro_bias))
+        if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
+            self._controller.observation[YAW_RATE] = self._controller.gait.twist[1]
+        act(self._policy, self._controller.follow(self.forward, self.yaw_rate), self._action)
+        return self._controller.command(self._action)
+
+    def stopping(self) -> Motion:
+        """Slow down and step in place."""
+        remaining = round(_STOPPING_TIME / self._controller.control_dt)
+
+        def target(measurement: Measurement) -> np.ndarray | None:
+            nonlocal remaining
+            remaining -= 1
+            self.forward = self.yaw_rate = 0.0
+            return self(measurement) if remaining >= 0 else None
+
+        return target
+
+    def warm_up(self, measurement: Measurement) -> None:
+        """Compile, or load what was compiled, and start again."""
+        self(measurement)
+        self._controller.reset()
+
+
 def gains_for(
-    robot: Robot,
-    policy: Policy,
-    kp: float | None = None,
-    kd: float | None = None,
-    max_current: float | None = None,
+    robot: Robot, policy: Policy, kp: float | None = None, kd: float | None = None, max_current: float | None = None
 ) -> Gains:
-    """The gains to send for a policy.
+    """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
     A policy's gains are in N·m/rad, a wire's in A/rad; the torque constant [N·m/A] converts them. Where the two agree
     to 15 % the wire's are sent, at which the fleets were identified.
-
-    Args:
-        robot: with a wire.
-        policy: to be deployed.
-        kp: sent instead [A/rad].
-        kd: sent instead [A·s/rad].
-        max_current: sent instead of the robot's own [A].
 
     Raises:
         ConfigError: the policy was trained with other gains, and none were given.
     """
     wire = robot.require_wire()
-    for name, unit, given, of_policy, of_robot, highest in (
-        ("kp", "A/rad", kp, policy.kp, wire.kp, wire.safety.highest_kp),
-        ("kd", "A·s/rad", kd, policy.kd, wire.kd, wire.safety.highest_kd),
-    ):
-        wanted = of_policy / wire.torque_constant
-        if given is None and np.abs(wanted / of_robot - 1.0).max() > _GAIN_TOLERANCE:
-            mean = float(wanted.mean())
-            raise ConfigError(
-                f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {of_robot:g}",
-                remedy=(f"give {name} {mean:.1f} if that is intended, or " if mean <= highest else "")
-                + "train it with the robot's gains",
-                argument=name,
-            )
+    maxima = {"kp": wire.safety.highest_kp, "kd": wire.safety.highest_kd}
+    for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
+        trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
+        if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
+            mean, remedy = float(trained.mean()), "train it with the robot's gains"
+            if mean <= maxima[name]:
+                remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
+            problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
+            raise ConfigError(problem, remedy=remedy, argument=name)
     return Gains.of(wire, kp, kd, max_current)
 
 
@@ -78,26 +117,18 @@ def walk(
     status: Callable[[str], None] = lambda _: None,
     timing: Timing | None = None,
 ) -> str:
-    """Check the robot, arm it, stand up, walk, crouch; returns what ended it: "time", "operator" or a signal's name.
+    """Check an idle robot, arm it, stand up, walk, crouch; returns "time", "operator" or the signal that ended it.
 
-    Args:
-        link: idle.
-        policy: for this robot.
-        gains: to send.
-        stop: ends the walk.
-        command: speed [m/s] and yaw rate [rad/s] without ``teleop``.
-        seconds: ends it too [s].
-        need_imu: reject a robot whose IMU is not read.
-        confirm: raises if the user does not confirm arming.
-        teleop: opened when the robot walks, and read at every control step.
-        status: gets a line twice a second.
-        timing: filled, also if a fault ends the walk.
+    It walks at ``command`` (speed [m/s], yaw rate [rad/s]), or as ``teleop`` commands at every control step, for
+    ``seconds`` [s] or until ``stop`` is set. A robot whose IMU is not read is rejected if ``need_imu``. ``confirm``
+    raises if the user does not confirm arming. ``status`` gets a line twice a second. ``timing`` is filled also if a
+    fault ends the walk.
 
     Raises:
         RobotFault: what ended the walk early; the robot is idle.
     """
     motion = PolicyMotion(link.robot, policy, need_imu)
-    motion.gyro_bias = check_and_confirm(link, confirm, need_imu, motion.warm_up).gyro_bias
+    motion.gyro_bias = check_and_confirm(link, confirm, need_imu, motion.warm_up)
     ended_by = ""
 
     def work(loop: ControlLoop) -> None:
@@ -105,17 +136,17 @@ def walk(
 
         def steered(measurement: Measurement) -> np.ndarray | None:
             nonlocal ended_by
-            wanted = operator.command() if operator is not None else command
-            if wanted is None or time.monotonic() >= end:
-                ended_by = "operator" if wanted is None else "time"
+            commanded = operator.command() if operator is not None else command
+            if commanded is None or time.monotonic() >= end:
+                ended_by = "operator" if commanded is None else "time"
                 return None
-            motion.forward, motion.yaw_rate = wanted
+            motion.forward, motion.yaw_rate = commanded
             return motion(measurement)
 
         with teleop() as operator:
             loop.play(steered, Mode.WALK, _status_line(link, motion, status), timing)
 
-    run_armed(link, gains, stop, work, stopping=lambda: motion.stopping(_STOPPING_TIME))
+    run_armed(link, gains, stop, work, stopping=motion.stopping)
     return ended_by or stop.reason or ""
 
 
@@ -128,24 +159,13 @@ def dry_run(
     command: tuple[float, float] = (0.0, 0.0),
     has_imu: bool = True,
 ) -> int:
-    """Compute a policy's targets from the robot's telemetry, and send nothing; returns the number of control steps.
+    """Compute targets from an idle robot's telemetry, and send nothing; returns the number of control steps.
 
-    Args:
-        link: idle.
-        policy: for this robot.
-        stop: ends it.
-        seconds: ends it too [s].
-        status: gets a line twice a second.
-        command: speed [m/s] and yaw rate [rad/s].
-        has_imu: see `PolicyMotion`.
-
-    Raises:
-        RobotFault: targets that are not finite, or see `check_before_arming` and `RobotLink.check`.
+    Arguments and errors are those of `walk`.
     """
     motion = PolicyMotion(link.robot, policy, has_imu)
-    state = check_before_arming(link, need_imu=False)
-    motion.warm_up(state.measurement)
-    motion.gyro_bias = state.gyro_bias
+    measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
+    motion.warm_up(measurement)
     motion.forward, motion.yaw_rate = command
     show, steps = _status_line(link, motion, status), 0
     deadline = time.monotonic()

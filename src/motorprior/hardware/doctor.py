@@ -17,27 +17,16 @@ from motorprior.robots.wire import SafetyLimits
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the doctor's report.
-
-    Attributes:
-        name: what was checked.
-        finding: the measured value.
-        ok: whether the check passed.
-        remedy: what to do if it did not.
-    """
+    """One line of the doctor's report."""
 
     name: str
-    finding: str
+    finding: str  # the measured value
     ok: bool
-    remedy: str = ""
+    remedy: str = ""  # what to do if the check failed
 
 
 def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
-    """Check ``seconds`` [s] of telemetry.
-
-    Raises:
-        RobotFault: the port is gone, or no frame came.
-    """
+    """Check ``seconds`` [s] of telemetry; raises RobotFault if no frame comes."""
     started, before = time.monotonic(), link.stream.accepted
     ages, telemetry, max_age = [], [], 0.0
     while time.monotonic() < started + seconds:
@@ -48,10 +37,9 @@ def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
             ages.append(latest.arrival - latest.sampled)
             telemetry.append(latest.telemetry)
     if not telemetry:
-        found = f"{len(link.text)} lines of text" if link.text else "no frame"
-        raise RobotFault(
-            "stale telemetry", f"{found} in {seconds:g} s", remedy="check power, cable and the firmware's version"
-        )
+        received = f"{len(link.text)} lines of text" if link.text else "no frame"
+        remedy = "check power, cable and the firmware's version"
+        raise RobotFault("stale telemetry", f"{received} in {seconds:g} s", remedy=remedy)
     return [
         _frames(link, (link.stream.accepted - before) / seconds),
         Check("telemetry", f"{1e3 * np.median(ages):.1f} ms delay, {1e3 * max_age:.0f} ms maximum age",
@@ -65,17 +53,13 @@ def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
 
 
 def _frames(link: RobotLink, rate: float) -> Check:
-    stream, damaged, wanted = link.stream, link.rejected + link.stream.impossible, 1.0 / link.robot.control_dt
-    return Check(
-        "frames",
-        f"{rate:.0f} per second, {damaged} damaged, {stream.repeated} repeated",
-        rate > 0.9 * wanted and damaged <= 0.01 * stream.accepted + 1,
-        f"the policy needs {wanted:.0f} per second; use another cable or port",
-    )
+    stream, damaged, needed = link.stream, link.rejected + link.stream.impossible, 1.0 / link.robot.control_dt
+    finding = f"{rate:.0f} per second, {damaged} damaged, {stream.repeated} repeated"
+    ok = rate > 0.9 * needed and damaged <= 0.01 * stream.accepted + 1
+    return Check("frames", finding, ok, f"the policy needs {needed:.0f} per second; use another cable or port")
 
 
 def _imu(telemetry: list[Telemetry], limits: SafetyLimits) -> Check:
-    """Whether it is read, and not frozen."""
     frozen, last = FrozenImu(limits), telemetry[-1]
     finding = f"roll {last.roll:+.3f} rad, pitch {last.pitch:+.3f} rad"
     try:
@@ -88,7 +72,6 @@ def _imu(telemetry: list[Telemetry], limits: SafetyLimits) -> Check:
 
 
 def _joints(robot: Robot, poses: np.ndarray) -> list[Check]:
-    """Present angle, range covered and joint limits of each joint."""
     checks = []
     for joint, angles in zip(robot.joints, poses.T, strict=True):
         low, high = angles.min(), angles.max()

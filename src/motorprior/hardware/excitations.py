@@ -9,9 +9,9 @@ import numpy as np
 from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.control_loop import ControlLoop, Timing
-from motorprior.hardware.motions import played
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, StopRequest, check_and_confirm, run_armed
+from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import StopRequest, check_and_confirm, run_armed
 from motorprior.hardware.settings import Excitation
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
@@ -31,92 +31,61 @@ _STATUS_PERIOD = 500  # control steps
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
-    """Indices of the joints named ``all``, a joint (FR_knee), or a part of joint names: a leg (FR), a kind (knee).
-
-    Raises:
-        ConfigError: no joint has that name.
-    """
+    """Indices of all joints (``all``), of one (FR_knee), or of those with this part in their name (FR, knee)."""
     names = robot.joint_names
     if name in names:
         return (names.index(name),)
-    found = tuple(index for index, joint in enumerate(names) if name == "all" or name in joint.split("_"))
-    if not found:
+    indices = tuple(index for index, joint in enumerate(names) if name == "all" or name in joint.split("_"))
+    if not indices:
         parts = dict.fromkeys(part for joint in names for part in joint.split("_"))
-        known = f"all, {', '.join((*parts, names[0]))}, ..."
-        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {known}", argument="joint")
-    return found
+        valid = f"all, {', '.join((*parts, names[0]))}, ..."
+        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {valid}", argument="joint")
+    return indices
 
 
 def excitation_targets(
-    robot: Robot,
-    kind: Excitation,
-    joints: Sequence[int],
-    seconds: float,
-    amplitude: float,
-    speed: float,
-    seed: int,
+    robot: Robot, kind: Excitation, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
 ) -> np.ndarray:
-    """(steps, joints) targets [rad] about the nominal pose.
+    """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
 
-    Every joint gets a signal of its own, scaled to ``amplitude`` and then down to ``speed``; ``gait`` is a trot of the
-    whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits their slew rate. ``varied`` is
-    a multisine of all joints in its first half, and then steps of one joint after the other.
-
-    Args:
-        robot: its nominal pose, limits and control period hold.
-        kind: of the signal, see `bench.excitation`.
-        joints: that move.
-        seconds: duration [s].
-        amplitude: maximum distance from the nominal pose [rad].
-        speed: limit of the targets [rad/s].
-        seed: of the random signals.
+    Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
+    [rad/s]; ``gait`` is a trot of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate
+    limits their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
 
     Raises:
-        ConfigError: none of the joints would move: a trot does not move the abductions; or a trot without legs.
+        ConfigError: none of the joints would move, such as abductions in a trot; or a trot without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
+    parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
+    away = [
+        _scaled(_signals(robot, part, joints, num, rng), part, amplitude, speed, robot.control_dt)
+        for part, num in parts
+    ]
     if kind == "varied":
-        together = _away(robot, "multisine", joints, steps // 2, amplitude, speed, rng)
-        alone = _away(robot, "steps", joints, steps - steps // 2, amplitude, speed, rng)
-        away = np.concatenate([together, _one_at_a_time(alone, joints)])
-    else:
-        away = _away(robot, kind, joints, steps, amplitude, speed, rng)
-    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
+        away[1] = _one_at_a_time(away[1], joints)
+    return np.clip(robot.nominal_pose + np.concatenate(away), robot.lower, robot.upper)
 
 
-def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
-    """The same targets (steps, joints), but each of these joints moves in its own share of the time only."""
-    # A joint's load depends on the motion of all. Where all jump at once, it is known so badly that gears seem better
-    # damped than they are.
-    alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
-    for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
-        alone[first:end, joint] = away[first:end, joint]
-    return alone
-
-
-def _away(
-    robot: Robot,
-    kind: Excitation,
-    joints: Sequence[int],
-    steps: int,
-    amplitude: float,
-    speed: float,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """(steps, joints) distances of the targets from the nominal pose [rad], 0 at both ends."""
-    control_dt, names, nominal = robot.control_dt, robot.joint_names, robot.nominal_pose
+def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np.random.Generator) -> np.ndarray:
+    """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
     if kind == "gait":
         body = body_of(robot)
         forward, frequency = _SLOW * body.fastest, _SLOW * body.frequency
-        away = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, control_dt) - nominal
+        gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
+        away = gait - robot.nominal_pose
     else:
-        away = np.stack([_SIGNALS[kind](rng, steps, control_dt) for _ in names], axis=1)
+        away = np.stack([_SIGNALS[kind](rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
     if not away.any():
-        still = ", ".join(names[joint] for joint in joints)
-        raise ConfigError(f"{kind} does not move {still}", remedy="choose another joint, or a sine", argument="joint")
-    time = np.arange(steps) * control_dt
+        names = ", ".join(robot.joint_names[joint] for joint in joints)
+        raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
+    return away
+
+
+def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control_dt: float) -> np.ndarray:
+    """The same motion within amplitude and speed, faded in from 0 and out to it."""
+    time = np.arange(len(away)) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
     over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are scaled joint by joint
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
@@ -125,6 +94,16 @@ def _away(
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
+
+
+def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
+    """The same targets (steps, joints), but each of these joints moves in its own part of the time only."""
+    # A joint's load depends on the motion of all. Where all jump at once, its estimate is so poor that gears seem
+    # better damped than they are.
+    alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
+    for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
+        alone[first:end, joint] = away[first:end, joint]
+    return alone
 
 
 def excite(
@@ -141,22 +120,11 @@ def excite(
 ) -> None:
     """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
 
-    Args:
-        link: idle; with recorder and limits.
-        targets: from `excitation_targets`.
-        gains: to send.
-        stop: ends it early.
-        suspended: the robot hangs in the air, and does not crouch at the end.
-        need_imu: reject a robot whose IMU is not read.
-        confirm: raises if the user does not confirm arming.
-        status: gets a line every five seconds.
-        timing: filled, also if a fault ends the run.
-
-    Raises:
-        RobotFault: what ended the run early; the robot is idle and the recording is kept.
+    A ``suspended`` robot does not crouch at the end. ``status`` gets a line every five seconds. Other arguments and
+    errors are those of `deploy.walk`.
     """
     check_and_confirm(link, confirm, need_imu)
-    done, period = 0, link.robot.control_dt
+    done, period, rows = 0, link.robot.control_dt, iter(targets)
 
     def count(_: Measurement) -> None:
         nonlocal done
@@ -165,6 +133,6 @@ def excite(
             status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(played(targets), Mode.EXCITE, count, timing)
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, count, timing)
 
     run_armed(link, gains, stop, work, crouch=not suspended)

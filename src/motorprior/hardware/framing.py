@@ -23,11 +23,10 @@ from motorprior.hardware.protocol import (
     Telemetry,
     decode_command,
     decode_telemetry,
-    encode_command,
-    encode_telemetry,
+    encode,
 )
 
-MAX_LINE = 256  # [bytes]; longer lines of text are cut
+MAX_LINE = 256  # [bytes]; of longer lines of text only the end is read
 # Only the printable end of a line: what precedes it may be the rest of a damaged frame.
 _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
 Message = TypeVar("Message")
@@ -35,19 +34,12 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True)
 class Framing:
-    """Layout of a frame.
+    """Layout of a frame."""
 
-    Attributes:
-        start: bytes before the length.
-        length_bytes: size of the length, big-endian.
-        end: bytes after the payload.
-        max_payload: [bytes].
-    """
-
-    start: bytes
-    length_bytes: int
-    end: bytes
-    max_payload: int
+    start: bytes  # before the length
+    length_bytes: int  # size of the length, big-endian
+    end: bytes  # after the payload
+    max_payload: int  # [bytes]
 
     def wrap(self, payload: bytes) -> bytes:
         """A frame with this payload."""
@@ -59,33 +51,28 @@ TELEMETRY_FRAMING = Framing(b"\x45\x45", 2, b"\r\n", MAX_TELEMETRY)
 
 
 def command_frame(command: Command, joints: int) -> bytes:
-    """The bytes of a command on the wire; raises as `encode_command`."""
-    return COMMAND_FRAMING.wrap(encode_command(command, joints))
+    """The bytes of a command on the wire; raises as `encode`."""
+    return COMMAND_FRAMING.wrap(encode(command, joints))
 
 
 def telemetry_frame(telemetry: Telemetry, joints: int) -> bytes:
-    """The bytes of telemetry on the wire; raises as `encode_telemetry`."""
-    return TELEMETRY_FRAMING.wrap(encode_telemetry(telemetry, joints))
+    """The bytes of telemetry on the wire; raises as `encode`."""
+    return TELEMETRY_FRAMING.wrap(encode(telemetry, joints))
 
 
 IDLE_FRAME = command_frame(IDLE, 0)  # the same for every robot: it holds no array
 
 
 class FrameReader(Generic[Message]):
-    """Bytes in, messages and lines of text out. Buffers at most one frame and one line.
+    """Reads messages and lines of text from bytes. Buffers at most one frame and one line.
 
-    Attributes:
-        rejected: frame starts that led to no valid frame.
-
-    Args:
-        framing: layout of the frames.
-        decode: payload to message; raises ProtocolError for an invalid payload.
+    ``decode`` turns a payload into a message and raises ProtocolError for an invalid one.
     """
 
     def __init__(self, framing: Framing, decode: Callable[[bytes], Message]):
         self._framing, self._decode = framing, decode
-        self._buffer, self._line = bytearray(), bytearray()
-        self.rejected = 0
+        self._buffer, self._line = bytearray(), b""
+        self.rejected = 0  # frame starts that led to no valid frame
 
     def feed(self, data: bytes) -> list[Message | str]:
         """Messages and lines that ``data`` completes, in order."""
@@ -104,10 +91,13 @@ class FrameReader(Generic[Message]):
         """Take one step; False when more bytes are needed."""
         framing, buffer = self._framing, self._buffer
         at = buffer.find(framing.start)
-        if at != 0:
-            keep = 0 if at > 0 else _prefix_length(buffer, framing.start)
-            self._skip(at if at > 0 else len(buffer) - keep, out)
-            return at > 0
+        if at > 0:
+            self._skip(at, out)
+            return True
+        if at < 0:  # the last bytes may become a start
+            may_start = next((n for n in range(len(framing.start) - 1, 0, -1) if buffer.endswith(framing.start[:n])), 0)
+            self._skip(len(buffer) - may_start, out)
+            return False
         head = len(framing.start) + framing.length_bytes
         if len(buffer) < head:
             return False
@@ -133,42 +123,24 @@ class FrameReader(Generic[Message]):
 
     def _skip(self, count: int, out: list[Message | str]) -> None:
         """Remove bytes outside frames; they are text if printable and ended by a line feed."""
-        *lines, rest = bytes(self._buffer[:count]).split(b"\n")
+        *lines, rest = (self._line + self._buffer[:count]).split(b"\n")
         del self._buffer[:count]
+        self._line = rest[-MAX_LINE:]
         for line in lines:
-            self._extend_line(line, out)
-            _append_text(bytes(self._line), out)
-            self._line.clear()
-        self._extend_line(rest, out)
-
-    def _extend_line(self, piece: bytes, out: list[Message | str]) -> None:
-        self._line += piece
-        while len(self._line) > MAX_LINE:
-            head, self._line = self._line[:MAX_LINE], self._line[MAX_LINE:]
-            _append_text(bytes(head), out)
+            if text := _PRINTABLE_END.search(line[-MAX_LINE:].rstrip(b"\r")):
+                out.append(text.group().decode("ascii").strip())
 
 
 def command_reader(joints: int) -> FrameReader[Command]:
-    """Reads commands, at the robot's end of the wire."""
+    """Reads commands, on the robot."""
     return FrameReader(COMMAND_FRAMING, lambda payload: decode_command(payload, joints))
 
 
 def telemetry_reader(joints: int) -> FrameReader[Telemetry]:
-    """Reads telemetry and text, at the host's end of the wire."""
+    """Reads telemetry and text, on the host."""
     return FrameReader(TELEMETRY_FRAMING, lambda payload: decode_telemetry(payload, joints))
-
-
-def _append_text(line: bytes, out: list) -> None:
-    found = _PRINTABLE_END.search(line.rstrip(b"\r"))
-    if found:
-        out.append(found.group().decode("ascii").strip())
 
 
 def _begins_map(byte: int) -> bool:
     """Whether a msgpack map can begin with this byte."""
     return 0x80 <= byte <= 0x8F or byte in (0xDE, 0xDF)
-
-
-def _prefix_length(buffer: bytearray, start: bytes) -> int:
-    """Length of the end of ``buffer`` that may become ``start``."""
-    return next((n for n in range(len(start) - 1, 0, -1) if buffer.endswith(start[:n])), 0)

@@ -1,7 +1,7 @@
-"""Fault detection in accepted telemetry and sent targets. One small class per kind of fault.
+"""Fault detection in telemetry, sent targets and the host's timing. One small class per kind of fault.
 
-Each check is called once per measurement and raises `RobotFault` when a limit of `robots.wire.SafetyLimits` has been
-exceeded for the given time. Angles have the library's signs.
+Each check is called once per measurement or control step and raises `RobotFault` when a limit of
+`robots.wire.SafetyLimits` has been exceeded for the given time. Angles have the library's signs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from motorprior.robots.wire import SafetyLimits
 
 
 class _Debounce:
-    """Whether a condition has held for ``duration`` [s]: a single frame may be damaged."""
+    """Whether a condition has been true for ``duration`` [s]: a single frame may be damaged."""
 
     def __init__(self, duration: float):
         self._duration, self._since = duration, math.inf
@@ -60,12 +60,9 @@ class FrozenImu:
         if values != self._last or not self._has_worked:
             self._last, self._since = values, now
         elif now - self._since >= self._limits.imu_time:
-            raise RobotFault(
-                "frozen IMU",
-                f"roll, pitch, yaw and their rates have been constant for {now - self._since:.2f} s",
-                safe_state="crouch",
-                remedy="look for a loose IMU, switch the robot off and on",
-            )
+            problem = f"roll, pitch, yaw and their rates have been constant for {now - self._since:.2f} s"
+            remedy = "look for a loose IMU, switch the robot off and on"
+            raise RobotFault("frozen IMU", problem, safe_state="crouch", remedy=remedy)
 
 
 class Tracking:
@@ -87,7 +84,7 @@ class Tracking:
         self._window: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def restart_window(self, now: float) -> None:
-        """Look for stuck joints only from ``now`` [s] on: the host paused, and no target moved meanwhile.
+        """Detect stuck joints only from ``now`` [s] on: the host paused, and no target moved meanwhile.
 
         At most once a second, so that many pauses cannot hide a stuck joint.
         """
@@ -104,33 +101,27 @@ class Tracking:
         self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
         worst = int(np.argmax(self._away))
         if self._away[worst] >= self._limits.tracking_time:
-            raise RobotFault(
-                "tracking",
-                f"{self._names[worst]} is {error[worst]:.2f} rad from its lagged target, for {self._away[worst]:.2f} s",
-                remedy="look for a motor without power, a loose cable or an obstacle",
-            )
-        self._check_stuck(joint_pos, now)
+            name, away = self._names[worst], self._away[worst]
+            problem = f"{name} is {error[worst]:.2f} rad from its lagged target, for {away:.2f} s"
+            remedy = "look for a motor without power, a loose cable or an obstacle"
+            raise RobotFault("tracking", problem, remedy=remedy)
+        if now >= self._restart:
+            self._check_stuck(joint_pos, self._reference, now)
 
-    def _check_stuck(self, joint_pos: np.ndarray, now: float) -> None:
-        assert self._reference is not None
-        if now < self._restart:
-            return
-        self._window.append((now, joint_pos.copy(), self._reference.copy()))
+    def _check_stuck(self, joint_pos: np.ndarray, reference: np.ndarray, now: float) -> None:
+        self._window.append((now, joint_pos.copy(), reference.copy()))
         if now - self._window[0][0] < self._limits.stuck_time - 1e-3:
             return
         while now - self._window[1][0] >= self._limits.stuck_time - 1e-3:
             del self._window[0]
         moved = np.ptp([angles for _, angles, _ in self._window], axis=0)
-        expected = np.abs(self._window[-1][2] - self._window[0][2])
+        expected = np.abs(reference - self._window[0][2])
         stuck = (moved < self._limits.stuck_motion) & (expected > self._limits.stuck_target)
         if stuck.any():
             joint = int(np.argmax(stuck))
-            raise RobotFault(
-                "stuck",
-                f"{self._names[joint]} moved less than {self._limits.stuck_motion} rad while its lagged target moved "
-                f"{expected[joint]:.2f} rad",
-                remedy="look for a frozen encoder or a blocked joint",
-            )
+            problem = f"{self._names[joint]} moved less than {self._limits.stuck_motion} rad while its lagged target "
+            problem += f"moved {expected[joint]:.2f} rad"
+            raise RobotFault("stuck", problem, remedy="look for a frozen encoder or a blocked joint")
 
 
 class Electrical:
@@ -149,12 +140,8 @@ class Electrical:
             raise RobotFault("current", f"{self._names[joint]} draws {current:.1f} A")
         joint, temperature = _largest(telemetry.temp)
         if self._hot(temperature > limits.temperature, now):
-            raise RobotFault(
-                "temperature",
-                f"{self._names[joint]} is at {temperature:.0f} °C",
-                safe_state="crouch",
-                remedy="let the motors cool down",
-            )
+            problem = f"{self._names[joint]} is at {temperature:.0f} °C"
+            raise RobotFault("temperature", problem, safe_state="crouch", remedy="let the motors cool down")
         if self._empty(telemetry.bat is not None and telemetry.bat < limits.battery, now):
             raise RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
 
@@ -167,60 +154,43 @@ def _largest(values: np.ndarray | None) -> tuple[int, float]:
     return joint, float(values[joint])
 
 
-def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
-    """The latest measurement, if it is recent enough.
-
-    Raises:
-        RobotFault: no measurement yet, an old one, or several impossible frames in a row.
-    """
-    if stream.impossible_in_a_row >= limits.implausible_frames:
-        raise RobotFault(
-            "implausible telemetry",
-            f"{stream.impossible_in_a_row} physically impossible frames in a row",
-            remedy="look for a slipping encoder, a loose cable or a restart of the robot",
-        )
-    if stream.latest is None:
-        raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
-    age = now - stream.latest.sampled
-    if age > limits.telemetry_age:
-        raise RobotFault(
-            "stale telemetry", f"the last measurement is {age:.2f} s old, {limits.telemetry_age} s is the limit"
-        )
-    return stream.latest
-
-
-def is_imu_alive(telemetry: Telemetry) -> bool:
-    """False if every value is exactly 0, as the current firmware sends."""
-    return any((telemetry.roll, telemetry.pitch, telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))
-
-
-class Pace:
-    """Detects a host that is too slow.
-
-    Args:
-        limits: of lateness.
-        period: control period [s].
-    """
+class SlowHost:
+    """Detects a host that is too slow for a control period [s]."""
 
     def __init__(self, limits: SafetyLimits, period: float):
         self._limits, self._period, self._late = limits, period, [0.0] * 100
         self._count = 0
 
     def check(self, late: float) -> None:
-        """Count a control step and its lateness [s]: of its command, or of its end if that missed the next deadline.
+        """Add the lateness [s] of a step: of its command, or of its end if that missed the next deadline.
 
-        Raises:
-            RobotFault: one step far too late, too many late steps, or too much lateness in all.
+        Raise if one step is far too late, too many steps are late, or the sum is too large.
         """
         limits, steps = self._limits, self._late
         steps[self._count % len(steps)] = late if late > 0.5 * self._period else 0.0
         self._count += 1
         num_late, total = len(steps) - steps.count(0.0), sum(steps)
         if late > limits.tick_delay or num_late > limits.late_ticks or total > limits.stalled_time:
-            raise RobotFault(
-                "slow host",
-                f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
-                f"{1e3 * total:.0f} ms in all",
-                safe_state="crouch",
-                remedy="close other programs on this computer",
-            )
+            problem = f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
+            problem += f"{1e3 * total:.0f} ms in all"
+            raise RobotFault("slow host", problem, safe_state="crouch", remedy="close other programs on this computer")
+
+
+def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
+    """The latest measurement; raises if there is none, if it is old, or after several impossible frames in a row."""
+    if stream.impossible_in_a_row >= limits.implausible_frames:
+        problem = f"{stream.impossible_in_a_row} physically impossible frames in a row"
+        remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
+        raise RobotFault("implausible telemetry", problem, remedy=remedy)
+    if stream.latest is None:
+        raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
+    age = now - stream.latest.sampled
+    if age > limits.telemetry_age:
+        problem = f"the last measurement is {age:.2f} s old, {limits.telemetry_age} s is the limit"
+        raise RobotFault("stale telemetry", problem)
+    return stream.latest
+
+
+def is_imu_alive(telemetry: Telemetry) -> bool:
+    """False if every value is exactly 0, as the current firmware sends."""
+    return any((telemetry.roll, telemetry.pitch, telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))

@@ -1,8 +1,7 @@
-"""Messages between host and robot, and their msgpack payloads. Pure functions.
+"""Messages between host and robot, and their msgpack payloads, with numbers as float32.
 
 Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`sign_conventions`. Numbers travel as float32. ``temp`` and ``bat`` are not in that firmware: a robot that measures them
-may send them under these names.
+`sign_conventions`. ``temp`` and ``bat`` are not in that firmware: a robot that measures them may send them so.
 """
 
 from __future__ import annotations
@@ -24,54 +23,31 @@ _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """A message to the robot; a key that is None is not sent.
+    """A message to the robot; a key that is None is not sent."""
 
-    Attributes:
-        pos: (joints,) position targets [rad].
-        kp: position gain [A/rad].
-        kd: velocity gain [A·s/rad].
-        max_current: current limit of every motor [A].
-        idle: no current until the next target.
-    """
-
-    pos: np.ndarray | None = None
-    kp: float | None = None
-    kd: float | None = None
-    max_current: float | None = None
-    idle: bool | None = None
+    pos: np.ndarray | None = None  # (joints,) position targets [rad]
+    kp: float | None = None  # position gain [A/rad]
+    kd: float | None = None  # velocity gain [A·s/rad]
+    max_current: float | None = None  # limit of every motor [A]
+    idle: bool | None = None  # no current until the next target
 
 
 @dataclass(frozen=True, kw_only=True)
 class Telemetry:
-    """A message from the robot.
+    """A message from the robot; optional keys are None if the firmware does not send them."""
 
-    Attributes:
-        ts: time since the robot started [ms].
-        yaw: [rad], like pitch and roll; 0 if the firmware does not read the IMU.
-        pitch: see yaw.
-        roll: see yaw.
-        yaw_rate: about the body's axis [rad/s], like pitch_rate and roll_rate.
-        pitch_rate: see yaw_rate.
-        roll_rate: see yaw_rate.
-        pos: (joints,) [rad].
-        vel: (joints,) [rad/s].
-        cur: (joints,) measured currents [A], if the firmware sends them.
-        temp: (joints,) motor temperatures [°C], if the robot measures them.
-        bat: battery voltage [V], if the robot measures it.
-    """
-
-    ts: float
-    yaw: float
+    ts: float  # time since the robot started [ms]
+    yaw: float  # angles [rad] and rates about the body's axes [rad/s]; all 0 if the firmware does not read the IMU
     pitch: float
     roll: float
     yaw_rate: float
     pitch_rate: float
     roll_rate: float
-    pos: np.ndarray
-    vel: np.ndarray
-    cur: np.ndarray | None = None
-    temp: np.ndarray | None = None
-    bat: float | None = None
+    pos: np.ndarray  # (joints,) [rad]
+    vel: np.ndarray  # (joints,) [rad/s]
+    cur: np.ndarray | None = None  # (joints,) measured currents [A]
+    temp: np.ndarray | None = None  # (joints,) motor temperatures [°C]
+    bat: float | None = None  # battery voltage [V]
 
 
 IDLE = Command(idle=True)
@@ -82,77 +58,54 @@ _REQUIRED = _TELEMETRY_KEYS[: _TELEMETRY_KEYS.index("cur")]
 _ARRAYS = ("pos", "vel", "cur", "temp")
 
 
-def encode_command(command: Command, joints: int) -> bytes:
-    """The payload of a command to a robot with this number of joints; numbers as float32.
+def encode(message: Command | Telemetry, joints: int) -> bytes:
+    """Encode a message to or from a robot with this number of joints; ``ts`` as an integer.
 
     Raises:
-        ProtocolError: an empty command, an array of another size, or a number that is not finite as float32.
+        ProtocolError: no keys, an array of another size, or a number that is not finite as float32.
     """
-    return _encoded(command, _COMMAND_KEYS, joints, MAX_COMMAND)
-
-
-def decode_command(payload: bytes, joints: int) -> Command:
-    """The command in a payload, as a robot reads it; inverse of `encode_command`.
-
-    Raises:
-        ProtocolError: not a msgpack map, an unknown key, an array of another size, or a number that is not finite.
-    """
-    found = _unpacked(payload, joints)
-    if not found or any(key not in _COMMAND_KEYS for key in found):
-        raise ProtocolError(f"not a command: keys {str(list(found))[:60]}")
-    return Command(**_checked(found, found, joints))
-
-
-def encode_telemetry(telemetry: Telemetry, joints: int) -> bytes:
-    """The payload of telemetry; numbers as float32, ``ts`` as an integer.
-
-    Raises:
-        ProtocolError: an array of another size, or a number that is not finite.
-    """
-    return _encoded(telemetry, _TELEMETRY_KEYS, joints, MAX_TELEMETRY)
-
-
-def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
-    """The telemetry in a payload, as the host reads it; unknown keys are ignored.
-
-    Raises:
-        ProtocolError: not a msgpack map, a required key missing, an array of another size, or a number that is not
-            finite.
-    """
-    found = _unpacked(payload, joints)
-    if missing := [key for key in _REQUIRED if key not in found]:
-        raise ProtocolError(f"telemetry without {missing}")
-    return Telemetry(**_checked(found, [key for key in _TELEMETRY_KEYS if key in found], joints))
-
-
-def _encoded(message: Command | Telemetry, keys: Collection[str], joints: int, max_size: int) -> bytes:
-    values = {key: getattr(message, key) for key in keys if getattr(message, key) is not None}
-    plain = {
-        key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value for key, value in values.items()
-    }
-    _checked(plain, plain, joints)
-    if "ts" in plain:
-        plain["ts"] = round(plain["ts"])
-    payload = msgpack.packb(plain, use_single_float=True)
-    if not plain or payload is None or len(payload) > max_size:
-        raise ProtocolError(f"a message with {', '.join(plain) or 'no keys'} has no valid size")
+    values = {key: value for key, value in vars(message).items() if value is not None}
+    values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
+    _validated(values, values, joints)
+    if "ts" in values:
+        values["ts"] = round(values["ts"])
+    payload = msgpack.packb(values, use_single_float=True)
+    max_size = MAX_COMMAND if isinstance(message, Command) else MAX_TELEMETRY
+    if not values or payload is None or len(payload) > max_size:
+        raise ProtocolError(f"a message with {', '.join(values) or 'no keys'} has no valid size")
     return payload
 
 
-def _unpacked(payload: bytes, joints: int) -> dict[Any, Any]:
+def decode_command(payload: bytes, joints: int) -> Command:
+    """Decode a command, as the firmware does; raises ProtocolError for an invalid payload or unknown key."""
+    values = _unpack(payload, joints)
+    if not values or any(key not in _COMMAND_KEYS for key in values):
+        raise ProtocolError("not a command")
+    return Command(**_validated(values, values, joints))
+
+
+def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
+    """Decode telemetry; raises ProtocolError for an invalid payload or missing key. Unknown keys are ignored."""
+    values = _unpack(payload, joints)
+    if any(key not in values for key in _REQUIRED):
+        raise ProtocolError("incomplete telemetry")
+    return Telemetry(**_validated(values, [key for key in _TELEMETRY_KEYS if key in values], joints))
+
+
+def _unpack(payload: bytes, joints: int) -> dict[Any, Any]:
     try:
         # A newer firmware may send other arrays, such as foot positions: a little longer, and ignored.
-        found = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)
+        values = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
-        raise ProtocolError(f"not msgpack ({str(error)[:60]})") from error
-    if not isinstance(found, dict):
-        raise ProtocolError(f"a msgpack {type(found).__name__}, not a map")
-    return found
+        raise ProtocolError("not msgpack") from error
+    if not isinstance(values, dict):
+        raise ProtocolError("not a msgpack map")
+    return values
 
 
-def _checked(values: Mapping[Any, Any], keys: Collection[Any], joints: int) -> dict[str, Any]:
+def _validated(values: Mapping[Any, Any], keys: Collection[Any], joints: int) -> dict[str, Any]:
     """The values of these keys: a flag, a finite number, or an array of one finite number per joint."""
-    checked: dict[str, Any] = {}
+    validated: dict[str, Any] = {}
     for key in keys:
         value = values[key]
         if key == "idle":
@@ -163,8 +116,8 @@ def _checked(values: Mapping[Any, Any], keys: Collection[Any], joints: int) -> d
             valid = _is_finite(value)
         if not valid:
             raise ProtocolError(f"{key} is {str(value)[:60]}: not valid for a robot with {joints} joints")
-        checked[key] = np.array(value, dtype=np.float64) if key in _ARRAYS else value
-    return checked
+        validated[key] = np.array(value, dtype=np.float64) if key in _ARRAYS else value
+    return validated
 
 
 def _is_finite(value: Any) -> bool:

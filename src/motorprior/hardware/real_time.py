@@ -5,31 +5,37 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import resource
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_PRIORITY = 10  # of SCHED_FIFO; the watchdog's is higher
+_SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
 
 
+def permitted() -> dict[str, bool]:
+    """Whether this process may have real-time priority and lock its memory."""
+    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
+    if normal is not None:
+        _set_scheduler(*normal)
+    return {"real_time_priority": normal is not None, "memory_locked": _may_lock_memory()}
+
+
 @contextmanager
-def real_time() -> Iterator[dict[str, bool]]:
-    """Real-time priority, locked memory and no garbage collection while this is open; yields what was permitted."""
-    normal = _set_scheduler(1, _PRIORITY)  # SCHED_FIFO
+def real_time() -> Iterator[None]:
+    """Real-time priority, locked memory and no garbage collection while this is open."""
+    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     libc = ctypes.CDLL(None) if _may_lock_memory() else None
-    locked = libc is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
-    collects = gc.isenabled()
+    if libc is not None:
+        libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
     gc.collect()
-    gc.freeze()
     gc.disable()
     try:
-        yield {"real_time_priority": normal is not None, "memory_locked": locked}
+        yield
     finally:
-        gc.unfreeze()
-        if collects:
-            gc.enable()
-        if locked and libc is not None:
+        gc.enable()
+        if libc is not None:
             libc.munlockall()
         if normal is not None:
             _set_scheduler(*normal)
@@ -37,20 +43,14 @@ def real_time() -> Iterator[dict[str, bool]]:
 
 def _may_lock_memory() -> bool:
     """Only without any limit: within one, a later allocation would fail in the middle of a motion."""
-    if sys.platform != "linux":
-        return False
-    import resource
-
-    return resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    return sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
 
 
 def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:
     """Set scheduling policy and priority of this thread; returns the earlier ones, None if not permitted."""
-    if not hasattr(os, "sched_setscheduler"):  # not Linux
-        return None
-    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
         os.sched_setscheduler(0, policy, os.sched_param(priority))
-    except OSError:
+    except (OSError, AttributeError):  # not permitted, or not Linux
         return None
     return before

@@ -18,14 +18,7 @@ class Recorder:
     """Writes what `logs.formats.robot_run.read_robot_run` reads; the file is created at the first measurement.
 
     A written line survives the death of this process. Nothing is forced to the disk, which would stop the control loop,
-    so a power failure costs the last seconds.
-
-    Args:
-        robot: whose measurements they are.
-        path: of the file; its folder is created.
-
-    Raises:
-        ArtifactError: the file exists already.
+    so a power failure costs the last seconds. Raises ArtifactError if the file exists already.
     """
 
     def __init__(self, robot: Robot, path: Path):
@@ -38,7 +31,7 @@ class Recorder:
         self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
 
     def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
-        """Remember a (joints,) target [rad] that was sent at ``time`` [s] on the host's clock."""
+        """Store a (joints,) target [rad] that was sent at ``time`` [s] on the host's clock."""
         self._targets.append((time, target, mode))
 
     def idle(self) -> None:
@@ -46,20 +39,15 @@ class Recorder:
         self._targets.clear()
 
     def write(self, measurement: Measurement) -> None:
-        """Record a measurement made while a target was in force.
-
-        Raises:
-            ArtifactError: the file cannot be written, or the disk is full.
-        """
+        """Record a measurement made while a target was in force; raises ArtifactError if the disk is full."""
         in_force = next((sent for sent in reversed(self._targets) if sent[0] <= measurement.sampled), None)
         if in_force is None or (self._with_current and measurement.telemetry.cur is None):
             return
         try:
             self._append(self._row(measurement, *in_force))
         except OSError as error:
-            raise ArtifactError(
-                f"cannot write ({error.strerror})", where=self.path, remedy="free some space, or choose another folder"
-            ) from error
+            remedy = "free some space, or choose another folder"
+            raise ArtifactError(f"cannot write ({error.strerror})", where=self.path, remedy=remedy) from error
 
     def close(self) -> None:
         """Close the file."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
-from collections.abc import Iterator
-from types import TracebackType
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.health import Electrical, FrozenImu, Tilt, Tracking, check_stream
 from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.safety_gate import SafetyGate
+from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.sign_conventions import from_wire
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
@@ -38,18 +37,15 @@ class RobotLink:
     """A host's link to one robot: idle until armed, idle again when closed. Use it in a ``with`` block.
 
     Attributes:
-        robot: at the other end.
-        limits: of gate and checks.
         stream: accepted telemetry and its counters, in the library's signs.
         text: the last lines that the robot printed.
         sent: commands with a target since arming.
-        position_clips: see `SafetyGate`; of the last motion, known once the robot is idle.
-        slew_clips: see position_clips.
+        position_clips, slew_clips: see `SafetyGate`; of the last motion, set once the robot is idle.
 
     Args:
         robot: with a wire.
         port: open; closed with the link.
-        limits: the robot's own if not given.
+        limits: of gate and checks; the robot's own if not given.
         recorder: gets every accepted measurement made under a target; closed with the link.
     """
 
@@ -64,8 +60,8 @@ class RobotLink:
         self.sent = self.position_clips = self.slew_clips = 0
         self._gate: SafetyGate | None = None
         self._watchdog: Watchdog | None = None
-        self._tilt, self._imu, self._tracking = Tilt(limits), FrozenImu(limits), Tracking(robot, limits)
-        self._electrical = Electrical(robot, limits)
+        self._sensors = Electrical(robot, limits), FrozenImu(limits), Tilt(limits)
+        self._tracking = Tracking(robot, limits)
         self._unchecked: deque[Measurement] = deque(maxlen=1000)  # bounded: an idle host may never check
         self._error_line: str | None = None
         self._ignored: set[str] = set()
@@ -73,7 +69,7 @@ class RobotLink:
     def __enter__(self) -> RobotLink:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -83,11 +79,7 @@ class RobotLink:
 
     @property
     def gate(self) -> SafetyGate:
-        """The gate of an armed robot.
-
-        Raises:
-            RobotFault: it is not armed.
-        """
+        """The gate of an armed robot; raises RobotFault if it is not armed."""
         if self._gate is None:
             raise RobotFault("not armed", "the robot is idle", remedy="arm it first")
         return self._gate
@@ -98,17 +90,15 @@ class RobotLink:
         return None if self._gate is None else self._gate.target
 
     def receive(self, until: float) -> None:
-        """Read telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived.
-
-        Raises:
-            RobotFault: the port is gone.
-        """
+        """Read telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
         late_reads = 0
         while late_reads < 100:  # a device may send without end
             messages = self._port.wait(until)
             for arrival, message in messages:
                 if isinstance(message, str):
-                    self._read_text(message)
+                    self.text.append(message)
+                    if "ERROR" in message:
+                        self._error_line = message
                     continue
                 measurement = self.stream.accept(from_wire(self._wire, message), arrival)
                 if measurement is not None:
@@ -120,11 +110,7 @@ class RobotLink:
                 late_reads += 1
 
     def resume_after_pause(self) -> None:
-        """Wait for a fresh measurement after this host skipped control steps.
-
-        Raises:
-            RobotFault: see `receive`.
-        """
+        """Wait for a fresh measurement after this host skipped control steps."""
         give_up = time.monotonic() + _CATCH_UP
         while (now := time.monotonic()) < give_up:
             latest = self.stream.latest
@@ -135,11 +121,7 @@ class RobotLink:
             self._tracking.restart_window(1e-3 * latest.telemetry.ts)
 
     def check(self) -> Measurement:
-        """The latest measurement of a robot without faults.
-
-        Raises:
-            RobotFault: the first fault; see docs/hardware.md.
-        """
+        """The latest measurement; raises RobotFault for the first fault (docs/hardware.md)."""
         if self._error_line is not None:
             line, self._error_line = self._error_line, None
             raise RobotFault("firmware", f"the robot reports {line!r}", remedy="switch it off and on again")
@@ -151,26 +133,26 @@ class RobotLink:
             self._check_robot(measurement)
         return latest
 
-    def arm(self, kp: float, kd: float, max_current: float) -> None:
+    def arm(self, gains: Gains) -> None:
         """Start the watchdog, and hold the joints at their present positions with the first command.
 
         Raises:
-            RobotFault: a fault of the robot or the watchdog, or gains out of range.
+            ConfigError: gains out of range.
+            RobotFault: a fault of the robot or the watchdog.
         """
-        gate = SafetyGate(self.robot, self.limits, kp, kd, max_current)
+        gate = SafetyGate(self.robot, self.limits, gains)
         self._ignored.clear()
         self._watchdog = Watchdog(self._port.fileno(), self.limits.watchdog)
         self.receive(time.monotonic() + _CATCH_UP)  # what arrived while the watchdog started
         measurement = self.check()
         gate.start_at(measurement.telemetry.pos, time.monotonic())
         self._gate, self.sent = gate, 0
-        self._tracking.begin(kd / kp)
+        self._tracking.begin(gains.kd / gains.kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
-        """Hold (joints,) position targets [rad]; returns when the command was sent [s].
+        """Send (joints,) position targets [rad]; returns when the command was sent [s].
 
-        Raises:
-            RobotFault: an invalid target, a watchdog that has tripped or died, or the port is gone.
+        Raises RobotFault for an invalid target, a watchdog that has tripped or died, or a port that is gone.
         """
         gate = self.gate
         if self._watchdog is not None:
@@ -185,7 +167,7 @@ class RobotLink:
         return sent
 
     def ignore(self, *kinds: str) -> None:
-        """Continue in spite of these kinds of faults: there is time to crouch."""
+        """Continue in spite of these kinds of faults, to crouch."""
         self._ignored.update(kinds)
         if "watchdog" in kinds and self._watchdog is not None:
             self._watchdog.kill()
@@ -199,10 +181,7 @@ class RobotLink:
             self._gate = None
         if self._watchdog is not None:
             watchdog, self._watchdog = self._watchdog, None
-            if self._port.unsent:
-                watchdog.abandon()
-            else:
-                watchdog.release()
+            watchdog.end(idle_sent=not self._port.unsent)
         if self._recorder is not None:
             self._recorder.idle()
 
@@ -228,35 +207,23 @@ class RobotLink:
             time.sleep(_IDLE_PAUSE)
 
     def _check_robot(self, measurement: Measurement) -> None:
-        telemetry, now = measurement.telemetry, 1e-3 * measurement.telemetry.ts
-        with self._unless_ignored():
-            self._electrical.check(telemetry, now)
-        with self._unless_ignored():
-            self._imu.check(telemetry, now)
-        self._tilt.check(telemetry, now)
-        if (target := self.target) is not None:
-            with self._unless_ignored():
-                self._tracking.check(telemetry.pos, target, now)
-
-    @contextlib.contextmanager
-    def _unless_ignored(self) -> Iterator[None]:
-        try:
-            yield
-        except RobotFault as fault:
-            if fault.kind not in self._ignored:
-                raise
+        telemetry, target, now = measurement.telemetry, self.target, 1e-3 * measurement.telemetry.ts
+        checks = [partial(sensor.check, telemetry, now) for sensor in self._sensors]
+        if target is not None:
+            checks.append(partial(self._tracking.check, telemetry.pos, target, now))
+        for check in checks:
+            try:
+                check()
+            except RobotFault as fault:
+                if fault.kind not in self._ignored:
+                    raise
 
     def _record(self, measurement: Measurement) -> None:
-        if (recorder := self._recorder) is None:
+        if self._recorder is None:
             return
         try:
-            recorder.write(measurement)
+            self._recorder.write(measurement)
         except ArtifactError:  # ends the motion, and must not prevent the crouch
+            self._recorder.close()
             self._recorder = None
-            recorder.close()
             raise
-
-    def _read_text(self, line: str) -> None:
-        self.text.append(line)
-        if "ERROR" in line:
-            self._error_line = line

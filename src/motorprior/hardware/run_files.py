@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.artifacts import write_json
-from motorprior.exceptions import ArtifactError, RobotFault
+from motorprior.exceptions import ArtifactError
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.real_time import real_time
+from motorprior.hardware.real_time import permitted
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, fault_of
+from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import fault_of
 
 
 class RunFiles:
@@ -23,71 +24,53 @@ class RunFiles:
 
     run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
     the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine" is what the system
-    permitted the control loop.
+    permits the control loop.
 
     Attributes:
+        timing: of the control loop, to be filled.
         outcome: what ended the run, unless an error did.
     """
 
-    def __init__(self, folder: Path):
-        self._folder = folder
-        self._facts: dict[str, Any] | None = None
-        self.outcome = ""
+    def __init__(self, folder: Path, link: RobotLink):
+        self._folder, self._link = folder, link
+        self._facts: dict[str, Any] = {}
+        self.timing, self.outcome = Timing(), ""
 
-    def begin(
-        self, command: str, port: str, settings: Any, gains: Gains, link: RobotLink, more: dict[str, Any] | None = None
-    ) -> None:
-        """Write what is known before the first command.
-
-        Args:
-            command: "deploy" or "record".
-            port: path of the port.
-            settings: dataclass of the user's choices.
-            gains: to send.
-            link: to the robot, with the limits in force.
-            more: further facts.
-
-        Raises:
-            ArtifactError: it cannot be written.
-        """
-        with real_time() as permitted:
-            pass
+    def begin(self, command: str, port: str, settings: Any, gains: Gains, **more: Any) -> None:
+        """Before the first command, write the settings (a dataclass), gains, limits and ``more``."""
         self._facts = {
             "command": command,
             "port": port,
-            "robot": link.robot.name,
+            "robot": self._link.robot.name,
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
             "gains": asdict(gains),
-            "machine": permitted,
-            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
-            **(more or {}),
+            "machine": permitted(),
+            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(self._link.limits).items()},
+            **more,
         }
         write_json(self._folder / "run.json", self._facts)
 
     @contextlib.contextmanager
-    def written_at_end(self, link: RobotLink, timing: Timing, period: float) -> Iterator[None]:
-        """Write how the run ended when this is closed, if it had begun; the robot is idle by then.
-
-        Raises:
-            ArtifactError: it cannot be written, and there was no other error.
-        """
+    def written_at_end(self) -> Iterator[None]:
+        """Write how the run ended when this is closed, if it had begun; the robot is idle by then."""
         try:
             yield
         except BaseException as error:
+            kind = fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
             with contextlib.suppress(ArtifactError):  # what ended the run matters more
-                self._end(link, timing, period, error)
+                self._end(kind, str(error))
             raise
-        self._end(link, timing, period, None)
+        self._end(self.outcome, None)
 
-    def _end(self, link: RobotLink, timing: Timing, period: float, error: BaseException | None) -> None:
-        if self._facts is None:
+    def _end(self, outcome: str, message: str | None) -> None:
+        if not self._facts:
             return
-        stream = link.stream
+        link, stream = self._link, self._link.stream
         ending = {
             "ended": _now(),
-            "outcome": self.outcome if error is None else _kind(error),
-            "message": None if error is None else str(error),
+            "outcome": outcome,
+            "message": message,
             "position_clips": link.position_clips,
             "slew_clips": link.slew_clips,
             "commands": link.sent,
@@ -99,13 +82,8 @@ class RunFiles:
             },
         }
         write_json(self._folder / "run.json", self._facts | ending)
-        write_json(self._folder / "figures.json", clock_results([timing], period).to_figures())
-
-
-def _kind(error: BaseException) -> str:
-    if isinstance(error, RobotFault):
-        return error.kind
-    return fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
+        figures = clock_results([self.timing], link.robot.control_dt).to_figures()
+        write_json(self._folder / "figures.json", figures)
 
 
 def _now() -> str:

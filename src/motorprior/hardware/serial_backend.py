@@ -9,15 +9,12 @@ import numpy as np
 from motorprior.backend import BackendState
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import ControlLoop
-from motorprior.hardware.motions import ramp
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import Gains, check_before_arming
+from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import check_before_arming, ramp_to
 from motorprior.hardware.sign_conventions import backend_state, servo_current
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
-
-FAULT = 1
-"""Fault number of the state after which the robot is idle; `SerialBackend.fault` is the reason."""
 
 
 class SerialBackend:
@@ -27,7 +24,7 @@ class SerialBackend:
     step the watchdog makes the robot idle.
 
     Attributes:
-        fault: why the robot is idle; None without a fault.
+        fault: why the robot is idle, in a state whose fault is 1; None without a fault.
 
     Args:
         link: idle; closed with the backend.
@@ -43,23 +40,16 @@ class SerialBackend:
         self._last: Measurement | None = None
 
     def reset(self, seed: int) -> BackendState:
-        """Ramp to the nominal pose; a real robot's motors do not depend on the seed.
-
-        Raises:
-            RobotFault: the robot has a fault.
-        """
+        """Ramp to the nominal pose; a real robot's motors do not depend on the seed. Raises RobotFault."""
+        link = self._link
         try:
             if not self._armed:
-                check_before_arming(self._link, self._need_imu)
-                self._link.arm(self._gains.kp, self._gains.kd, self._gains.max_current)
+                check_before_arming(link, self._need_imu)
+                link.arm(self._gains)
                 self._armed, self.fault = True, None
-            limits, target = self._link.limits, self._link.gate.target
-            assert target is not None, "armed"
-            loop = ControlLoop(self._link, limits, self._period, lambda: False)
-            motion = ramp(target, self._link.robot.nominal_pose, limits.slow_speed, self._period, hold=0.3)
-            self._link.gate.slow = True
-            self._last = loop.play(motion, Mode.RAMP)
-            self._link.gate.slow = False
+            loop = ControlLoop(link, link.limits, lambda: False)
+            self._last = ramp_to(link, loop, link.robot.nominal_pose, Mode.RAMP, hold=0.3)
+            link.gate.slow = False
         except RobotFault as fault:
             self._stop(fault)
             raise
@@ -93,12 +83,9 @@ class SerialBackend:
 
     def _state(self) -> BackendState:
         assert self._last is not None, "reset first"
-        telemetry, target, robot = self._last.telemetry, self._link.target, self._link.robot
-        torque, torque_constant = np.zeros(robot.num_joints), robot.require_wire().torque_constant
-        if telemetry.cur is not None:
-            torque = torque_constant * telemetry.cur
-        elif target is not None:
-            gains = self._gains
+        telemetry, target, robot, gains = self._last.telemetry, self._link.target, self._link.robot, self._gains
+        current = telemetry.cur
+        if current is None and target is not None:
             current = servo_current(target, telemetry.pos, telemetry.vel, gains.kp, gains.kd, gains.max_current)
-            torque = torque_constant * current
-        return backend_state(robot, telemetry, torque, 0 if self.fault is None else FAULT)
+        torque = np.zeros(robot.num_joints) if current is None else robot.require_wire().torque_constant * current
+        return backend_state(robot, telemetry, torque, int(self.fault is not None))

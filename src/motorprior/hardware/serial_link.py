@@ -21,15 +21,7 @@ _UNPLUGGED = "switch the robot's motors off by hand: without its host it holds i
 
 
 class SerialLink:
-    """One open port.
-
-    Args:
-        robot: at the port.
-        port: path of the device, for example /dev/ttyACM0.
-
-    Raises:
-        RobotFault: no such port, no permission, or another program has it.
-    """
+    """An open port, for example /dev/ttyACM0; raises RobotFault if it cannot be opened."""
 
     def __init__(self, robot: Robot, port: str | Path):
         import serial
@@ -59,32 +51,23 @@ class SerialLink:
         return self._serial.fileno()
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
-        """Messages with their arrival times [s]; returns when bytes come, or at ``until`` on the monotonic clock [s].
-
-        Raises:
-            RobotFault: the port is gone.
-        """
+        """Messages with their arrival times; returns when bytes come, or at ``until`` on the monotonic clock [s]."""
         try:
             ready, _, _ = select.select([self.fileno()], [], [], max(0.0, until - time.monotonic()))
-            data = os.read(self.fileno(), 4096) if ready else None
+            if not ready:
+                return []
+            data = os.read(self.fileno(), 4096)
         except BlockingIOError:
             return []
         except (OSError, ValueError, TypeError) as error:  # pyserial's fileno is None once it is closed
             raise self._gone(error) from error
-        if data is None:
-            return []
         if not data:
             raise self._gone("end of file")
         now = time.monotonic()
         return [(now, message) for message in self._reader.feed(data)]
 
     def send(self, command: Command) -> float:
-        """Write a command; returns when [s].
-
-        Raises:
-            RobotFault: the port is gone, or the robot reads no more.
-            ProtocolError: the firmware would reject the command.
-        """
+        """Write a command; returns when [s]. Raises RobotFault if the port is gone, or the robot reads no more."""
         self._unsent += command_frame(command, self._joints)
         try:
             sent = os.write(self.fileno(), self._unsent)
@@ -112,29 +95,22 @@ class SerialLink:
         return RobotFault("unplugged", f"{self.port} is gone ({error})", remedy=_UNPLUGGED)
 
 
-def the_port(port: str | None) -> str:
-    """The given port, or the only one that a robot could be on.
-
-    Raises:
-        ConfigError: none, or more than one.
-    """
+def resolve_port(port: str | None) -> str:
+    """The given port, or the only USB serial port; raises ConfigError if there are none or several."""
     if port is not None:
         return port
-    found = find_ports()
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    ports = _usb_ports()
+    if len(ports) == 1:
+        return ports[0]
+    if not ports:
         raise ConfigError("no serial port of a robot", remedy="plug it in and switch it on, or give port")
-    raise ConfigError(f"several ports: {', '.join(found)}", remedy="give one of them as port", argument="port")
+    raise ConfigError(f"several ports: {', '.join(ports)}", remedy="give one of them as port", argument="port")
 
 
-def find_ports() -> list[str]:
-    """USB serial ports, those of Teensy boards first."""
+def _usb_ports() -> list[str]:
     from serial.tools import list_ports
 
-    found = [port for port in list_ports.comports() if port.vid is not None]
-    teensy = 0x16C0  # vendor number of PJRC's boards
-    return [port.device for port in sorted(found, key=lambda port: (port.vid != teensy, port.device))]
+    return sorted(port.device for port in list_ports.comports() if port.vid is not None)
 
 
 def _explanation(error: Exception) -> tuple[str, str]:
@@ -148,6 +124,6 @@ def _explanation(error: Exception) -> tuple[str, str]:
     elif number == errno.EACCES:
         remedy = "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again"
     elif number == errno.ENOENT:
-        found = find_ports()
-        remedy = f"use one of {', '.join(found)}" if found else "plug the robot in and switch it on; no port was found"
+        ports = _usb_ports()
+        remedy = f"use one of {', '.join(ports)}" if ports else "plug the robot in and switch it on; no port was found"
     return os.strerror(number) if number else str(error), remedy

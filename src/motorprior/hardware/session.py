@@ -12,20 +12,19 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import FrameType
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop
+from motorprior.hardware.control_loop import ControlLoop, Motion, ramp
 from motorprior.hardware.health import is_imu_alive
-from motorprior.hardware.motions import Motion, ramp
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
-from motorprior.robots.wire import Wire
 
 _CHECK_DURATION = 0.5  # [s]
 # Per control period of the robot's own clock, so that old frames from a buffer and a busy host have no influence; the
@@ -51,14 +50,10 @@ class StopRequest:
         return self.reason is not None
 
     def on_signal(self, number: int, _: FrameType | None) -> None:
-        """Handler of a signal.
-
-        Raises:
-            RobotFault: at the second signal. Further signals do nothing: they must not interrupt the way to idle.
-        """
+        """Handle a signal; the second one raises RobotFault."""
         if self.reason is None:
             self.reason = signal.Signals(number).name
-        elif not self._dropped:
+        elif not self._dropped:  # further signals must not interrupt the way to idle
             self._dropped = True
             raise RobotFault("stopped", f"a second signal, {signal.Signals(number).name}")
 
@@ -76,47 +71,10 @@ def stop_on_signals() -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
-@dataclass(frozen=True)
-class Gains:
-    """Gains and current limit to send.
+def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, np.ndarray]:
+    """Check telemetry for half a second; returns the last measurement and the (3,) gyroscope bias [rad/s].
 
-    Attributes:
-        kp: [A/rad].
-        kd: [A·s/rad].
-        max_current: [A].
-    """
-
-    kp: float
-    kd: float
-    max_current: float
-
-    @classmethod
-    def of(
-        cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
-    ) -> Gains:
-        """The given gains, and the robot's own in place of None."""
-        return cls(
-            wire.kp if kp is None else kp,
-            wire.kd if kd is None else kd,
-            wire.max_current if max_current is None else max_current,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class RestState:
-    """State of a robot at rest.
-
-    Attributes:
-        measurement: the last one.
-        gyro_bias: (3,) mean measured rates about the body's axes [rad/s]; 0 if one is too large for a bias.
-    """
-
-    measurement: Measurement
-    gyro_bias: np.ndarray
-
-
-def check_before_arming(link: RobotLink, need_imu: bool) -> RestState:
-    """Check telemetry for half a second.
+    The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
 
     Raises:
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
@@ -129,11 +87,9 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> RestState:
     telemetry, frames = measurement.telemetry, link.stream.accepted - before
     seconds, min_rate = 1e-3 * (telemetry.ts - first.ts), _MIN_FRAMES / robot.control_dt
     if frames < max(2.0, min_rate * seconds):
-        raise RobotFault(
-            "stale telemetry",
-            f"{frames} frames in {seconds:.2f} s, at least {min_rate:.0f} per second are needed",
-            remedy="see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period",
-        )
+        problem = f"{frames} frames in {seconds:.2f} s, at least {min_rate:.0f} per second are needed"
+        remedy = "see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period"
+        raise RobotFault("stale telemetry", problem, remedy=remedy)
     if need_imu and not is_imu_alive(telemetry):
         raise RobotFault(
             "no IMU",
@@ -144,22 +100,19 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> RestState:
     outside = (telemetry.pos < robot.lower - _RANGE_SLACK) | (telemetry.pos > robot.upper + _RANGE_SLACK)
     if outside.any():
         worst = int(np.argmax(outside))
-        raise RobotFault(
-            "joint range",
-            f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is "
-            f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}",
-            remedy="switch the robot on with its legs free so that it finds its end stops",
-        )
+        limits = f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}"
+        problem = f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is {limits}"
+        remedy = "switch the robot on with its legs free so that it finds its end stops"
+        raise RobotFault("joint range", problem, remedy=remedy)
     moved = np.abs(telemetry.pos - first.pos)
     if moved.max() > _MAX_MOTION:
-        raise RobotFault(
-            "moving",
-            f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, and this host sent nothing",
-            remedy="wait until homing has ended, hands off the robot, and end other programs that drive it",
-        )
+        name = robot.joint_names[int(np.argmax(moved))]
+        problem = f"{name} moved {moved.max():.2f} rad, and this host sent nothing"
+        remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
+        raise RobotFault("moving", problem, remedy=remedy)
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
         raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
-    return RestState(measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3))
+    return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
 
 
 def _mean_rates(link: RobotLink, seconds: float) -> np.ndarray:
@@ -177,17 +130,13 @@ def check_and_confirm(
     confirm: Callable[[], None],
     need_imu: bool,
     prepare: Callable[[Measurement], None] = lambda _: None,
-) -> RestState:
-    """Check, prepare and confirm; if that took long, check again. Returns the last state.
-
-    Raises:
-        RobotFault: not confirmed, or see `check_before_arming`.
-    """
-    state = check_before_arming(link, need_imu)
+) -> np.ndarray:
+    """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s]."""
+    measurement, gyro_bias = check_before_arming(link, need_imu)
     before = time.monotonic()
-    prepare(state.measurement)
+    prepare(measurement)
     confirm()
-    return check_before_arming(link, need_imu) if time.monotonic() - before > _RECHECK_AFTER else state
+    return check_before_arming(link, need_imu)[1] if time.monotonic() - before > _RECHECK_AFTER else gyro_bias
 
 
 def run_armed(
@@ -201,48 +150,44 @@ def run_armed(
 ) -> None:
     """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, whatever happens.
 
-    Args:
-        link: idle, checked.
-        gains: to send.
-        stop: ends any motion.
-        work: plays motions on the loop it gets.
-        crouch: crouch at the end; False for a suspended robot.
-        stopping: a motion that slows ``work`` down before the crouch.
-
-    Raises:
-        RobotFault: the fault that ended the run; the robot is idle.
+    A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch. An error
+    is raised when the robot is idle.
     """
     descent = _Descent(link)
     with real_time():
         try:
-            link.arm(gains.kp, gains.kd, gains.max_current)
-            loop = ControlLoop(link, link.limits, link.robot.control_dt, stop)
-            link.gate.slow = True
-            loop.play(_to_nominal(link), Mode.RAMP)
+            link.arm(gains)
+            loop = ControlLoop(link, link.limits, stop)
+            ramp_to(link, loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
             if not stop():
                 link.gate.slow, descent.stopping = False, stopping
                 work(loop)
             if crouch:
                 descent.play()
         except Exception as error:
-            fault = error if isinstance(error, RobotFault) else fault_of(error)
+            fault = fault_of(error)
             if crouch and fault.safe_state == "crouch":
-                descent.play_after(fault)
+                with contextlib.suppress(MotorPriorError):  # a second fault: idle follows anyway
+                    descent.play(fault)
             raise
         finally:
             link.idle()
 
 
 def fault_of(error: Exception) -> RobotFault:
-    """The robot fault for an error of the program; the robot can still crouch."""
+    """The robot fault for an error; after an error of the program the robot can still crouch."""
+    if isinstance(error, RobotFault):
+        return error
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-def _to_nominal(link: RobotLink) -> Motion:
-    target, robot = link.gate.target, link.robot
+def ramp_to(link: RobotLink, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> Measurement | None:
+    """Move an armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
+    target = link.gate.target
     assert target is not None, "armed"
-    return ramp(target, robot.nominal_pose, link.limits.slow_speed, robot.control_dt, _HOLD)
+    link.gate.slow = True
+    return loop.play(ramp(target, pose, link.limits.slow_speed, link.robot.control_dt, hold), mode)
 
 
 class _Descent:
@@ -256,27 +201,20 @@ class _Descent:
         self._link = link
         self.stopping: Callable[[], Motion] | None = None
 
-    def play(self) -> None:
+    def play(self, fault: RobotFault | None = None) -> None:
         """With a control loop of its own: what stopped the motion before must not stop this one."""
         link, robot = self._link, self._link.robot
+        if fault is not None:
+            link.gate.latch(fault)
+            link.ignore(fault.kind)
+            if fault.kind in _UNTRUSTED:
+                self.stopping = None
         link.gate.allow_crouch()
         link.ignore("stuck")  # the ground may block a foot while the body descends; to continue is safer than to fall
         never = float("inf")  # a late crouch is better than none
         lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
-        loop = ControlLoop(link, lenient, robot.control_dt, lambda: False)
+        loop = ControlLoop(link, lenient, lambda: False)
         if self.stopping is not None:
             loop.play(self.stopping(), Mode.WALK)
         self.stopping = None
-        link.gate.slow = True
-        target, crouch = link.gate.target, robot.require_wire().crouch_pose
-        assert target is not None, "armed"
-        loop.play(ramp(target, crouch, link.limits.slow_speed, robot.control_dt), Mode.CROUCH)
-
-    def play_after(self, fault: RobotFault) -> None:
-        """After a fault; a second fault meanwhile leaves idle, which follows anyway."""
-        with contextlib.suppress(MotorPriorError):
-            self._link.gate.latch(fault)
-            self._link.ignore(fault.kind)
-            if fault.kind in _UNTRUSTED:
-                self.stopping = None
-            self.play()
+        ramp_to(link, loop, robot.require_wire().crouch_pose, Mode.CROUCH)

@@ -13,11 +13,7 @@ Excitation = Literal["varied", "sine", "chirp", "steps", "multisine", "gait"]
 
 
 def require_robot_extra() -> None:
-    """Check that the libraries for serial port and messages are installed.
-
-    Raises:
-        ConfigError: pyserial or msgpack is not installed.
-    """
+    """Raise ConfigError if pyserial or msgpack is not installed."""
     missing = [name for name, module in (("pyserial", "serial"), ("msgpack", "msgpack")) if find_spec(module) is None]
     if missing:
         raise ConfigError(f"{' and '.join(missing)} not installed", remedy="pip install 'motorprior[robot]'")

@@ -12,10 +12,7 @@ from motorprior.hardware.protocol import Telemetry
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import Wire
 
-
-def to_wire(wire: Wire, angles: np.ndarray) -> np.ndarray:
-    """(joints,) angles [rad] in the robot's signs, from the library's; its own inverse."""
-    return wire.joint_signs * angles
+Gain = np.ndarray | float  # of every joint, or the same for all
 
 
 def from_wire(wire: Wire, telemetry: Telemetry) -> Telemetry:
@@ -26,22 +23,11 @@ def from_wire(wire: Wire, telemetry: Telemetry) -> Telemetry:
 
 
 def servo_current(
-    target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    kp: np.ndarray | float,
-    kd: np.ndarray | float,
-    max_current: float,
+    target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray, kp: Gain, kd: Gain, max_current: float
 ) -> np.ndarray:
-    """(joints,) currents of the firmware's law [A]: kp·(target - joint_pos) - kd·joint_vel, within ±max_current.
+    """(joints,) currents [A] of the firmware's control law, kp·(target - joint_pos) - kd·joint_vel, ±max_current.
 
-    Args:
-        target: (joints,) [rad], in the same signs as joint_pos and joint_vel.
-        joint_pos: (joints,) [rad].
-        joint_vel: (joints,) [rad/s].
-        kp: [A/rad].
-        kd: [A·s/rad].
-        max_current: [A].
+    Angles are (joints,) [rad] and [rad/s] in any signs, gains in A/rad and A·s/rad, the limit in A.
     """
     return np.clip(kp * (target - joint_pos) - kd * joint_vel, -max_current, max_current)
 
@@ -51,27 +37,16 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return np.array([w, x, y, z])
 
 
 def backend_state(robot: Robot, telemetry: Telemetry, torque: np.ndarray, fault: int = 0) -> BackendState:
-    """The state that a robot's sensors measure, in the form that every backend reports.
+    """The state that a robot's sensors measure, from telemetry in the library's signs and (joints,) ``torque`` [N·m].
 
     x, y and the linear velocity are not measured and are 0. The height is that of the longest leg on flat ground:
-    max over legs of leg.drop(joint_pos) · cos(roll) · cos(pitch).
-
-    Args:
-        robot: of the telemetry.
-        telemetry: in the library's signs.
-        torque: (joints,) of the motors [N·m].
-        fault: 0, or the number of a fault.
+    max over legs of leg.drop(joint_pos) · cos(roll) · cos(pitch). ``fault`` is 0 or a backend's number of a fault.
     """
     height = max((leg.drop(telemetry.pos) for leg in robot.legs), default=0.0)
     return BackendState(

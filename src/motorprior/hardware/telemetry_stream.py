@@ -24,23 +24,17 @@ _MAX_ANGLE = 2.0 * math.pi  # the firmware's own bound on joint angles
 _SLACK = 0.05  # [rad] in addition to speed times time: time stamps are whole milliseconds
 _MAX_LEAD = 0.03  # [s] by which a frame may be faster than all before; a time stamp further ahead is damaged
 _NUM_AGREEING = 3  # this many leading time stamps in a row that agree are right
-_WARM_UP = 20  # frames until the shortest transmission time is known
+_WARM_UP = 20  # frames until the shortest transmission time is measured
 _RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """An accepted frame.
-
-    Attributes:
-        telemetry: the frame.
-        arrival: time of arrival on the host's monotonic clock [s].
-        sampled: time of measurement on the same clock [s].
-    """
+    """An accepted frame."""
 
     telemetry: Telemetry
-    arrival: float
-    sampled: float
+    arrival: float  # time of arrival on the host's monotonic clock [s]
+    sampled: float  # time of measurement on the same clock [s]
 
 
 class ClockOffset:
@@ -76,8 +70,8 @@ class TelemetryStream:
 
     def accept(self, telemetry: Telemetry, arrival: float) -> Measurement | None:
         """The measurement; None for a frame that is repeated or impossible."""
-        last = self.latest
-        if last is not None and _is_old(telemetry, last.telemetry):
+        # A clock that starts again at 0 is impossible, not a duplicate or an overtaken frame.
+        if self.latest is not None and 0.0 <= 1e-3 * (self.latest.telemetry.ts - telemetry.ts) < _RESTART:
             self.repeated += 1
             return None
         if not self._is_possible(telemetry, arrival):
@@ -98,17 +92,15 @@ class TelemetryStream:
             return False
         if max(map(abs, (new.roll_rate, new.pitch_rate, new.yaw_rate))) > limits.body_rate:
             return False
-        return self.latest is None or self._could_follow(new, self.latest, arrival)
-
-    def _could_follow(self, new: Telemetry, last: Measurement, arrival: float) -> bool:
-        step = 1e-3 * (new.ts - last.telemetry.ts)
+        if self.latest is None:
+            return True
+        last = self.latest.telemetry
+        step = 1e-3 * (new.ts - last.ts)
         if step < 0.0 or not self._is_in_time(arrival - 1e-3 * new.ts):
             return False
-        moved = np.abs(new.pos - last.telemetry.pos).max()
-        turned = max(abs(new.roll - last.telemetry.roll), abs(new.pitch - last.telemetry.pitch))
-        return bool(
-            moved <= self._limits.joint_speed * step + _SLACK and turned <= self._limits.body_rate * step + _SLACK
-        )
+        moved = np.abs(new.pos - last.pos).max()
+        turned = max(abs(new.roll - last.roll), abs(new.pitch - last.pitch))
+        return bool(moved <= limits.joint_speed * step + _SLACK and turned <= limits.body_rate * step + _SLACK)
 
     def _is_in_time(self, offset: float) -> bool:
         """Whether a time stamp, given as arrival - ts [s], is not ahead of all before.
@@ -121,8 +113,3 @@ class TelemetryStream:
         agreeing = [each for each in self._ahead if abs(each - offset) <= _MAX_LEAD]
         self._ahead = [*agreeing, offset][-_NUM_AGREEING:]
         return len(self._ahead) == _NUM_AGREEING
-
-
-def _is_old(new: Telemetry, last: Telemetry) -> bool:
-    """A duplicate or an overtaken frame. A clock that starts again at 0 is not old, but impossible."""
-    return 0.0 <= 1e-3 * (last.ts - new.ts) < _RESTART

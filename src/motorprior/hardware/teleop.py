@@ -17,8 +17,10 @@ from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.robots.robot import Gait
 
 Print = Callable[[str], None]
-KEYS = "w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down"
-WALKING = f"Keys while it moves: {KEYS}; Ctrl-C sits down, twice drops it."
+WALKING = (
+    "Keys while it moves: w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down; "
+    "Ctrl-C sits down, twice drops it."
+)
 STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
 SUSPENDED = "The legs move fast. Ctrl-C removes the current at once and the legs drop; no key does anything."
 
@@ -35,13 +37,9 @@ _AUTONOMOUS_SPEED = 0.3  # [m/s]
 
 
 class Teleop:
-    """Reads keyboard and gamepad without waiting.
+    """Reads keyboard (a terminal in cbreak mode) and gamepad (a joystick device), if any, without waiting.
 
-    Args:
-        keyboard: open file of a terminal in cbreak mode, or None.
-        gamepad: open joystick device, or None.
-        gait: limits of speed and yaw rate.
-        command: initial speed [m/s] and yaw rate [rad/s].
+    ``command`` is the initial speed [m/s] and yaw rate [rad/s]; ``gait`` limits both.
     """
 
     def __init__(self, keyboard: int | None, gamepad: int | None, gait: Gait, command: tuple[float, float]):
@@ -49,9 +47,9 @@ class Teleop:
         self._forward, self._yaw_rate = command
 
     def command(self) -> tuple[float, float] | None:
-        """Speed [m/s], reduced in turns, and yaw rate [rad/s]; None to stop.
+        """Speed [m/s], reduced in turns, and yaw rate [rad/s].
 
-        It stops at q, at a gamepad button, and if the terminal or the gamepad is lost.
+        None to stop: at q, at a gamepad button, and if the terminal or the gamepad is lost.
         """
         for file, handle in ((self._keyboard, self._on_keys), (self._gamepad, self._on_events)):
             if file is None or not select.select([file], [], [], 0.0)[0]:
@@ -66,22 +64,18 @@ class Teleop:
         max_speed = round((1.0 - _SLOW_DOWN_IN_TURNS * turn) * self._gait.forward[1], 4)
         return min(self._forward, max_speed), self._yaw_rate
 
-    def _on_keys(self, data: bytes) -> bool:
-        """False to stop."""
+    def _on_keys(self, data: bytes) -> bool:  # False to stop
         for arrow, letter in _ARROWS.items():
             data = data.replace(arrow, letter)
         for key in data.decode("ascii", errors="ignore"):
             speed, turn = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}.get(key, (0, 0))
             if key == " ":
                 self._forward = self._yaw_rate = 0.0
-            self._set(
-                self._forward + speed * self._gait.forward[1] / _NUM_STEPS,
-                self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS,
-            )
+            forward = self._forward + speed * self._gait.forward[1] / _NUM_STEPS
+            self._set(forward, self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS)
         return b"q" not in data.lower()
 
-    def _on_events(self, data: bytes) -> bool:
-        """False to stop."""
+    def _on_events(self, data: bytes) -> bool:  # False to stop
         for _, value, kind, number in _EVENT.iter_unpack(data[: len(data) // _EVENT.size * _EVENT.size]):
             if kind == _BUTTON and value:
                 return False
@@ -127,25 +121,17 @@ def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleo
 
 
 def require_terminal(yes: bool) -> None:
-    """Check that there is a terminal to confirm at.
-
-    Raises:
-        ConfigError: no terminal, and no ``yes``.
-    """
+    """Raise ConfigError if there is neither ``yes`` nor a terminal to confirm at."""
     if not yes and (sys.stdin is None or not sys.stdin.isatty()):
         raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
 
 
 def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: Print) -> None:
-    """Wait until ``arm`` is typed. Input from before the question does not count.
-
-    Raises:
-        RobotFault: something else was typed, or a signal came.
-    """
+    """Wait until ``arm`` is typed; raises RobotFault if something else is typed, or a signal comes."""
     if yes:
         return
     with contextlib.suppress(termios.error):
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)  # input from before the question does not count
     show(f"Stand clear, one hand at the power switch. {how_to_stop}")
     show("Type arm and press Enter:")
     while not stop():
@@ -161,21 +147,17 @@ def non_blocking(show: Print, file: TextIO) -> Print:
 
     A control loop that waits for a terminal would trip the watchdog.
     """
-
-    def print_line(text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            if _is_writable(file):
-                show(text)
-
-    return print_line
-
-
-def _is_writable(file: TextIO) -> bool:
     try:
         number = file.fileno()
     except (OSError, ValueError):  # a notebook's: no terminal, never full
-        return True
-    return bool(select.select([], [number], [], 0.0)[1])
+        return show
+
+    def print_line(text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            if select.select([], [number], [], 0.0)[1]:
+                show(text)
+
+    return print_line
 
 
 def _in_foreground(terminal: int) -> bool:

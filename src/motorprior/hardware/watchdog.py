@@ -21,14 +21,9 @@ _PIPE_SIZE = 4096
 
 
 class Watchdog:
-    """A running watchdog process, see `watchdog_process`.
+    """A running watchdog process, see `watchdog_process`; raises RobotFault if it does not start.
 
-    Args:
-        port: open file of the serial port, which the process inherits.
-        timeout: longest time between two heartbeats [s].
-
-    Raises:
-        RobotFault: it did not start.
+    It inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between heartbeats [s].
     """
 
     def __init__(self, port: int, timeout: float):
@@ -50,20 +45,11 @@ class Watchdog:
         os.set_blocking(self._heartbeats, False)
         ready, _, _ = select.select([self._reports], [], [], _MAX_START)
         if not ready or os.read(self._reports, 1) != b"r":
-            self.release()
+            self.end(idle_sent=True)
             raise RobotFault("watchdog", "the watchdog process did not start", remedy="see what it printed above")
 
-    @property
-    def pid(self) -> int:
-        """Process number."""
-        return self._process.pid
-
     def beat(self) -> None:
-        """Send a heartbeat.
-
-        Raises:
-            RobotFault: the watchdog has tripped, is dead, or has not read for a second.
-        """
+        """Send a heartbeat; raises RobotFault if the watchdog has tripped, is dead, or has not read for a second."""
         try:
             os.write(self._heartbeats, _HEARTBEAT)
         except (BrokenPipeError, BlockingIOError):
@@ -74,14 +60,11 @@ class Watchdog:
                 raise _dead()
             raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
 
-    def release(self) -> None:
-        """End the watchdog process; the robot must be idle by now."""
-        with contextlib.suppress(OSError):
-            os.write(self._heartbeats, b"q")
-        self.abandon()
-
-    def abandon(self) -> None:
-        """Close the pipe: as after the death of the host, the watchdog sends idle for a second."""
+    def end(self, idle_sent: bool) -> None:
+        """End the process; without ``idle_sent`` it first sends idle for a second, as after the host's death."""
+        if idle_sent:
+            with contextlib.suppress(OSError):
+                os.write(self._heartbeats, b"q")
         os.close(self._heartbeats)
         try:
             self._process.wait(timeout=2.0)
@@ -100,9 +83,5 @@ class Watchdog:
 
 
 def _dead() -> RobotFault:
-    return RobotFault(
-        "watchdog",
-        "the watchdog process is dead or stopped",
-        safe_state="crouch",
-        remedy="look into the system's log for the reason",
-    )
+    remedy = "look into the system's log for the reason"
+    return RobotFault("watchdog", "the watchdog process is dead or stopped", safe_state="crouch", remedy=remedy)

@@ -62,17 +62,14 @@ def hold_idle(port: int, heartbeats: int, idle: bytes) -> None:
     with contextlib.suppress(termios.error, OSError):
         termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands
     _write(port, _BURST * idle)
-    dead_since = None
-    while dead_since is None or time.monotonic() < dead_since + _LINGER:
-        if dead_since is None:
-            ready, _, _ = select.select([heartbeats], [], [], _REPEAT)
-            data = os.read(heartbeats, 4096) if ready else b"."
-            if b"q" in data:
-                return
-            if not data:
-                dead_since = time.monotonic()
-        else:
-            time.sleep(_REPEAT)
+    pipes, end = [heartbeats], float("inf")
+    while time.monotonic() < end:
+        ready, _, _ = select.select(pipes, [], [], _REPEAT)
+        data = os.read(heartbeats, 4096) if ready else b"."
+        if b"q" in data:
+            return
+        if not data:  # the host is dead
+            pipes, end = [], time.monotonic() + _LINGER
         if not _write(port, idle):
             return
 

@@ -1,10 +1,9 @@
-"""The firmware's behaviour without a port: bytes in and bytes out, at times that the caller gives.
+"""The firmware's behaviour without a port: bytes in and bytes out, in simulated time.
 
-After Nate711/DJIPupperTests (MIT): it homes by itself, then holds; a target starts position mode with the present
-gains; ``idle`` removes the current; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every
-millisecond until it is switched off. It has no watchdog. Assumptions: it ignores targets while homing; homing ends in
-the crouch pose. Some versions ignore all other keys of a command with ``pos``, so this one does too: a host must not
-rely on them.
+After Nate711/DJIPupperTests (MIT): it homes by itself, then holds its pose; a target starts position mode; ``idle``
+removes the current; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
+switched off. It has no watchdog. Assumptions: it ignores targets while homing; homing ends in the crouch pose. As in
+some versions, it ignores all other keys of a command with ``pos``.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 
 from motorprior.hardware.framing import command_reader, telemetry_frame
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.sign_conventions import to_wire
 from motorprior.robots.robot import Robot
 
 HOMING_CURRENT, HOMING_SPEED = 6.0, 1.5  # [A], [rad/s]
@@ -27,50 +25,32 @@ HOMING, HOLDING, POSITION, IDLE, ERROR = "homing", "holding", "position", "idle"
 
 @dataclass(frozen=True)
 class Drive:
-    """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current.
+    """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current."""
 
-    Attributes:
-        target: (joints,) [rad].
-        kp: (joints,) [A/rad]; 0 for a motor that is off.
-        kd: (joints,) [A·s/rad].
-        max_current: [A].
-    """
-
-    target: np.ndarray
-    kp: np.ndarray
-    kd: np.ndarray
-    max_current: float
+    target: np.ndarray  # (joints,) [rad]
+    kp: np.ndarray  # (joints,) [A/rad]; 0 for a motor that is off
+    kd: np.ndarray  # (joints,) [A·s/rad]
+    max_current: float  # [A]
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """Sensor readings of a robot, joints in the robot's signs.
+    """Sensor readings of a robot, joints in the robot's signs."""
 
-    Attributes:
-        pos: (joints,) [rad].
-        vel: (joints,) [rad/s].
-        current: (joints,) [A].
-        attitude: roll, pitch, yaw [rad].
-        rates: about the body's axes [rad/s].
-        temperature: (joints,) of the motors [°C], if measured.
-        battery: [V], if measured.
-    """
-
-    pos: np.ndarray
-    vel: np.ndarray
-    current: np.ndarray
-    attitude: np.ndarray
-    rates: np.ndarray
-    temperature: np.ndarray | None = None
-    battery: float | None = None
+    pos: np.ndarray  # (joints,) [rad]
+    vel: np.ndarray  # (joints,) [rad/s]
+    current: np.ndarray  # (joints,) [A]
+    attitude: np.ndarray  # roll, pitch, yaw [rad]
+    rates: np.ndarray  # about the body's axes [rad/s]
+    temperature: np.ndarray | None = None  # (joints,) of the motors [°C], if measured
+    battery: float | None = None  # [V], if measured
 
 
 class Body(Protocol):
     """Motors and mechanics of a robot. Joints in the robot's signs."""
 
     def advance(self, milliseconds: int, drive: Drive) -> None:
-        """Let time pass under a constant drive; the current control runs at 1 kHz or faster."""
-        ...
+        """Simulate under a constant drive; the current control runs at 1 kHz or faster."""
 
     def sense(self) -> Sensors:
         """The present readings."""
@@ -79,34 +59,23 @@ class Body(Protocol):
 
 @dataclass(frozen=True)
 class FirmwareConfig:
-    """How a firmware is built.
+    """Build options of a firmware."""
 
-    Attributes:
-        telemetry_period: [ms]; 10, or 5 in older versions.
-        with_currents: it sends ``cur``.
-        with_imu: otherwise attitude and rates are 0, as in the present version.
-        homes: at the start; otherwise it holds at once.
-    """
-
-    telemetry_period: int = 10
-    with_currents: bool = False
-    with_imu: bool = True
-    homes: bool = True
+    telemetry_period: int = 10  # [ms]; 5 in older versions
+    with_currents: bool = False  # it sends ``cur``
+    with_imu: bool = True  # otherwise attitude and rates are 0, as in the current version
+    homes: bool = True  # at the start; otherwise it holds its pose at once
 
 
 class Firmware:
-    """A robot at the other end of the wire.
+    """A robot at the other end of the wire, which moves ``body``.
+
+    ``on_change`` is called at every change of mode with the mode, and at every target with "target".
 
     Attributes:
         mode: homing, holding, position, idle or error.
         now: time since the start [ms].
         gains: kp [A/rad], kd [A·s/rad] and current limit [A] in force.
-
-    Args:
-        robot: with a wire.
-        body: what it moves.
-        config: how it is built.
-        on_change: called at every change of mode with the mode, and at every target with "target".
     """
 
     def __init__(
@@ -129,7 +98,7 @@ class Firmware:
                 self._execute(message)
 
     def advance(self, milliseconds: int) -> bytes:
-        """Let time pass; returns the bytes sent meanwhile."""
+        """Simulate; returns the bytes sent meanwhile."""
         out, end, period = bytearray(), self.now + milliseconds, self._config.telemetry_period
         while self.now < end:
             out += "".join(f"{line}\r\n" for line in self._text).encode()
@@ -148,7 +117,7 @@ class Firmware:
         return bytes(out)
 
     def frames(self, milliseconds: int) -> Iterator[bytes]:
-        """Let time pass; yields the bytes sent in each telemetry period."""
+        """Simulate; yields the bytes sent in each telemetry period."""
         end, period = self.now + milliseconds, self._config.telemetry_period
         while self.now < end:
             yield self.advance(min(end - self.now, period - self.now % period))
@@ -160,12 +129,9 @@ class Firmware:
                 self._enter(POSITION)
                 self._on_change("target")
             return
-        kp, kd, limit = self.gains
-        self.gains = (
-            kp if command.kp is None else command.kp,
-            kd if command.kd is None else command.kd,
-            limit if command.max_current is None else command.max_current,
-        )
+        new = command.kp, command.kd, command.max_current
+        kp, kd, limit = (old if value is None else value for value, old in zip(new, self.gains, strict=True))
+        self.gains = kp, kd, limit
         if command.idle:
             self._enter(IDLE)
 
@@ -176,7 +142,7 @@ class Firmware:
 
     def _home(self) -> None:
         """Targets move to the crouch pose at the homing speed; then the robot holds."""
-        step, away = 1e-3 * HOMING_SPEED, self._target - to_wire(self._wire, self._wire.crouch_pose)
+        step, away = 1e-3 * HOMING_SPEED, self._target - self._wire.joint_signs * self._wire.crouch_pose
         self._target -= np.clip(away, -step, step)
         if np.abs(away).max() <= step:
             self._text.append("Homed")

@@ -19,19 +19,12 @@ from motorprior.robots.robot import Robot
 
 
 class VirtualRobot:
-    """One virtual robot. `run` moves it in real time, in a thread or a process of its own.
+    """A virtual robot. `run` moves it in real time, in a thread or a process of its own.
 
     Attributes:
         port: path of the pseudo-terminal to open.
         events: (time on the monotonic clock [s], mode or "target"), in order.
-        firmware: its state.
-        received: bytes from the host.
-        started: when `run` began, on the monotonic clock [s].
-
-    Args:
-        robot: that it is one of; with a wire.
-        body: motors and mechanics.
-        config: of the firmware.
+        received: number of bytes from the host.
     """
 
     def __init__(self, robot: Robot, body: Body, config: FirmwareConfig):
@@ -42,7 +35,7 @@ class VirtualRobot:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self.received, self.started = 0, 0.0
+        self.received, self._started = 0, 0.0
         self._stop = threading.Event()
 
     def stop(self) -> None:
@@ -52,7 +45,7 @@ class VirtualRobot:
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
         """Move until `stop` is called or ``ended`` returns True; then unplug."""
         try:
-            self.started = time.monotonic()
+            self._started = time.monotonic()
             while not self._stop.is_set() and not ended():
                 self._step()
         finally:
@@ -62,10 +55,10 @@ class VirtualRobot:
     def _step(self) -> None:
         """Wait for bytes or the next telemetry, and advance the robot to the present."""
         next_frame = self.firmware.now + self._period - self.firmware.now % self._period  # [ms]
-        timeout = max(0.0, self.started + 1e-3 * next_frame - time.monotonic())
+        timeout = max(0.0, self._started + 1e-3 * next_frame - time.monotonic())
         ready, _, _ = select.select([self._master], [], [], timeout)
         data = self._read() if ready else b""
-        out = self.firmware.advance(int(1e3 * (time.monotonic() - self.started)) - self.firmware.now)
+        out = self.firmware.advance(int(1e3 * (time.monotonic() - self._started)) - self.firmware.now)
         self.firmware.receive(data)
         if out:
             with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
