@@ -79,7 +79,7 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
     zero, learned, paths = zero_policy(robot.num_joints), actuators["rollout"], {}
     walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_legs().forward[1]))
     for name, motors in actuators.items():
-        world = WorldConfig.of(robot, physics_dt=robot.physics_step(motors.kind.longest_step))
+        world = WorldConfig.of(robot, physics_dt=robot.physics_step(motors.kind.max_step))
         simulator = WalkSimulator(lambda rng, motors=motors: motors, world, walk)
         paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
     steps, world = paths["rollout"][0], World(WorldConfig.of(robot))

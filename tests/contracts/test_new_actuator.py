@@ -45,7 +45,7 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 SPRING = ActuatorKind(
-    "spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, longest_step=0.004
+    "spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, max_step=0.004
 )
 KINDS = (IDEAL_PD, FRICTION_PD, PHYSICAL, LATENT, GREY_BOX, OUT_OF_FAMILY, SPRING)
 
@@ -69,7 +69,7 @@ class Spring:
         return np.full(self.num_motors, KD)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        require_step(physics_dt, SPRING.longest_step)
+        require_step(physics_dt, SPRING.max_step)
         return empty_arrays(SPRING, np.full((1, self.num_motors), KP), 1, 1, self.damping)
 
 
@@ -106,11 +106,11 @@ def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
 
 
 def test_a_kind_says_how_finely_it_is_simulated():
-    steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in KINDS}
+    steps = {kind.name: PUPPER_V2.physics_step(kind.max_step) for kind in KINDS}
     assert steps == {
         "ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "foreign": 0.001,
         "pd_friction": 0.002, "spring": 0.001,
     }  # fmt: skip
     light = replace(PUPPER_V2, physics_dt=0.001, twin_physics_dt=0.00025)
-    assert light.physics_step(PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"
-    assert replace(light, twin_physics_dt=0.005).physics_step(PHYSICAL.longest_step) == 0.001
+    assert light.physics_step(PHYSICAL.max_step) == 0.00025, "its joints are light: the twin's step"
+    assert replace(light, twin_physics_dt=0.005).physics_step(PHYSICAL.max_step) == 0.001
