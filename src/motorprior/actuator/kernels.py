@@ -22,7 +22,6 @@ from motorprior.actuator.actuator import ActuatorArrays, KernelTable
 from motorprior.compiled import njit
 
 
-
 @njit(cache=True, nogil=True)
 def read_joint(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     """Copy the joint angles [rad]: the encoder is on the joint."""

@@ -142,10 +142,6 @@ class OutOfFamilyMotors:
         """The motors at ``index``."""
         return OutOfFamilyMotors(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
-    def table(self) -> np.ndarray:
-        """(45, n) constants of the rotor and the gear, in the order of the fields."""
-        return np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
-
     def actuator(self) -> OutOfFamilyActuator:
         """The same motors as an `Actuator`."""
         return OutOfFamilyActuator(self)
@@ -199,7 +195,7 @@ class OutOfFamilyActuator(Actuator):
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, MAX_STEP)
-        table = self.motors.table()
+        table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)[:NUM_ROWS]])
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
         table[DELAY] /= physics_dt

@@ -42,7 +42,7 @@ from motorprior.identification.training_data.windows import (
     TARGET,
     TORQUE,
     VEL,
-    WARMER,
+    TEMPERATURE_SCALE,
     TrainingData,
 )
 
@@ -168,7 +168,7 @@ class Segment:
     @property
     def conditions(self) -> np.ndarray:
         """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
-        return self.rows[0, [SUPPLY, WARMER]]
+        return self.rows[0, [SUPPLY, TEMPERATURE_SCALE]]
 
 
 class WindowRuns:
