@@ -27,10 +27,8 @@ CYCLES = 2.0
 class Diagrams:
     """Draw which foot is on the ground when, two cycles of every gait."""
 
-    out: Path = Path("docs/gaits.png")
-    """File of the picture."""
-    robot: str = DEFAULT_ROBOT
-    """Robot with four legs: a shipped one by name, or the .toml file of your own."""
+    out: Path = Path("docs/gaits.png")  # file of the picture
+    robot: str = DEFAULT_ROBOT  # robot with four legs: a shipped one by name, or the .toml file of your own
 
 
 def planned_stance(robot: Robot, gait: str, cycles: float = 2.0, samples: int = 1000) -> np.ndarray:

@@ -45,20 +45,16 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 SECONDS = (2.0, 10.0, 30.0)
 MOTORS, STREAM = 16, 57
-LOGS, TOGETHER, WHOLE = 6, 12, 5.0
-"""Logs of every fleet, motors and seconds of each."""
+LOGS, TOGETHER, WHOLE = 6, 12, 5.0  # logs of every fleet, motors and seconds of each
 
 
 @dataclass(frozen=True)
 class Settings:
     """Settings of the benchmark."""
 
-    prior: tyro.conf.Positional[Path]
-    """Prior of preset rollout that was identified from a bench."""
-    fleets_only: bool = False
-    """Logs of whole fleets only, some minutes."""
-    json: Path | None = None
-    """File for the figures."""
+    prior: tyro.conf.Positional[Path]  # prior of preset rollout that was identified from a bench
+    fleets_only: bool = False  # logs of whole fleets only, some minutes
+    json: Path | None = None  # file for the figures
 
 
 def measure(path: Path) -> Results:

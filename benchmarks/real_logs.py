@@ -70,24 +70,20 @@ MODELS = (
     "physical", "prior", "adapted", "tuned_pd", "same_place",
 )  # fmt: skip
 TABLE_ONLY = ("tuned_pd", "same_place")
-TOLD = 10.0
-"""Seconds of a held-out log that ``adapted`` knows."""
+TOLD = 10.0  # seconds of a held-out log that ``adapted`` knows
 RECIPE = PRESETS["rollout"]
-UNSEEN = "unseen_gains"
-"""A test: motor logs that nothing was fitted to, each with its own gains."""
+UNSEEN = "unseen_gains"  # A test: motor logs that nothing was fitted to, each with its own gains
 MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "quick"
 """A test, and its recipe: one that takes seconds, since it is fitted once per leg."""
 IDENTIFIED = "long_runs"
 """Recipe of the prior: what a model lacks shows less in windows of an eighth of a second, as rollout has, and comes out
 as wrong constants."""
-FACTOR = {"so101": 5.0, "xl330": 3.0}
-"""On the seconds that models are fitted to."""
+FACTOR = {"so101": 5.0, "xl330": 3.0}  # on the seconds that models are fitted to
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
 PROGRESS = Lines(sys.stderr)
 Figures: TypeAlias = dict[str, dict[str, float]]
 """``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage``: level [%] -> share."""
-Test: TypeAlias = tuple[str, list[Figures]]
-"""Name of a test, and what each fold found."""
+Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, and what each fold found
 
 
 @dataclass(frozen=True)
@@ -97,21 +93,15 @@ class Settings:
     data: Path
     """Folder with go2/, so101/, xl330/ and pupper_v2/ (raw logs) and robots/ (their models); what is absent is
     skipped."""
-    out: Path
-    """Run folder."""
-    robots: tuple[str, ...] = ("go2", "so101", "xl330", "pupper")
-    """Which of them."""
+    out: Path  # run folder
+    robots: tuple[str, ...] = ("go2", "so101", "xl330", "pupper")  # which of them
     seconds: float = 24.0
     """All models are fitted to so much of the known logs, an equal stretch of each [s]; of the arm, whose logs are of
     forty motions, to five times as much, and of the pendulum, to three times as much: all it has."""
-    logs: int | None = None
-    """Use the first logs of each robot only; all if not given."""
-    folds: int | None = None
-    """Leave out the first groups of logs only; each in its turn if not given."""
-    adam_steps: int | None = None
-    """Adam steps of every network; the preset's own number if not given."""
-    seed: int = 0
-    """Seed of trainings and searches."""
+    logs: int | None = None  # use the first logs of each robot only; all if not given
+    folds: int | None = None  # leave out the first groups of logs only; each in its turn if not given
+    adam_steps: int | None = None  # Adam steps of every network; the preset's own number if not given
+    seed: int = 0  # seed of trainings and searches
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,8 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters, scaled
 
-WEAK, DAMAGED = 0.75, 0.4
-"""What is left of the torque of each motor, and of the one that is damaged [-]."""
-PLAY, FRICTION = 3.0, 1.5
-"""Of worn gears, over those of the same gears when new [-]."""
+WEAK, DAMAGED = 0.75, 0.4  # what is left of the torque of each motor, and of the one that is damaged [-]
+PLAY, FRICTION = 3.0, 1.5  # of worn gears, over those of the same gears when new [-]
 _STREAM = 0x3EA
 
 

@@ -15,8 +15,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 
 MOTORS = 8
 FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
-LIMP = {"kp": 0.0}
-"""Without a law: kd is a share of kp."""
+LIMP = {"kp": 0.0}  # without a law: kd is a share of kp
 STEPS_OF_PHYSICS = pytest.mark.parametrize("dt", [0.001, 0.002])
 
 

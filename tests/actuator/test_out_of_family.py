@@ -12,8 +12,7 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
 
 DT = 1e-4
-BLOCKED = 1e9
-"""Inertia of a joint that does not move [kg·m²]."""
+BLOCKED = 1e9  # inertia of a joint that does not move [kg·m²]
 
 
 def motor(**constants: float) -> OutOfFamilyMotors:

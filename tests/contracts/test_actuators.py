@@ -19,8 +19,7 @@ from motorprior.exceptions import ConfigError
 
 DT = 0.001
 LIMIT = 1.3
-LEFT_OVER = 0.1
-"""What a grey box's network may add [N·m]."""
+LEFT_OVER = 0.1  # what a grey box's network may add [N·m]
 
 
 def ideal_pd(n):

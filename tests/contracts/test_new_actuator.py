@@ -22,8 +22,7 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 
 KP, KD = 9.0, 0.8
-READS_MORE = 0.01
-"""Zero of the encoders [rad]."""
+READS_MORE = 0.01  # zero of the encoders [rad]
 
 
 @njit(cache=True, nogil=True)
