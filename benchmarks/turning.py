@@ -15,7 +15,7 @@ from motorprior.simulation.rollout import Episode
 from motorprior.transfer.gait_quality import WARM_UP, completed, distance_along_heading, headings
 
 TURNS = "commanded/"  # prefix of the names of these quantities
-# commanded speed over the robot's fastest (forward if positive), and commanded yaw rate over the fastest (left positive)
+# commanded speed and yaw rate over the robot's fastest; forward and left are positive
 COMMANDS = (
     (0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.1, 0.0),
     (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),

@@ -3,8 +3,8 @@
     python benchmarks/walking.py --out runs/walking
 
 figures.json contains
-    PLACE/QUANTITY, PLACE/QUANTITY/SPEED   means over five seeds of 24 samples of 20 s at three speeds each, and at one
-                                           speed. PLACE is sampled (samples of the prior, as in training), twin (physical
+    PLACE/QUANTITY, PLACE/QUANTITY/SPEED   means over five seeds of 24 samples of 20 s, at all three speeds and at one.
+                                           PLACE is sampled (samples of the prior, as in training), twin (physical
                                            motors, noisy sensors) or hard (a twin with other friction, masses, slope,
                                            delayed sensors and pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
