@@ -7,7 +7,6 @@ and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS 
 """
 
 import argparse
-import json
 import time
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -74,7 +74,7 @@ def main() -> None:
     """Measure, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prior", type=Path, required=True)
-    parser.add_argument("--json")
+    parser.add_argument("--json", type=Path)
     parser.add_argument("--figure")
     options = parser.parse_args()
     prior = MotorPrior.load(options.prior)
@@ -104,8 +104,7 @@ def main() -> None:
             print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
     figures |= convergence(prior) | iteration_seconds(prior)
     if options.json:
-        with open(options.json, "w", encoding="utf-8") as file:
-            json.dump(figures, file, indent=1)
+        write_json(options.json, figures)
     if options.figure:
         draw_figure(options.figure, shown)
 

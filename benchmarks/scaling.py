@@ -7,14 +7,15 @@ time for C chunks and the busiest worker's time.
 """
 
 import argparse
-import json
 import pickle
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
@@ -132,8 +133,7 @@ def main() -> None:
     for name, value in figures.items():
         print(f"{name}: {value:.4g}")
     if path:
-        with open(path, "w", encoding="utf-8") as file:
-            json.dump(figures, file, indent=1)
+        write_json(Path(path), figures)
 
 
 def measure_ray(figures: dict[str, float]) -> None:

@@ -5,9 +5,9 @@
 Five minutes on two cores.
 
 Torque causes acceleration, so the last change of velocity reveals the torque. A one-step regression learns this
-relation, which is correct in open loop. A simulator closes the loop: the network is linearised about recorded states and
-connected to a joint. The largest eigenvalue of joint + history is the growth of a disturbance per step; above 1 the legs
-oscillate up to the torque limit.
+relation, which is correct in open loop. A simulator closes the loop. Here the network is linearised about recorded
+states and connected to a joint. The largest eigenvalue of joint + history is the growth of disturbances per step; above
+1 the legs oscillate up to the torque limit.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class WithEngineTerms:
+class EngineAssisted:
     """Learned motors (`Actuator`) with given armature and damping in the engine."""
 
     learned: LatentActuator
@@ -119,15 +119,13 @@ class Learned:
     armature: np.ndarray
     damping: np.ndarray
 
-    def motors(self, index: np.ndarray) -> LatentActuator | WithEngineTerms:
+    def motors(self, index: np.ndarray) -> LatentActuator | EngineAssisted:
         """The training motors at ``index``."""
         own = LatentActuator(self.network, self.mean[index])
-        return (
-            own if self.network.motor is not None else WithEngineTerms(own, self.armature[index], self.damping[index])
-        )
+        return own if self.network.motor is not None else EngineAssisted(own, self.armature[index], self.damping[index])
 
 
-def without_engine_terms(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
+def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
     """The log with the torque to learn if the engine has armature and damping (n,).
 
     torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity at the next sample; the last sample of a
@@ -153,9 +151,7 @@ def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tupl
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
     log = record(motors, variant.bench, STEPS, settings.seed, load_fleet(settings.fleet))
     armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
-    found = identify(
-        training_data(without_engine_terms(log, armature, damping), preset, "bench"), preset, settings.seed
-    )
+    found = identify(training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed)
     if preset.has_armature:
         armature = found.network.armature(found.mean)
     return Learned(found.network, found.mean, armature, damping), log

@@ -1,4 +1,4 @@
-"""Every term of an out-of-family motor by itself, against its closed form."""
+"""Closed forms of every term of out-of-family motors."""
 
 from dataclasses import fields, replace
 
