@@ -11,7 +11,7 @@ An actuator may change its damping every step (gear contact): engines read it fr
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -136,23 +136,14 @@ class Factors(NamedTuple):
         return cls(*np.ones((len(cls._fields), count)))
 
 
-@runtime_checkable
-class HasConstants(Protocol):
-    """An actuator with constants that can be scaled."""
-
-    def with_factors(self, factors: Factors) -> Actuator:
-        """See the function `with_factors`."""
-        ...
-
-
 def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
-    """The same motors with scaled constants.
+    """The same motors with scaled constants, by the actuator's method of this name.
 
     Raises:
         ConfigError: a factor is not 1 and the motors lack that constant.
     """
-    if isinstance(actuator, HasConstants) and any(np.any(factor != 1.0) for factor in factors):
-        return actuator.with_factors(factors)
+    if hasattr(actuator, "with_factors") and any(np.any(factor != 1.0) for factor in factors):
+        return actuator.with_factors(factors)  # pyright: ignore[reportAttributeAccessIssue]
     require_unchanged(actuator.kind, factors, *Factors._fields)
     return actuator
 

@@ -60,7 +60,7 @@ class FrictionPd:
         return self.pd.damping
 
     def with_factors(self, factors: Factors) -> FrictionPd:
-        """See `HasConstants`."""
+        """See `actuator.with_factors`."""
         pd = self.pd.with_factors(factors._replace(coulomb=np.ones(self.num_motors)))
         return FrictionPd(pd, self.coulomb * factors.coulomb)
 

@@ -54,7 +54,7 @@ class IdealPd:
         return self.kd
 
     def with_factors(self, factors: Factors) -> IdealPd:
-        """See `HasConstants`."""
+        """See `actuator.with_factors`."""
         require_unchanged(self.kind, factors, "coulomb")
         limit = self.torque_limit * factors.torque_limit
         return replace(self, kp=self.kp * factors.kp, kd=self.kd * factors.kd, torque_limit=limit)

@@ -137,7 +137,7 @@ class LatentActuator(Actuator):
         return np.zeros(self.num_motors) if self.network.motor is not None else self.network.armature(self.z)
 
     def with_factors(self, factors: Factors) -> LatentActuator:
-        """See `HasConstants`; grey boxes only. The integral gain, kp·integral_rate, scales with kp."""
+        """See `actuator.with_factors`; grey boxes only. The integral gain, kp·integral_rate, scales with kp."""
         if self.network.motor is None:
             require_unchanged(self.kind, factors, *Factors._fields)
         self._require_gains()

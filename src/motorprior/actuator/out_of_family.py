@@ -188,7 +188,7 @@ class OutOfFamilyActuator(Actuator):
         return self.motors.output_damping
 
     def with_factors(self, factors: Factors) -> OutOfFamilyActuator:
-        """See `HasConstants`; ki scales with kp, as in the learned models."""
+        """See `actuator.with_factors`; ki scales with kp, as in the learned models."""
         changes = factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp}
         return OutOfFamilyActuator(scaled(self.motors, changes))
 

@@ -102,7 +102,7 @@ class PhysicalActuator(Actuator):
         return len(self.motors)
 
     def with_factors(self, factors: Factors) -> PhysicalActuator:
-        """See `HasConstants`."""
+        """See `actuator.with_factors`."""
         return PhysicalActuator(scaled(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import read_json
-from motorprior.bench.distribution import distributions_of
 from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
-from motorprior.bench.fleet import Fleet
+from motorprior.bench.fleet import Fleet, distributions_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.parquet_io import read_parquet

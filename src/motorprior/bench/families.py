@@ -48,8 +48,9 @@ class Family:
         (torque k·s + c·s³ at twist s) has the stiffness k + 3·c·s² at the torque limit.
         """
         h, armature = self.substep, values["armature"]
-        stiffness = self._sum(self.stiffness, values) + _hardened(values)
-        damping = self._sum(self.damping, values)
+        zero = np.zeros(len(armature))
+        stiffness = sum((values[name] for name in self.stiffness if name in values), zero) + _hardened(values)
+        damping = sum((values[name] for name in self.damping if name in values), zero)
         min_armature = (2.0 * damping * h + stiffness * h * h) / 4.0
         if not (armature > min_armature).all():
             worst = int(np.argmin(armature / min_armature))
@@ -59,9 +60,6 @@ class Family:
                 f"steps of {1e3 * h:g} ms",
                 where=where, remedy=f"raise armature above {min_armature[worst]:.3g} kg·m², or soften the gear",
             )  # fmt: skip
-
-    def _sum(self, names: tuple[str, ...], values: Mapping[str, np.ndarray]) -> np.ndarray:
-        return sum((values[name] for name in names if name in values), np.zeros(len(values["armature"])))
 
 
 def _hardened(values: Mapping[str, np.ndarray]) -> np.ndarray:

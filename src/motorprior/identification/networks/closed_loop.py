@@ -45,9 +45,9 @@ from motorprior.identification.training_data.windows import (
     STIFFNESS,
     SUPPLY,
     TARGET,
+    TEMPERATURE_SCALE,
     TORQUE,
     VEL,
-    TEMPERATURE_SCALE,
 )
 
 # Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: a motor that reaches the end

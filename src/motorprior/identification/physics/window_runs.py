@@ -40,9 +40,9 @@ from motorprior.identification.training_data.windows import (
     STIFFNESS,
     SUPPLY,
     TARGET,
+    TEMPERATURE_SCALE,
     TORQUE,
     VEL,
-    TEMPERATURE_SCALE,
     TrainingData,
 )
 
