@@ -1,12 +1,12 @@
-"""Acceptance figures: small runs of every claim, and a comparison of two such runs.
+"""Acceptance figures: small runs of all experiments, and a comparison of two such runs.
 
     python benchmarks/acceptance.py run --data DIR --out runs/acceptance
     python benchmarks/acceptance.py compare benchmarks/acceptance.json runs/acceptance/acceptance.json
 
-`run` calls the demo, the quick transfer study and the benchmarks on real logs and on fleets, one fold per robot and
-few motors, and collects their figures in acceptance.json. Runs that are there are kept; about 40 minutes on two cores.
-`compare` lists figures that moved or went and exits with 1 if there are any. The same seed gives the same figures,
-whatever the number of workers, so the tolerance covers only differences between processors.
+`run` runs the demo, the quick transfer study and the benchmarks on real logs and on fleets, with one fold per robot and
+few motors, and collects their figures in acceptance.json. Finished runs are reused; about 40 minutes on two cores.
+`compare` lists changed and missing figures and exits with 1 if there are any. The same seed gives the same figures for
+any number of workers, so the tolerance only covers differences between processors.
 """
 
 from __future__ import annotations
@@ -31,30 +31,24 @@ COLLECTED = "acceptance.json"
 
 @dataclass(frozen=True)
 class Run:
-    """Make the figures."""
+    """Compute the figures."""
 
-    data: Path
-    """Folder with the real logs of `benchmarks/real_logs.py`."""
-    out: Path
-    """Run folder."""
+    data: Path  # folder with the real logs of `benchmarks/real_logs.py`
+    out: Path  # run folder
 
 
 @dataclass(frozen=True)
 class Compare:
     """Compare two collections of figures."""
 
-    before: tyro.conf.Positional[Path]
-    """acceptance.json of the earlier run."""
-    after: tyro.conf.Positional[Path]
-    """acceptance.json of the later run."""
-    rtol: float = 1e-3
-    """Relative tolerance [-]."""
-    atol: float = 1e-6
-    """Absolute tolerance, in the unit of the figure."""
+    before: tyro.conf.Positional[Path]  # acceptance.json of the earlier run
+    after: tyro.conf.Positional[Path]  # acceptance.json of the later run
+    rtol: float = 1e-3  # relative tolerance [-]
+    atol: float = 1e-6  # absolute tolerance, in the unit of the figure
 
 
 def commands(data: Path, out: Path) -> dict[str, list[str]]:
-    """Arguments of Python for every run, by name."""
+    """Python arguments of every run, by name."""
     product, real = ["-m", "motorprior"], [str(BENCHMARKS / "real_logs.py"), "--data", str(data)]
     return {
         "demo": [*product, "demo", "--out", str(out / "demo")],
@@ -66,7 +60,7 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
 
 
 def run(config: Run) -> None:
-    """Run every command that has no figures yet and collect the figures of all."""
+    """Run all unfinished commands and collect the figures."""
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     for name, arguments in commands(config.data, config.out).items():
         done = config.out / f"{name}.done"
@@ -78,7 +72,7 @@ def run(config: Run) -> None:
 
 
 def collected(out: Path) -> dict[str, float]:
-    """Every figure, named after the run, without times; means over the walks of the study."""
+    """All figures except times, named after the run; of the study means over its walks."""
     figures: dict[str, float] = {}
     for path in (out / name / "figures.json" for name in ("demo", "real_logs", "fidelity", "foreign")):
         found = json.loads(path.read_text())
@@ -92,7 +86,7 @@ def collected(out: Path) -> dict[str, float]:
 
 
 def compare(config: Compare) -> int:
-    """Print what differs; 1 if anything does."""
+    """Print the differences; 1 if there are any."""
     before, after = (json.loads(path.read_text()) for path in (config.before, config.after))
     moved = [
         f"{name}: {value:.6g} -> {after[name]:.6g}" if name in after else f"{name}: gone"

@@ -1,24 +1,22 @@
-"""The same trot on the same motors in MuJoCo and in PyBullet: how far apart, as figures and as a picture.
+"""Differences between MuJoCo and PyBullet for the same trot on the same motors, as figures and as a picture.
 
-python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
+    python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
 
 Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, suspended
-and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS, and where PyBullet's goes.
+and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS in both.
 """
 
 import argparse
-import json
 import time
-from collections import defaultdict
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -40,8 +38,8 @@ from motorprior.transfer.robot_fidelity import trot_targets
 DRAWS, STEPS = 12, 200
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
+# (control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step
 Motion = tuple[np.ndarray, np.ndarray]
-"""(control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step."""
 
 
 def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuator:
@@ -55,14 +53,14 @@ def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuato
 
 
 def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
-    """Replay there."""
+    """Replay the targets in MuJoCo."""
     recorded = replay(world, motors, targets)
     after = recorded.joint_pos[world.config.substeps - 1 :: world.config.substeps]
     return np.vstack([spec.NOMINAL_POSE[None], after[:-1]]), recorded.base[:, :3]
 
 
 def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Motion:
-    """The same in PyBullet."""
+    """Replay the targets in PyBullet."""
     arrays, joints, base = world.reset(motors), [], []
     for target in targets:
         joints.append(world.joints()[0])
@@ -76,13 +74,13 @@ def main() -> None:
     """Measure, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prior", type=Path, required=True)
-    parser.add_argument("--json")
+    parser.add_argument("--json", type=Path)
     parser.add_argument("--figure")
     options = parser.parse_args()
     prior = MotorPrior.load(options.prior)
     figures: dict[str, float] = {}
     shown: dict[str, tuple[Motion, Motion]] = {}
-    print("motors, place: joint RMSE [mrad], base apart after 2 s [m], seconds MuJoCo / PyBullet")
+    print("motors, place: joint RMSE [mrad], base distance after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
         for suspended in (True, False):
             config = WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=suspended)
@@ -104,16 +102,15 @@ def main() -> None:
             medians = np.median(rows, axis=0)
             figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
             print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
-    figures |= convergence(prior) | iteration_seconds(prior) | step_parts(prior)
+    figures |= convergence(prior) | iteration_seconds(prior)
     if options.json:
-        with open(options.json, "w", encoding="utf-8") as file:
-            json.dump(figures, file, indent=1)
+        write_json(options.json, figures)
     if options.figure:
         draw_figure(options.figure, shown)
 
 
 def convergence(prior: MotorPrior) -> dict[str, float]:
-    """How far the shipped number of solver iterations is from ten times as many, on the ground."""
+    """Difference between the shipped number of solver iterations and ten times as many, on the ground."""
     rng = np.random.default_rng(0)
     targets, motors = trot_targets(PUPPER_V2, rng, STEPS), motors_of("pd_armature_delay", prior, rng)
     motions = []
@@ -130,22 +127,15 @@ def convergence(prior: MotorPrior) -> dict[str, float]:
 
 
 def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
-    """Of one ARS iteration (32 episodes of up to 250 control steps, the second of a search) on one core."""
+    """Time of the second ARS iteration (32 episodes of up to 250 control steps) on one core."""
     figures, walk, config = {}, WalkConfig(), WorldConfig.of(PUPPER_V2, physics_dt=0.001)
     for kind in KINDS[:-1]:
         simulators = {
             "mujoco": WalkSimulator(partial(motors_of, kind, prior), config, walk),
-            "pybullet": BackendSimulator(
-                PUPPER_V2,
-                PybulletBackend(partial(motors_of, kind, prior), config),
-                walk,
-            ),
+            "pybullet": BackendSimulator(PUPPER_V2, PybulletBackend(partial(motors_of, kind, prior), config), walk),
         }
         for engine, simulator in simulators.items():
-            search, executor = (
-                new_search(ArsConfig(), SHAPE),
-                SerialExecutor(lambda made=simulator: made),
-            )
+            search, executor = new_search(ArsConfig(), SHAPE), SerialExecutor(lambda made=simulator: made)
             advance(search, SHAPE, executor)
             started = time.perf_counter()
             steps = advance(search, SHAPE, executor).mean_steps
@@ -154,46 +144,8 @@ def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     return figures
 
 
-def step_parts(prior: MotorPrior) -> dict[str, float]:
-    """Microseconds per physics step of a trot that each function of PyBullet takes, and the whole; reset [ms]."""
-    figures: dict[str, float] = {}
-    for kind in ("learned", "pd_armature_delay"):
-        for iterations in (bullet_world.SOLVER_ITERATIONS, 1):
-            rng, world = np.random.default_rng(0), BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
-            motors, targets, seconds = (
-                motors_of(kind, prior, rng),
-                trot_targets(PUPPER_V2, rng, STEPS),
-                defaultdict(float),
-            )
-            call = world.call
-
-            def timed(name: str, *args: Any, call=call, seconds=seconds, **options: Any) -> Any:
-                started = time.perf_counter()
-                value = call(name, *args, **options)
-                seconds[name] += time.perf_counter() - started
-                return value
-
-            started = time.perf_counter()
-            arrays = world.reset(motors)
-            reset = time.perf_counter() - started
-            world.call("setPhysicsEngineParameter", numSolverIterations=iterations)
-            world.call = timed
-            for target in targets:
-                started = time.perf_counter()
-                for _ in range(world.config.substeps):
-                    world.physics_step(arrays, target)
-                seconds["whole"] += time.perf_counter() - started
-            count, name = len(targets) * world.config.substeps, f"{kind}, {iterations} solver iterations"
-            figures |= {f"bullet_us/{name}/{part}": 1e6 * value / count for part, value in seconds.items()}
-            figures[f"bullet_ms/{name}/reset"] = 1e3 * reset
-            world.close()
-    for name, value in figures.items():
-        print(f"{name}: {value:.1f}")
-    return figures
-
-
 def draw_figure(path: str, shown: dict[str, tuple[Motion, Motion]]) -> None:
-    """Knee of the first leg and the way of the base, in both engines."""
+    """Knee of the first leg and path of the base, in both engines."""
     import matplotlib.pyplot as plt
 
     time_axis = spec.CONTROL_DT * np.arange(STEPS)

@@ -1,8 +1,8 @@
-"""Every actuator model on the same data and the same held-out cases: the tables of docs/fidelity.md.
+"""All actuator models on the same data and the same held-out cases: the tables of docs/fidelity.md.
 
     python benchmarks/fidelity.py --fleet mixed --out runs/fidelity_mixed
 
-Stages that are finished are kept. Twenty minutes per fleet on two cores.
+Finished stages are reused. Twenty minutes per fleet on two cores.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
 PROGRESS = Lines(sys.stderr)
-MEMBERS = 3
-"""Networks of the ensemble, of different seeds; it predicts the mean of their trajectories."""
+MEMBERS = 3  # networks of the ensemble, of different seeds; it predicts the mean of their trajectories
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "suspended_rmse")
 TORQUE = ("standing_torque_hf", "suspended_torque_hf")
 
@@ -43,22 +42,16 @@ TORQUE = ("standing_torque_hf", "suspended_torque_hf")
 class Settings:
     """Identify every preset on one bench and validate all of them."""
 
-    out: Path
-    """Run folder."""
-    fleet: str = "mixed"
-    """Population of motors."""
-    motors: int = 32
-    """Motors on the bench."""
-    steps: int = 10_000
-    """Samples per motor."""
-    adam_steps: int | None = None
-    """Adam steps of each identification that trains a network; the preset's own number if not given."""
-    seed: int = 0
-    """Seed of bench, training and validation."""
+    out: Path  # run folder
+    fleet: str = "mixed"  # population of motors
+    motors: int = 32  # motors on the bench
+    steps: int = 10_000  # samples per motor
+    adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
+    seed: int = 0  # seed of bench, training and validation
 
 
 def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: bool = True) -> Path:
-    """The prior of one preset, trained unless it is there."""
+    """The prior of one preset; trained if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     folder = settings.out / "priors" / name
     steps = settings.adam_steps if identification_preset(preset).trains else None
@@ -67,23 +60,21 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
 
 
 def measure(settings: Settings) -> Results:
-    """Everything; the position-only prior and the ensemble are models of their own names."""
+    """All results, including the position-only prior and the ensemble."""
     for preset in ("rollout", "paper"):
-        run_bench(
-            Bench(
-                settings.out / "bench" / preset, settings.fleet, preset, settings.motors, settings.steps, settings.seed
-            ),
-            PROGRESS,
-        )
+        folder = settings.out / "bench" / preset
+        run_bench(Bench(folder, settings.fleet, preset, settings.motors, settings.steps, settings.seed), PROGRESS)
     priors = tuple(identify(settings, preset, preset) for preset in PRESETS)
     results = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
-    blind = identify(settings, "rollout", "position_only", torque=False)
-    found = run_validate(Validate((blind,), settings.out / "validate" / "position_only", settings.seed), PROGRESS)
+    position_only = identify(settings, "rollout", "position_only", torque=False)
+    found = run_validate(
+        Validate((position_only,), settings.out / "validate" / "position_only", settings.seed), PROGRESS
+    )
     return results + found.where(model="rollout").having(model="position_only") + ensemble(settings)
 
 
 def ensemble(settings: Settings) -> Results:
-    """One_network with MEMBERS seeds; without latents it is the same model for all motors."""
+    """Ensemble of MEMBERS one_network models, which have no latents and so are the same for all motors."""
     robot = load_robot(DEFAULT_ROBOT)
     paths = [identify(settings, "one_network", f"member_{seed}", seed) for seed in range(1, MEMBERS + 1)]
     members, facts = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
@@ -99,10 +90,7 @@ def ensemble(settings: Settings) -> Results:
 
 
 def table(results: Results, motors: str) -> str:
-    """Markdown: one row per model; RMSE [mrad], medians, and means in brackets.
-
-    Torque above 20 Hz is a ratio to the physical motors' own: more is chatter, less is missing life.
-    """
+    """Markdown: one row per model; RMSE [mrad] and torque above 20 Hz, medians, and means in brackets."""
     here = results.where(motors=motors)
     errors = here.where(quantity="bench_impact_rmse", statistic="median")
     lines = [
@@ -120,15 +108,12 @@ def table(results: Results, motors: str) -> str:
 
 
 def cell(results: Results, quantity: str, model: str, form: str, factor: float, over: str | None = None) -> str:
-    """Median and, in brackets, mean of a quantity; as a ratio to those of the model ``over``, if given."""
-    found = results.where(quantity=quantity)
-    median, mean = (
-        factor
-        * found.value(model=model, statistic=statistic)
-        / (1.0 if over is None else found.value(model=over, statistic=statistic))
-        for statistic in ("median", "mean")
-    )
-    return f"{median:{form}} ({mean:{form}})"
+    """Median and, in brackets, mean of a quantity; divided by that of the model ``over``, if given."""
+    found, values = results.where(quantity=quantity), []
+    for statistic in ("median", "mean"):
+        reference = 1.0 if over is None else found.value(model=over, statistic=statistic)
+        values.append(factor * found.value(model=model, statistic=statistic) / reference)
+    return f"{values[0]:{form}} ({values[1]:{form}})"
 
 
 def main() -> None:
@@ -137,9 +122,7 @@ def main() -> None:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     results = measure(settings)
     write_results(settings.out, results)
-    text = "\n\n".join(
-        f"{motors.replace('_', '-')} motors\n\n{table(results, motors)}" for motors in ("train", "held_out")
-    )
+    text = f"train motors\n\n{table(results, 'train')}\n\nheld-out motors\n\n{table(results, 'held_out')}"
     write_text(settings.out / "tables.md", text + "\n")
     print(text)
 

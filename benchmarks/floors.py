@@ -1,16 +1,16 @@
-"""Floors of a motor prior's errors: grey boxes with the true constants against the physical motors.
+"""Error floors of a motor prior: grey boxes with the true constants compared with the physical motors.
 
     python benchmarks/floors.py --fleet mixed --json floors.json
 
-What a step of 2 ms costs, what is known of a fleet from 32 of its motors, and what contact adds. A flat map:
-    two_sample_auc                         256 such motors against 256 others of the fleet on the standard bench
-    two_sample_auc/SAMPLER/N               the same for 256 draws of a SAMPLER of the constants of N true motors: a
-                                           gaussian with their mean and covariance, or the copula of a prior; median of
-                                           SETS sets of N motors
-    displacement_m/DAMPING_RATIO           of the trotting robot after 2 s, from that of the physical motors at 1 ms
-    rmse_rad/…, torque_hf_ratio/…          of the joints, and torque above 20 Hz over the physical motors' own
-    …/suspended                                 the same without contact
-for feet whose contacts have that damping ratio in the model of 2 ms; in the model of 1 ms it is 1. Medians of 12 trots.
+The errors are those of a step of 2 ms, of a fleet sampled by 32 motors, and of contact. Figures:
+    two_sample_auc                         256 grey boxes against 256 other motors of the fleet on the standard bench
+    two_sample_auc/SAMPLER/N               the same for 256 samples of a distribution fitted to the constants of N
+                                           motors, a gaussian or the copula of a prior; median of SETS sets of motors
+    displacement_m/DAMPING_RATIO           distance between trotting robots after 2 s, grey boxes at 2 ms with this
+                                           damping ratio of the foot contacts, physical motors at 1 ms and ratio 1
+    rmse_rad/…, torque_hf_ratio/…          of the joints; torque above 20 Hz over that of the physical motors
+    …/suspended                            the same without contact
+Medians of 12 trots.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.robot_fidelity import STEPS, compare, trot_targets
 
 DAMPING_RATIOS = (1.0, 1.5, 2.0, 3.0)
-TROTS, POPULATION, NEURONS, SMALLEST = 12, 256, 4, 1e-6
+TROTS, POPULATION, NEURONS, MIN_CONSTANT = 12, 256, 4, 1e-6
 KNOWN, SETS = (32, 128), 7
 
 
@@ -47,26 +47,26 @@ def true_grey_box(motors: MotorParameters) -> LatentActuator:
     """Grey boxes with these constants, one latent per constant, and a network that gives 0 N·m."""
     values = {name: getattr(motors, name) for name in PARAMETERS if name != "kd_over_kp"}
     values["kd_over_kp"] = motors.kd / motors.kp
-    raw = np.stack([np.log(np.maximum(values[name], SMALLEST)) for name in PARAMETERS], axis=1)
+    raw = np.stack([np.log(np.maximum(values[name], MIN_CONSTANT)) for name in PARAMETERS], axis=1)
     raw[:, -1] = motors.encoder_zero / ZERO_SCALE
-    size, nothing = len(PARAMETERS), np.zeros
+    size, zeros = len(PARAMETERS), np.zeros
     network = LatentNetwork(
-        w1=nothing((2, NEURONS)), v1=nothing((size, NEURONS)), b1=nothing(NEURONS), w2=nothing((NEURONS, NEURONS)),
-        b2=nothing(NEURONS), w3=nothing(NEURONS), b3=nothing(()), log_armature=nothing(()),
-        armature_slope=nothing(size), taps=(0,), period=spec.PHYSICS_DT, error_scale=1.0, velocity_scale=1.0,
+        w1=zeros((2, NEURONS)), v1=zeros((size, NEURONS)), b1=zeros(NEURONS), w2=zeros((NEURONS, NEURONS)),
+        b2=zeros(NEURONS), w3=zeros(NEURONS), b3=zeros(()), log_armature=zeros(()),
+        armature_slope=zeros(size), taps=(0,), period=spec.PHYSICS_DT, error_scale=1.0, velocity_scale=1.0,
         torque_scale=1.0, torque_limit=1.0, has_armature=False, motor=GearedMotor(raw.mean(axis=0), np.eye(size)),
     )  # fmt: skip
     return LatentActuator(network, raw - raw.mean(axis=0))
 
 
 def gaussian(known: LatentActuator, rng: np.random.Generator) -> LatentActuator:
-    """Draws of a Gaussian with the known motors' mean and covariance."""
+    """Samples of a Gaussian with mean and covariance of the known motors."""
     z = rng.multivariate_normal(known.z.mean(axis=0), np.cov(known.z.T), POPULATION)
     return LatentActuator(known.network, z)
 
 
 def copula(known: LatentActuator, rng: np.random.Generator) -> LatentActuator:
-    """Draws as a prior makes them, from the known motors."""
+    """Samples of the copula that a prior fits to the known motors."""
     network, _ = standardised(known.network, known.z)
     return LatentActuator(network, rng.standard_normal((POPULATION, len(PARAMETERS))))
 
@@ -89,7 +89,7 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
 
 
 def robot_floor(fleet_name: str, suspended: bool, damping_ratio: float) -> tuple[float, float, float]:
-    """Joint error [rad], ratio of chatter, and distance of the bases [m]: medians over TROTS."""
+    """Joint error [rad], ratio of torque above 20 Hz, and distance of the bases [m]: medians over TROTS."""
     fine = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT, suspended=suspended))
     coarse, rows = World(WorldConfig.of(PUPPER_V2, suspended=suspended)), []
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio

@@ -1,12 +1,13 @@
-"""How far learned motors are from motors whose equations they do not share, in closed loop.
+"""Closed-loop errors of learned models on out-of-family motors, whose equations the models lack.
 
     python benchmarks/foreign.py --out runs/foreign
 
-For each fleet of foreign motors: a bench, three models of its motors, their errors on held-out excitation, on the
-motors of the bench (train) and on others of the same fleet that 10 s of log tell of (new). Beside them ``floor``, the
-true motors started 4 mrad away, ``floor_warmth``, the true motors after 10 s of work whatever their warmth, and
-``tuned_pd``, one PD for all. figures.json has the medians over motors [rad] as FAMILY/EXCITATION/MODEL/SET, and of the
-rollout's draws FAMILY/coverage90 and FAMILY/two_sample_auc. Stages that are finished are kept.
+For each out-of-family fleet: a bench, three models of its motors, and their errors on held-out excitation for the
+motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new). References are
+``floor``, the true motors with an initial error of 4 mrad; ``floor_warmth``, the true motors after 10 s of operation,
+whatever their warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad] as
+FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc. Finished
+stages are reused.
 """
 
 from __future__ import annotations
@@ -42,24 +43,18 @@ PROGRESS = Lines(sys.stderr)
 
 @dataclass(frozen=True)
 class Settings:
-    """Identify the motors of every family and measure how far the models are from them."""
+    """Identify the motors of every fleet and measure the errors of the models."""
 
-    out: Path
-    """Run folder."""
-    motors: int = 32
-    """Motors on the bench."""
-    steps: int = 10_000
-    """Samples per motor."""
-    adam_steps: int | None = None
-    """Adam steps of each identification that trains a network; the preset's own number if not given."""
-    seed: int = 0
-    """Seed of bench, training and held-out excitation."""
-    families: tuple[str, ...] = ("foreign_direct", "foreign_servo")
-    """Fleets."""
+    out: Path  # run folder
+    motors: int = 32  # motors on the bench
+    steps: int = 10_000  # samples per motor
+    adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
+    seed: int = 0  # seed of bench, training and held-out excitation
+    families: tuple[str, ...] = ("foreign_direct", "foreign_servo")  # fleets
 
 
 def identify(settings: Settings, family: str) -> dict[str, Path]:
-    """The priors of the family's bench, recorded and trained unless they are there."""
+    """The priors of a fleet; recorded and trained if their files do not exist."""
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
     for preset in PRESETS:
@@ -69,7 +64,7 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
 
 
 def measure(settings: Settings, family: str) -> dict[str, float]:
-    """The figures of one family, measured unless they are there."""
+    """The figures of one fleet; measured if the file does not exist."""
     paths, folder = identify(settings, family), settings.out / family / "measured"
     wanted = description("validate", asdict(settings) | {"families": [family]}, list(paths.values()))
     if not is_finished(folder, wanted):
@@ -79,7 +74,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
 
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
-    """Errors [rad] on both sets of motors, and what the rollout's draws are worth."""
+    """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
     from motorprior.identification.judging.coverage import coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
@@ -104,7 +99,7 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
 
 
 def tuned_pd(settings: Settings, family: str) -> dict[str, ModelOfMotors]:
-    """One PD for all motors, fitted to the log of the bench."""
+    """One PD for all motors, fitted to the bench log."""
     from motorprior.identification.baselines import pd_fit
 
     log = read_bench(settings.out / family / "bench")[0]
@@ -116,9 +111,9 @@ def tuned_pd(settings: Settings, family: str) -> dict[str, ModelOfMotors]:
 def errors(
     settings: Settings, family: str, which: str, motors: TrueMotors, models: dict[str, ModelOfMotors]
 ) -> dict[str, float]:
-    """Median RMSE over motors [rad] of every model and both floors, by its key in figures.json."""
-    lukewarm = motors.after(LONGEST_WORK / 2)
-    floors: dict[str, ModelOfMotors] = {"floor_warmth": lambda index: lukewarm.take(index).actuator()}
+    """Median RMSE over motors [rad] of all models and both floors, by key in figures.json."""
+    half_warm = motors.after(LONGEST_WORK / 2)
+    floors: dict[str, ModelOfMotors] = {"floor_warmth": lambda index: half_warm.take(index).actuator()}
     found = bench_errors(motors, models | floors, settings.seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
     return {
         f"{family}/{kind}/{'floor' if name == 'physical' else name}/{which}": float(np.median(values))
@@ -138,7 +133,7 @@ def table(figures: dict[str, float], family: str) -> str:
         cells = [f"{1e3 * figures[f'{family}/{kind}/{model}/{which}']:.2f}" for kind, which in columns]
         lines.append(f"| {model} | {' | '.join(cells)} |")
     drawn = (f"{name} {figures[f'{family}/{name}']:.2f}" for name in ("coverage90", "two_sample_auc"))
-    return "\n".join(lines) + f"\n\nDraws of the rollout: {', '.join(drawn)}."
+    return "\n".join(lines) + f"\n\nSamples of the rollout prior: {', '.join(drawn)}."
 
 
 def main() -> None:

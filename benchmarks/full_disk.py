@@ -1,4 +1,4 @@
-"""Simulation of a full disk: no file of this process may grow beyond a size."""
+"""Simulation of a full disk by a limit on file sizes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from contextlib import contextmanager
 
 
 def limit_file_sizes(size: int) -> None:
-    """From now on no file grows beyond ``size`` bytes."""
+    """Limit all files of this process to ``size`` bytes."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 
 
 @contextmanager
 def file_sizes_restored() -> Iterator[None]:
-    """Restore the limit afterwards; meanwhile exceeding it makes a write fail instead of killing the process."""
+    """Restore the limit on exit; within the context, writes beyond it fail instead of killing the process."""
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         yield

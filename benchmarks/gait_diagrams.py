@@ -1,4 +1,4 @@
-"""Gait diagrams of all gaits, from the trajectory generator itself: docs/gaits.png.
+"""Gait diagrams of all gaits, from the trajectory generator: docs/gaits.png.
 
 python benchmarks/gait_diagrams.py --out docs/gaits.png
 """
@@ -25,36 +25,24 @@ CYCLES = 2.0
 
 @dataclass(frozen=True)
 class Diagrams:
-    """Draw which foot is on the ground when, two cycles of every gait."""
+    """Draw the stance phases of all feet in two cycles of every gait."""
 
-    out: Path = Path("docs/gaits.png")
-    """File of the picture."""
-    robot: str = DEFAULT_ROBOT
-    """Robot with four legs: a shipped one by name, or the .toml file of your own."""
+    out: Path = Path("docs/gaits.png")  # file of the picture
+    robot: str = DEFAULT_ROBOT  # robot with four legs: a shipped one by name, or a .toml file
 
 
-def planned_stance(robot: Robot, gait: str, cycles: float = 2.0, samples: int = 1000) -> np.ndarray:
-    """(cycles · samples, legs) whether each foot is on the ground, as the generator plans it: its lift is 0.
-
-    Args:
-        robot: a legged one.
-        gait: which leg steps when, see `locomotion.gaits`; its usual ratio of swing to stance.
-        cycles: how many, from phase 0.
-        samples: per cycle.
-
-    Raises:
-        ConfigError: the robot cannot walk in this gait.
-    """
+def planned_stance(robot: Robot, gait: str, samples: int = 1000) -> np.ndarray:
+    """(CYCLES · samples, legs) planned ground contact of each foot: zero lift in the trajectory generator."""
     body = body_of(robot, gait)
     stance_share = 1.0 / (1.0 + body.swing_stance_ratio)
-    phases = (np.arange(round(cycles * samples))[:, None] / samples + body.phases) % 1.0
+    phases = (np.arange(round(CYCLES * samples))[:, None] / samples + body.phases) % 1.0
     return np.array([[foot_path(phase, stance_share)[1] <= 0.0 for phase in row] for row in phases])
 
 
 def draw(settings: Diagrams) -> None:
     """Write the picture."""
     robot = load_robot(settings.robot)
-    stances = {gait: planned_stance(robot, gait, CYCLES) for gait in GAITS}
+    stances = {gait: planned_stance(robot, gait) for gait in GAITS}
     figure = footfalls(stances, [leg.name for leg in robot.legs], CYCLES, "cycles [-]")
     settings.out.parent.mkdir(parents=True, exist_ok=True)
     settings.out.write_bytes(png_bytes(figure))

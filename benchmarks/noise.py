@@ -1,18 +1,16 @@
-"""How much noise on the line a walking robot stands, in simulated time: hours in minutes, the same figures every time.
+"""Robustness of a walking robot against lost and damaged frames, in simulated time and reproducible.
 
     python benchmarks/noise.py --hours 2 --json noise.json
 
-The host's own code walks virtual robots (`simulated_port.py`) while the line loses and damages frames, both ways.
-Walks of ten minutes, and of two seconds: these are for the arming, when gains go over the line. For each share of lost
-and of damaged frames:
-    SHARE/walked_h                hours under way
-    SHARE/faults_per_hour         long walks ended by a fault under way, per hour; SHARE/refused: before they began
-    SHARE/fault/KIND              faults of a kind, in all walks, long and short
-    SHARE/m_per_minute            way walked
+The host code controls virtual robots (`simulated_port.py`) while frames are lost and damaged in both directions. Walks
+of ten minutes test walking; walks of two seconds test arming, when gains are sent. For each SHARE of lost and damaged
+frames:
+    SHARE/walked_h                hours of walking
+    SHARE/faults_per_hour         long walks ended by a fault, per hour; SHARE/refused: that did not start
+    SHARE/fault/KIND              faults of a kind, in all walks
+    SHARE/m_per_minute            speed
     SHARE/armed, SHARE/armings_failed   short walks, and those ended by a fault
-    SHARE/other_gains             walks, long or short, with other gains or another current limit in the robot than were
-                                  sent: the last of these commands that arrived was damaged (that none arrived does not
-                                  count, for the virtual robot begins with these gains)
+    SHARE/other_gains             walks in which the robot got wrong gains or a wrong current limit from a damaged frame
 """
 
 from __future__ import annotations
@@ -48,16 +46,16 @@ ROBOTS = 8
 
 @dataclass(frozen=True)
 class Walk:
-    """Attributes: seconds under way, path [m], fault (its kind, or None), other_gains in the robot than were sent."""
+    """Outcome of a walk."""
 
-    seconds: float
-    path: float
-    fault: str | None
-    other_gains: bool
+    seconds: float  # duration
+    path: float  # length [m]
+    fault: str | None  # kind
+    other_gains: bool  # the robot did not get the gains that were sent
 
 
 def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
-    """One walk of so many seconds, or until a fault ends it."""
+    """One walk of so many seconds, or until a fault."""
     loaded, timing, fault = Policy.load(policy), Timing(), None
     robot = load_robot(loaded.robot)
     gains = gains_for(robot, loaded)
@@ -73,7 +71,7 @@ def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
 
 
 def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
-    """What a share of noise did."""
+    """Figures of one noise level."""
     hours = sum(one.seconds for one in long) / 3600.0
     kinds = Counter(one.fault for one in (*long, *short) if one.fault is not None)
     return {
@@ -89,10 +87,10 @@ def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure all shares."""
+    """Measure all noise levels."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hours", type=float, default=2.0, help="to walk with each share of noise [h]")
-    parser.add_argument("--armings", type=int, default=300, help="short walks with each share of noise")
+    parser.add_argument("--hours", type=float, default=2.0, help="walking time per noise level [h]")
+    parser.add_argument("--armings", type=int, default=300, help="short walks per noise level")
     parser.add_argument("--json", type=Path, required=True, help="file for the figures")
     parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")

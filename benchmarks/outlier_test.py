@@ -2,13 +2,13 @@
 
     python benchmarks/outlier_test.py runs/prior_mixed/prior.safetensors --json outlier_test.json
 
-MOTORS motors of the fleet, and the same with one constant changed, each adapted to some seconds of log:
-    noticed/CHANGE/SECONDS     share of motors whose p-value is below FALSE_ALARMS
+MOTORS motors of the fleet, unchanged and with one constant changed, each adapted to some seconds of log:
+    noticed/CHANGE/SECONDS     fraction of motors with a p-value below FALSE_ALARMS
     rmse_mrad/CHANGE/SECONDS   median closed-loop error of the posterior means on held-out gait + impacts
 
-And of each shipped fleet of the robot LOGS logs of TOGETHER motors, as `adapt` gets them:
-    refused/FLEET              share of the logs that are refused
-    odd/FLEET                  share of their motors that are called unlike the prior's fleet
+For each shipped fleet of the robot, LOGS logs of MOTORS_PER_LOG motors:
+    refused/FLEET              fraction of the logs that `adapt` rejects
+    odd/FLEET                  fraction of the motors that are outliers
 """
 
 from __future__ import annotations
@@ -45,24 +45,20 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 SECONDS = (2.0, 10.0, 30.0)
 MOTORS, STREAM = 16, 57
-LOGS, TOGETHER, WHOLE = 6, 12, 5.0
-"""Logs of every fleet, motors and seconds of each."""
+LOGS, MOTORS_PER_LOG, LOG_SECONDS = 6, 12, 5.0
 
 
 @dataclass(frozen=True)
 class Settings:
     """Settings of the benchmark."""
 
-    prior: tyro.conf.Positional[Path]
-    """Prior of preset rollout that was identified from a bench."""
-    fleets_only: bool = False
-    """Logs of whole fleets only, some minutes."""
-    json: Path | None = None
-    """File for the figures."""
+    prior: tyro.conf.Positional[Path]  # prior of preset rollout, identified from a bench
+    fleets_only: bool = False  # skip the changed motors; takes some minutes
+    json: Path | None = None  # file for the figures
 
 
 def measure(path: Path) -> Results:
-    """For every change: the share that is noticed, and the error all the same."""
+    """Detection rate and error for every change."""
     priors, facts = load_priors(load_robot(DEFAULT_ROBOT), (path,))
     (prior,) = priors.values()
     own = facts.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, facts.seed, STREAM]))
@@ -76,26 +72,28 @@ def measure(path: Path) -> Results:
             p_value = outlier_test(prior, path, log, name, found).p_value
             model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
             error = bench_errors(motors, model, facts.seed)["impacts"]["model"]
-            noticed, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
-            rows.append(Result("noticed", "1", noticed, part=name, seconds=seconds))
+            detected, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
+            rows.append(Result("noticed", "1", detected, part=name, seconds=seconds))
             rows.append(Result("rmse_mrad", "mrad", rmse, part=name, seconds=seconds))
     return Results.of(rows)
 
 
 def measure_fleets(path: Path) -> Results:
-    """Of every shipped fleet of the prior's robot: the share of logs that are refused, and of motors called odd."""
+    """Fraction of rejected logs and of outlying motors, for every shipped fleet of the robot."""
     robot = load_robot(DEFAULT_ROBOT)
     prior, preset = load_prior(path, robot), bench_preset("adapt").for_robot(robot)
     rows: list[Result] = []
     for name, _ in robot.fleets:
-        fleet, odd = load_fleet(name), []
+        fleet, outliers = load_fleet(name), []
         for number in range(LOGS):
-            motors = fleet.sample(TOGETHER, np.random.default_rng([HELD_OUT_SEED, STREAM, number]), of_one_robot=True)
-            log = record(motors, preset, round(WHOLE / preset.period), HELD_OUT_SEED + number, fleet)
+            motors = fleet.sample(
+                MOTORS_PER_LOG, np.random.default_rng([HELD_OUT_SEED, STREAM, number]), of_one_robot=True
+            )
+            log = record(motors, preset, round(LOG_SECONDS / preset.period), HELD_OUT_SEED + number, fleet)
             found = outlier_test(prior, path, log, name, adapt_to(prior, path, log, name))
-            odd.append([bool(reason) for reason in found.reason])
-        rows.append(Result("refused", "1", float(np.mean(np.any(odd, axis=1))), part=name))
-        rows.append(Result("odd", "1", float(np.mean(odd)), part=name))
+            outliers.append([bool(reason) for reason in found.reason])
+        rows.append(Result("refused", "1", float(np.mean(np.any(outliers, axis=1))), part=name))
+        rows.append(Result("odd", "1", float(np.mean(outliers)), part=name))
     return Results.of(rows)
 
 
@@ -115,7 +113,7 @@ def main() -> None:
 
 
 def _print_changes(results: Results) -> None:
-    print(f"| motors of the fleet with | {' | '.join(f'noticed, {s:g} s | error [mrad]' for s in SECONDS)} |")
+    print(f"| changed constant | {' | '.join(f'detected, {s:g} s | error [mrad]' for s in SECONDS)} |")
     print("|---" * (1 + 2 * len(SECONDS)) + "|")
     for name in CHANGES:
         found = [results.where(part=name, seconds=seconds) for seconds in SECONDS]

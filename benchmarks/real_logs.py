@@ -1,21 +1,21 @@
-"""How far models are from real motors: fitted to some logs, judged on others, command in and motion out.
+"""Errors of models on real logs: fitted to some logs, tested on others, from command to motion.
 
     python benchmarks/real_logs.py --data DIR --out runs/real
 
-Models are judged by one free run over each whole held-out log, mean removed nowhere. Those of `log_baselines`
-have constants per joint, fitted to the same stretches of the known logs as the prior; ``prior`` is told nothing of the
-log but its joints and stated gains: its motor of the same joint, or its central motor; ``adapted`` knows the log's
-first 10 s and is judged on the rest. Loads (inertia, gravity and what other joints do to one) are those of the recorded
-motion; pure_delay and second_order use none. figures.json has means over joints and logs [rad] as ROBOT/TEST/MODEL, and
-the share of the recorded angles inside the adapted prior's 90 % bands as ROBOT/coverage90. tables.md has more: what
-every model does on the rest alone. Stages that are finished are kept.
+The error is the RMSE of one free run over each whole held-out log, without removal of means. The models of
+`log_baselines` have constants per joint, fitted to the same segments of the training logs as the prior. ``prior`` uses
+only the joint names and gains recorded in the test log: the motor of the same joint, or the central motor. ``adapted``
+is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of the joints) are
+those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
+[rad] as ROBOT/TEST/MODEL, and the fraction of recorded angles inside the 90 % bands of the adapted prior as
+ROBOT/coverage90. tables.md also has all models on the rest of the logs. Finished stages are reused.
 
-unseen_gains: motor logs (.parquet of ``logs import``, with their own stated gains and loads) beside the raw logs of the
-Go2, of another robot or at other gains, are judged by models of all raw logs.
+unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
+of another robot or at other gains, test models of all raw logs.
 
-leave_one_motor_out: the prior was fitted to the motors of the other legs (recipe quick_report) and is judged, as are
-``adapted`` and ``per_motor``, which know the motor's own first 10 s, on the rest of a log; ``same_place`` is the mean
-of the other legs' motors at the same place.
+leave_one_motor_out: the prior is fitted to the motors of the other legs (recipe quick_report). It is tested on the rest
+of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor; ``same_place`` is the
+mean of the corresponding motors of the other legs.
 """
 
 from __future__ import annotations
@@ -70,57 +70,40 @@ MODELS = (
     "physical", "prior", "adapted", "tuned_pd", "same_place",
 )  # fmt: skip
 TABLE_ONLY = ("tuned_pd", "same_place")
-TOLD = 10.0
-"""Seconds of a held-out log that ``adapted`` knows."""
+ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
 RECIPE = PRESETS["rollout"]
-UNSEEN = "unseen_gains"
-"""A test: motor logs that nothing was fitted to, each with its own gains."""
-MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "quick"
-"""A test, and its recipe: one that takes seconds, since it is fitted once per leg."""
-IDENTIFIED = "long_runs"
-"""Recipe of the prior: what a model lacks shows less in windows of an eighth of a second, as rollout has, and comes out
-as wrong constants."""
-FACTOR = {"so101": 5.0, "xl330": 3.0}
-"""On the seconds that models are fitted to."""
+UNSEEN = "unseen_gains"  # name of a test
+MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "quick"  # name of a test, and its fast recipe
+IDENTIFIED = "long_runs"  # recipe of the prior: with the short windows of rollout, missing dynamics bias the constants
+FACTOR = {"so101": 5.0, "xl330": 3.0}  # on `Settings.seconds`
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
 PROGRESS = Lines(sys.stderr)
+# ``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage``: level [%] -> fraction
 Figures: TypeAlias = dict[str, dict[str, float]]
-"""``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage``: level [%] -> share."""
-Test: TypeAlias = tuple[str, list[Figures]]
-"""Name of a test, and what each fold found."""
+Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, figures of each fold
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Identify real motors and measure how far models are from logs that were left out."""
+    """Identify real motors and measure the errors of models on held-out logs."""
 
-    data: Path
-    """Folder with go2/, so101/, xl330/ and pupper_v2/ (raw logs) and robots/ (their models); what is absent is
-    skipped."""
-    out: Path
-    """Run folder."""
-    robots: tuple[str, ...] = ("go2", "so101", "xl330", "pupper")
-    """Which of them."""
-    seconds: float = 24.0
-    """All models are fitted to so much of the known logs, an equal stretch of each [s]; of the arm, whose logs are of
-    forty motions, to five times as much, and of the pendulum, to three times as much: all it has."""
-    logs: int | None = None
-    """Use the first logs of each robot only; all if not given."""
-    folds: int | None = None
-    """Leave out the first groups of logs only; each in its turn if not given."""
-    adam_steps: int | None = None
-    """Adam steps of every network; the preset's own number if not given."""
-    seed: int = 0
-    """Seed of trainings and searches."""
+    data: Path  # folder with go2/, so101/, xl330/, pupper_v2/ (raw logs, optional) and robots/ (their models)
+    out: Path  # run folder
+    robots: tuple[str, ...] = ("go2", "so101", "xl330", "pupper")  # robots to test
+    seconds: float = 24.0  # total length of the training segments [s]; 5 times as long for the arm, 3 for the pendulum
+    logs: int | None = None  # number of logs per robot; all if not given
+    folds: int | None = None  # number of folds; all if not given
+    adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
+    seed: int = 0  # seed of trainings and searches
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Some logs to fit to, others to judge; motor logs with loads."""
+    """Training and test logs; motor logs with loads."""
 
     name: str
-    known: tuple[Path, ...]
-    judged: tuple[Path, ...]
+    train: tuple[Path, ...]
+    test: tuple[Path, ...]
 
 
 def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[Fold]:
@@ -129,9 +112,9 @@ def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[F
 
 
 def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
-    """Figures of one fold, measured unless they are there."""
+    """Figures of one fold; measured if the file does not exist."""
     folder = settings.out / robot / fold.name
-    wanted = description("validate", _counted(settings), [*fold.known, *fold.judged])
+    wanted = description("validate", _counted(settings), [*fold.train, *fold.test])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_json(folder / FIGURES, _figures(settings, robot, fold, folder))
@@ -139,23 +122,23 @@ def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
 
 
 def _counted(settings: Settings) -> dict[str, object]:
-    """The settings that a fold depends on."""
+    """The settings on which a fold depends."""
     return {name: value for name, value in asdict(settings).items() if name in ("seconds", "adam_steps", "seed")}
 
 
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
-    PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.judged)} left out")
-    known = stretches([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
+    PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.test)} left out")
+    train = stretches([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
-    prior = fit_prior(known, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
-    preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), known)
-    models = fitted_baselines(known, preset, BaselineFits(folder, steps, seed), PROGRESS)
-    models["prior"] = LatentActuator(prior.network, prior.expected(known.joint_names))
+    prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
+    preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), train)
+    models = fitted_baselines(train, preset, BaselineFits(folder, steps, seed), PROGRESS)
+    models["prior"] = LatentActuator(prior.network, prior.expected(train.joint_names))
     found: list[Figures] = []
-    for path in fold.judged:
+    for path in fold.test:
         log = read_parquet(path)
-        told, rest = first_and_rest(log, min(TOLD, log.duration / 2))
-        posterior = adapt_to(prior, folder / "prior" / PRIOR, told, str(path))
+        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
+        posterior = adapt_to(prior, folder / "prior" / PRIOR, first, str(path))
         adapted = {"adapted": LatentActuator(prior.network, posterior.mean)}
         covered = log_coverage(prior, posterior, whole_runs(rest, preset, str(path)))
         found.append({
@@ -168,7 +151,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
 def _errors(
     log: MotorLog, preset: Preset, models: Mapping[str, LogModel], joints: np.ndarray | slice = slice(None)
 ) -> dict[str, float]:
-    """Mean over some joints [rad]; of a simulation that broke down, a whole turn."""
+    """Mean errors over some joints [rad]; a whole turn for a diverged simulation."""
     errors = free_run_errors(whole_runs(with_some_load(log), preset, log.source), models)
     return {name: float(np.mean(within_a_turn(values)[joints])) for name, values in errors.items()}
 
@@ -194,12 +177,12 @@ def named(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
 def go2(settings: Settings) -> Iterator[Test]:
     """Twelve motors of a suspended quadruped, six logs of the same chirp: each is left out in turn.
 
-    Raw logs have the gains of their map; motor logs (.parquet) are taken as they are, and only judged, by all raw ones.
+    Raw logs get the gains of their column map; motor logs (.parquet) are only tested, by models of all raw logs.
     """
     description_file = robot_file(settings, "go2")
     paths = imported(settings, "go2", "go2_identification", description_file, "*.csv.gz")
-    if judged := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
-        yield UNSEEN, [measure(settings, "go2", Fold(UNSEEN, tuple(paths), judged))]
+    if test := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
+        yield UNSEEN, [measure(settings, "go2", Fold(UNSEEN, tuple(paths), test))]
     folds = leave_out(paths, [[path] for path in paths])
     yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
     groups = list(enumerate(motor_groups(load_robot(str(description_file)))))
@@ -207,19 +190,18 @@ def go2(settings: Settings) -> Iterator[Test]:
 
 
 def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
-    """The motors of one leg left out, judged on one of the logs; measured unless it is there."""
-    robot, judged = load_robot(str(file)), paths[fold % len(paths)]
+    """The motors of one leg left out, tested on one of the logs; measured if the file does not exist."""
+    robot, test = load_robot(str(file)), paths[fold % len(paths)]
     folder = settings.out / robot.name / MOTORS_OUT / str(fold)
-    wanted = description("validate", _counted(settings), [*paths, judged, *robot.files])
+    wanted = description("validate", _counted(settings), [*paths, test, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            known, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(judged)
-            told = min(TOLD, log.duration / 2)
-            found = leave_motors_out(known, log, robot, group, MOTORS_RECIPE, told, folder, settings.seed, PROGRESS)
+            train, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(test)
+            first = min(ADAPTATION_SECONDS, log.duration / 2)
+            found = leave_motors_out(train, log, robot, group, MOTORS_RECIPE, first, folder, settings.seed, PROGRESS)
             rest = {name: float(np.mean(values)) for name, values in found.errors.items()}
-            write_json(
-                folder / "joints.json", {"joints": found.joints} | {k: v.tolist() for k, v in found.errors.items()}
-            )
+            errors = {name: values.tolist() for name, values in found.errors.items()}
+            write_json(folder / "joints.json", {"joints": found.joints} | errors)
             covered = {str(level): share for level, share in found.coverage.items()}
             write_json(folder / FIGURES, {"rest": rest, "coverage": covered})
     return read_json(folder / FIGURES)
@@ -244,9 +226,9 @@ def xl330(settings: Settings) -> Iterator[Test]:
 
 
 def pupper(settings: Settings) -> Iterator[Test]:
-    """Motors of a quadruped that stood or suspended: responses, and physical motors fitted by replay (`calibrate`).
+    """Motors of a standing or suspended quadruped: response models, and physical motors fitted by replay (`calibrate`).
 
-    Its loads are not in the logs, so there is no prior; each log was known, then each is left out in turn.
+    The loads are not in the logs, so there is no prior. Models are tested on their training log, then on left-out logs.
     """
     robot = load_robot("pupper_v2")
     raw = [path for path in sorted((settings.data / "pupper_v2").glob("*.csv.gz")) if "_sim_" not in path.name]
@@ -264,29 +246,26 @@ def pupper(settings: Settings) -> Iterator[Test]:
         yield name, [found]
     names, left = list(logs)[: settings.folds], []
     for name in names:
-        left.append(_responses(settings, name, _others(logs, name), logs[name]))
+        others = [log for other, log in logs.items() if other != name]
+        left.append(_responses(settings, name, others, logs[name]))
         left[-1]["whole"]["physical"] = physical[name].value(model="left_out")
     yield "leave_one_log_out", left
 
 
-def _others(logs: Mapping[str, MotorLog], name: str) -> list[MotorLog]:
-    return [log for other, log in logs.items() if other != name]
-
-
-def _responses(settings: Settings, name: str, known: Sequence[MotorLog], judged: MotorLog) -> Figures:
+def _responses(settings: Settings, name: str, train: Sequence[MotorLog], test: MotorLog) -> Figures:
     fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
-    models = fitted_responses(stretches(known, settings.seconds), RECIPE, fits, PROGRESS)
-    return {"whole": _errors(judged, RECIPE, models, excited_joints(judged))}
+    models = fitted_responses(stretches(train, settings.seconds), RECIPE, fits, PROGRESS)
+    return {"whole": _errors(test, RECIPE, models, excited_joints(test))}
 
 
+# folder of each robot's logs, and its tests
 ROBOTS: dict[str, tuple[str, Callable[[Settings], Iterator[Test]]]] = {
     "go2": ("go2", go2), "so101": ("so101", so101), "xl330": ("xl330", xl330), "pupper": ("pupper_v2", pupper),
 }  # fmt: skip
-"""Folder of each robot's logs, and what is measured on them."""
 
 
 def robot_file(settings: Settings, name: str) -> Path:
-    """The example's description beside the data's model, in the run folder."""
+    """Copy of the example robot file, next to a copy of its model, in the run folder."""
     folder = settings.out / name / "robot"
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(settings.data / "robots" / f"{name}.xml", folder)
@@ -294,7 +273,7 @@ def robot_file(settings: Settings, name: str) -> Path:
 
 
 def imported(settings: Settings, name: str, columns: str | None, robot: Path | None, pattern: str) -> list[Path]:
-    """Motor logs with loads, those of a robot's rigid body if one is given; imported unless they are there."""
+    """Motor logs with loads, from the robot's rigid-body model if given; imported if they do not exist."""
     raw = tuple(sorted((settings.data / name).glob(pattern))[: settings.logs])
     folder = settings.out / name / "logs"
     described = None if robot is None else str(robot)
@@ -310,13 +289,13 @@ def imported(settings: Settings, name: str, columns: str | None, robot: Path | N
 def table(robot: str, test: str, found: Sequence[Figures]) -> str:
     """Markdown: one row per model, means over joints and logs [mrad]."""
     means = _means(found)
-    lines = [f"| {robot}, {test} [mrad] | whole logs | after their first {TOLD:g} s |", "|---|---|---|"]
+    lines = [f"| {robot}, {test} [mrad] | whole logs | after the first {ADAPTATION_SECONDS:g} s |", "|---|---|---|"]
     for model in MODELS:
         cells = [means.get(span, {}).get(model) for span in ("whole", "rest")]
         if any(cell is not None for cell in cells):
             lines.append(f"| {model} | {' | '.join('' if cell is None else f'{1e3 * cell:.2f}' for cell in cells)} |")
-    shares = [f"{100 * share:.0f} % in the {level} % bands" for level, share in means.get("coverage", {}).items()]
-    return "\n".join(lines) + (f"\n\nOf the adapted prior: {', '.join(shares)}." if shares else "")
+    shares = [f"{100 * share:.0f} % inside the {level} % bands" for level, share in means.get("coverage", {}).items()]
+    return "\n".join(lines) + (f"\n\nAdapted prior: {', '.join(shares)}." if shares else "")
 
 
 def main() -> None:

@@ -1,20 +1,21 @@
-"""Bytes and seconds of one ARS iteration, what they predict for many cores, and a check on the cores there are.
+"""Bytes and seconds of one ARS iteration, their prediction for many cores, and a test on the available cores.
 
-python benchmarks/scaling.py [--json FILE]        (Ray's part is left out where it is not installed)
+    python benchmarks/scaling.py [--json FILE]        (without Ray's part if Ray is not installed)
 
-Model of an iteration of E episodes on W workers, C chunks: the driver's own work on directions, then either its work on
-C chunks or the busiest worker's episodes, whichever takes longer.
+Model of an iteration of E episodes on W workers in C chunks: the driver's time per direction, plus the maximum of its
+time for C chunks and the busiest worker's time.
 """
 
 import argparse
-import json
 import pickle
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
@@ -30,23 +31,23 @@ EPISODE_STEPS, REPEATS = 250, 9
 
 
 def draw(rng: np.random.Generator) -> IdealPd:
-    """Twelve motors with rotors and delays."""
+    """Twelve motors with armature and delay."""
     kp = rng.uniform(8.0, 10.0, 12)
     return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
 
 
 def make_walker() -> WalkSimulator:
-    """What a worker needs."""
+    """The simulator of a worker."""
     return WalkSimulator(draw, WorldConfig.of(PUPPER_V2), WalkConfig(EPISODE_STEPS))
 
 
-def nothing(simulator: object, shared: object, task: int) -> int:
-    """A task that costs nothing but its transport."""
+def empty_task(simulator: object, shared: object, task: int) -> int:
+    """An empty task, to measure transport."""
     return task
 
 
 def median_seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Of one call, after one that does not count."""
+    """Median time of a call, after one warm-up."""
     work()
     seconds = []
     for _ in range(repeats):
@@ -57,13 +58,13 @@ def median_seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
 
 
 def iteration_seconds(executor: Executor, directions: int) -> float:
-    """Of one ARS iteration."""
+    """Time of one ARS iteration."""
     search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
     return median_seconds(lambda: advance(search, SHAPE, executor), 5)
 
 
 class Recorded:
-    """An executor whose episodes have ended long ago: their results only arrive, in chunks, pickled."""
+    """An executor that only unpickles recorded results, in chunks."""
 
     def __init__(self, walker: WalkSimulator, episodes: int, workers: int):
         shared, size = Round.of(new_search(ArsConfig(), SHAPE), SHAPE), chunk_size(episodes, workers)
@@ -80,14 +81,14 @@ class Recorded:
 
 
 def update_seconds(walker: WalkSimulator, directions: int, workers: int) -> float:
-    """Of an iteration without its episodes: seeds, tasks, results, statistics, update; what no worker can take over."""
+    """Driver time of an iteration without episodes: seeds, tasks, results, statistics, update."""
     search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
     recorded = Recorded(walker, 2 * directions, workers)
     return median_seconds(lambda: advance(search, SHAPE, recorded))
 
 
 def predicted(figures: dict[str, float], workers: int, directions: int) -> float:
-    """Seconds of an iteration on Ray."""
+    """Predicted time of an iteration on Ray [s]."""
     episodes = 2 * directions
     size = chunk_size(episodes, workers)
     chunks = -(-episodes // size)
@@ -96,8 +97,8 @@ def predicted(figures: dict[str, float], workers: int, directions: int) -> float
     return figures["update_s_per_direction"] * directions + max(driver, busiest)
 
 
-def travelling(walker: WalkSimulator, directions: int, workers: int) -> dict[str, float]:
-    """Bytes per task and per result, pickled in chunks as they travel: what tasks have in common is written once."""
+def message_sizes(walker: WalkSimulator, directions: int, workers: int) -> dict[str, float]:
+    """Bytes per task and per result, pickled in chunks."""
     search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
     shared, candidates = Round.of(search, SHAPE), search.ask()
     size = chunk_size(len(candidates), workers)
@@ -116,8 +117,8 @@ def main() -> None:
     shared = Round.of(search, SHAPE)
     figures: dict[str, float] = {
         "bytes_shared": len(pickle.dumps(shared)),
-        **travelling(walker, 16, 2),
-        **travelling(walker, 8192, 64),
+        **message_sizes(walker, 16, 2),
+        **message_sizes(walker, 8192, 64),
         "episode_s": median_seconds(lambda: walker.run(shared.policy(Candidate(0, 0)), 0)),
         "update_s_per_direction": update_seconds(walker, 1024, 64) / 1024,
     }
@@ -132,21 +133,20 @@ def main() -> None:
     for name, value in figures.items():
         print(f"{name}: {value:.4g}")
     if path:
-        with open(path, "w", encoding="utf-8") as file:
-            json.dump(figures, file, indent=1)
+        write_json(Path(path), figures)
 
 
 def measure_ray(figures: dict[str, float]) -> None:
-    """Overheads of Ray, and iterations on it beside their prediction."""
+    """Overheads of Ray, and measured and predicted iterations."""
     import ray.cloudpickle
 
     ray.cloudpickle.register_pickle_by_value(__import__(__name__))
     for workers in (1, 2):
         executor = make_executor(make_walker, workers, "ray")
-        executor.map(nothing, None, range(16))
+        executor.map(empty_task, None, range(16))
         if workers == 2:
-            figures["ray_round_trip_s"] = median_seconds(lambda ex=executor: ex.map(nothing, None, [0]))
-            many = median_seconds(lambda ex=executor: [ex.map(nothing, None, range(8)) for _ in range(8)])
+            figures["ray_round_trip_s"] = median_seconds(lambda ex=executor: ex.map(empty_task, None, [0]))
+            many = median_seconds(lambda ex=executor: [ex.map(empty_task, None, range(8)) for _ in range(8)])
             figures["ray_chunk_s"] = many / 64
         figures[f"iteration_s/ray_{workers}"] = iteration_seconds(executor, 32)
         executor.close()

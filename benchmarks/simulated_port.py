@@ -1,7 +1,7 @@
-"""A virtual robot at a port with a simulated clock, which advances only when the host waits: fast and reproducible.
+"""A virtual robot at a serial port with a simulated clock, which advances when the host waits: fast and reproducible.
 
-The host's own code runs, the firmware and the twin. The operating system (the port, priorities, the watchdog process)
-and its delays are left out. The line can lose and damage frames.
+Host code, firmware and twin are the real ones. The operating system (port, priorities, watchdog process) and its delays
+are not simulated. Frames can be lost and damaged.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from motorprior.hardware.virtual.firmware import Body, Firmware, FirmwareConfig
 from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.robot import Robot
 
-DELAY = 1e-4  # of transmission, each way [s]
+DELAY = 1e-4  # transmission delay from host to robot [s]
 _ROUNDING = 1e-6  # [ms]
 
 
@@ -34,8 +34,8 @@ class NoisyLine:
     Args:
         drop: probability that a frame is lost.
         corrupt: probability that one of its bytes is changed.
-        delay: of every frame [s].
-        rng: of these events.
+        delay: delay of every frame [s].
+        rng: random generator.
     """
 
     def __init__(self, drop: float, corrupt: float, delay: float, rng: np.random.Generator):
@@ -50,7 +50,7 @@ class NoisyLine:
         if rng.random() < self._corrupt:
             at = int(rng.integers(len(frame)))
             frame = frame[:at] + bytes([frame[at] ^ int(rng.integers(1, 256))]) + frame[at + 1 :]
-        rng.random()  # keeps the figures of an earlier version, in which a frame could come twice
+        rng.random()  # keeps the random stream of published figures
         self._waiting.append((now + self._delay, frame))
 
     def take(self, now: float) -> bytes:
@@ -60,28 +60,28 @@ class NoisyLine:
         return b"".join(arrived)
 
     def due(self) -> float:
-        """When the next frame arrives [s]."""
+        """Arrival time of the next frame [s]."""
         return min((at for at, _ in self._waiting), default=math.inf)
 
 
 class SimulatedPort(SerialLink):
-    """A `SerialLink` with the robot behind it.
+    """A `SerialLink` to a virtual robot.
 
     Attributes:
-        now: the time at both ends [s].
-        body: of the robot.
-        firmware: of the robot.
-        path: distance walked [m], in straight lines of a second.
+        now: simulated time [s].
+        body: simulated body of the robot.
+        firmware: simulated firmware.
+        path: distance walked [m], in straight segments of a second.
 
     Args:
-        robot: that it is one of; its motors are of the first of its fleets.
-        number: of the virtual robot, that is, of its motors.
-        life: seed of the noise of its sensors and of the line.
-        suspended: it hangs in the air.
-        period: of the telemetry [ms].
-        drop: share of frames that are lost, both ways.
-        corrupt: share of frames that are damaged, both ways.
-        wear: of its motors, from those of the fleet; none if not given.
+        robot: kind of robot; its motors are sampled from its first fleet.
+        number: seed of the motors.
+        life: seed of the sensor noise and of the line.
+        suspended: the robot hangs in the air.
+        period: telemetry period [ms].
+        drop: fraction of lost frames, in both directions.
+        corrupt: fraction of damaged frames, in both directions.
+        wear: function that wears the motors, see `worn_motors.WEAR`.
         currents: the firmware sends currents.
     """
 
@@ -113,7 +113,7 @@ class SimulatedPort(SerialLink):
         self.path, self._last_position = 0.0, self.body.live.position()
 
     def firmware_body(self, body: TwinBody) -> Body:
-        """The body that the firmware moves; tests put one with faults here."""
+        """The body that the firmware moves; tests override it with a faulty one."""
         return body
 
     def on_change(self, what: str) -> None:
@@ -152,7 +152,7 @@ class SimulatedPort(SerialLink):
         self.now += seconds
 
     def _advance(self) -> None:
-        """Bring the robot to the present; it reads what came before the beginning of each of its milliseconds."""
+        """Advance the robot to the current time; each millisecond it first reads the frames that have arrived."""
         end = int(1e3 * (self.now - DELAY) + _ROUNDING)
         while (due := 1e3 * self._to_robot.due() - _ROUNDING) <= end:
             self._advance_to(math.ceil(due))
@@ -170,7 +170,7 @@ class SimulatedPort(SerialLink):
 
 @contextmanager
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
-    """The host's clock is the port's while this is open, and the commands `deploy` and `record` find it at any port."""
+    """Within this context the host uses the clock of the port, and `deploy` and `record` open it as any port."""
     with (
         mock.patch.object(commands, "SerialLink", lambda *_: port),
         mock.patch.object(time, "monotonic", lambda: port.now),

@@ -37,7 +37,7 @@ TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that re
 
 @njit(cache=True, nogil=True)
 def recorded(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray) -> None:
-    """Fill drive (2, physics steps, joints) with the torque and damping that the engine gets for these targets."""
+    """Record in ``drive`` (2, physics steps, joints) the torque and damping that the engine gets for these targets."""
     applied, row = world.applied[world.applied.shape[0] - targets.shape[1] :], 0
     for step in range(targets.shape[0]):
         for _ in range(world.substeps):
@@ -48,7 +48,7 @@ def recorded(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, dr
 
 @njit(cache=True, nogil=True)
 def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
-    """mj_step alone, with a recorded drive."""
+    """Run mj_step alone with recorded torque and damping."""
     world, drive = without_refcounts(world), without_refcounts(drive)
     applied = world.applied[world.applied.shape[0] - drive.shape[2] :]
     for row in range(drive.shape[1]):
@@ -68,18 +68,18 @@ def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
 
 
 def timed(work: Callable[[], object]) -> float:
-    """Seconds that a call takes."""
+    """Time of a call [s]."""
     started = time.perf_counter()
     work()
     return time.perf_counter() - started
 
 
 def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
-    """Episodes on every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
+    """Episodes with every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
     zero, learned, paths = zero_policy(robot.num_joints), actuators["rollout"], {}
     walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_legs().forward[1]))
     for name, motors in actuators.items():
-        world = WorldConfig.of(robot, physics_dt=robot.physics_step(motors.kind.longest_step))
+        world = WorldConfig.of(robot, physics_dt=robot.physics_step(motors.kind.max_step))
         simulator = WalkSimulator(lambda rng, motors=motors: motors, world, walk)
         paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
     steps, world = paths["rollout"][0], World(WorldConfig.of(robot))
@@ -110,7 +110,7 @@ def main() -> None:
     paths = paths_of(robot, actuators)
     for _ in range(REPEATS):
         for name, (steps, run) in paths.items():
-            run()  # the other paths have emptied the caches
+            run()  # warm the caches
             seconds.setdefault(name, []).append(run() / steps)
     each = {name: np.array(values) for name, values in seconds.items()}
     figures = {f"control_steps_per_s/{name}": float(np.median(1.0 / values)) for name, values in each.items()}

@@ -1,15 +1,19 @@
-"""How well policies walk: speed, straightness, feet, falls, on sampled motors and on twins. Tables of docs/training.md.
+"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls. Tables of docs/training.md.
 
     python benchmarks/walking.py --out runs/walking
 
-Writes figures.json with PLACE/MEASURE, means over five seeds of 24 draws of 20 s at three speeds each, and
-PLACE/MEASURE/SPEED of each speed, where PLACE is sampled (draws of the learned prior, where it was trained), twin
-(physical motors, noisy sensors) or hard (a twin with other friction, masses, slope, late sensors and pushes); the same
-of the untrained gait, as untrained_PLACE/MEASURE; PLACE/commanded/MEASURE/told … of commands to turn, to go backward,
-to stand, and to stop and go (`turning.py`); seconds_to_quarter_meter_per_second and
-seconds_to_straight_quarter_meter_per_second, where most seeds got there, and seeds_to_…, the share that did, see
-`seconds_to_goal`; and the highest speeds oracle_top_speed, sampled_top_speed and twin_top_speed, see `top_speeds`.
-Bench, prior and the five policies are kept; what follows them is computed again. Half an hour on two cores.
+figures.json contains
+    PLACE/QUANTITY, PLACE/QUANTITY/SPEED   means over five seeds of 24 samples of 20 s, at all three speeds and at one.
+                                           PLACE is sampled (samples of the prior, as in training), twin (physical
+                                           motors, noisy sensors) or hard (a twin with other friction, masses, slope,
+                                           delayed sensors and pushes)
+    untrained_PLACE/QUANTITY               the same for the untrained gait
+    PLACE/commanded/QUANTITY/told …        commands to turn, walk backward, stand, stop and go (`turning.py`)
+    seconds_to_…, seeds_to_…               training time to 0.25 m/s if most seeds reach it, and the fraction that does,
+                                           see `seconds_to_goal`
+    oracle_/sampled_/twin_top_speed        maximum speeds, see `top_speeds`
+
+Finished benches, priors and policies are reused. Half an hour on two cores.
 """
 
 from __future__ import annotations
@@ -49,54 +53,38 @@ from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.gait_quality import gait_quality, quality_results
 from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of
-from turning import TURNS, followed, rows_of, told
+from turning import TURNS, command_cases, command_errors, command_results
 
 PROGRESS = Lines(sys.stderr)
-SPEEDS = (0.3, 0.55, 0.8)
-"""0.15, 0.275 and 0.4 m/s for the shipped robot."""
+SPEEDS = (0.3, 0.55, 0.8)  # 0.15, 0.275 and 0.4 m/s for the shipped robot
 PLACES = ("sampled", "twin", "hard")
 GOAL_SPEED, GOAL_UPRIGHT, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS = 0.25, 0.98, 0.3, 50, 10.0
 GOAL_EVERY, GOAL_ITERATIONS, TOP_UPRIGHT = 5, 100, 0.9
-GOAL_HEADING, GOAL_SIDEWAYS = 3.0, 0.05
-"""Largest heading error [°/m] and share of the way to the side [-] of a straight walk."""
+GOAL_HEADING, GOAL_SIDEWAYS = 3.0, 0.05  # maximum heading error [°/m] and lateral share [-] of a straight walk
 UNTRAINED = "untrained_"
-TOP = 1.5
-"""Fastest command of the search for the highest speed, as a share of the robot's usual fastest. At 2.4 the gait trips
-over its own start, since a command comes into force within half a second."""
+TOP = 1.5  # maximum command over the robot's usual maximum, for the top speed; at 2.4 the gait falls at the start
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Train on samples of a prior, and watch."""
+    """Train policies on samples of a prior and evaluate them."""
 
-    out: Path
-    """Run folder."""
-    robot: str = DEFAULT_ROBOT
-    """Robot."""
-    fleet: str | None = None
-    """Population of motors; the robot's own if not given."""
-    speeds: tuple[float, ...] = SPEEDS
-    """Commanded speeds, as shares of the robot's fastest."""
-    seeds: int = 5
-    """Policies."""
-    iterations: int = 150
-    """Of the search."""
-    draws: int = 24
-    """Walks per place and speed."""
-    seconds: float = 20.0
-    """Of a walk [s]."""
-    top_iterations: int = 150
-    """Of each search for the highest speed; 0 leaves them, and the seconds to the goal, out."""
-    hidden_units: int = 0
-    """Of the policies; none for linear ones. The goals and highest speeds are those of linear ones."""
-    robust: bool = True
-    """Vary ground, masses, sensors and pushes in training, too; otherwise motors and commands only."""
-    workers: int = 2
-    """Threads."""
+    out: Path  # run folder
+    robot: str = DEFAULT_ROBOT  # robot
+    fleet: str | None = None  # population of motors; the robot's own if not given
+    speeds: tuple[float, ...] = SPEEDS  # commanded speeds, as shares of the robot's fastest
+    seeds: int = 5  # policies
+    iterations: int = 150  # of training
+    draws: int = 24  # walks per environment and speed
+    seconds: float = 20.0  # of a walk [s]
+    top_iterations: int = 150  # of training for the top speed; 0 skips the top speeds and the training times
+    hidden_units: int = 0  # of the policies; 0: linear. Training times and top speeds are those of linear policies
+    robust: bool = True  # randomise ground, masses, sensors and pushes in training; otherwise motors and commands only
+    workers: int = 2  # threads
 
 
 def prior_of(settings: Settings) -> Path:
-    """The prior of the virtual bench."""
+    """Prior identified from the virtual bench."""
     bench, folder = settings.out / "bench", settings.out / "prior"
     run_bench(Bench(bench, settings.fleet, robot=settings.robot), PROGRESS)
     run_identify(Identify(bench, folder), PROGRESS)
@@ -104,8 +92,8 @@ def prior_of(settings: Settings) -> Path:
 
 
 @dataclass(frozen=True)
-class Stage:
-    """Where policies are watched: attributes robot, fleet, prior, and how many walk at a time."""
+class Environments:
+    """The three environments in which policies are evaluated (PLACES)."""
 
     robot: Robot
     fleet: Fleet
@@ -113,7 +101,7 @@ class Stage:
     workers: int
 
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
-        """Of one of the three places."""
+        """Simulator of one environment."""
         if place == "sampled":
             draw, physics_dt = motor_sampler(MotorPrior.load(self.prior), self.robot)
             return WalkSimulator(draw, WorldConfig.of(self.robot, physics_dt=physics_dt), walk)
@@ -122,7 +110,7 @@ class Stage:
     def episodes(
         self, place: str, policy: PolicyArrays, commands: Commands | Timetable, draws: int, steps: int
     ) -> list[Episode]:
-        """One of every draw, told the same."""
+        """One episode per sample, with the same commands."""
         walk = WalkConfig(steps, commands=commands)
         executor = make_executor(partial(self.simulator, place, walk), self.workers)
         episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(draws)])
@@ -130,24 +118,24 @@ class Stage:
         return episodes
 
     def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
-        """Measures of every draw at one commanded speed."""
+        """Gait quality of every sample at one commanded speed."""
         steps = round(seconds / self.robot.control_dt)
         episodes = self.episodes(place, policy, Commands.steady(forward), draws, steps)
         qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
         return Results.of(row for each in qualities for row in quality_results(each, self.robot, "walk", place))
 
     def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
-        """How a policy follows commands to turn, to go backward, to stand, and to stop and go."""
+        """How a policy follows the commands of `turning`."""
         steps, rows = round(settings.seconds / self.robot.control_dt), []
-        for name, commands in told(self.robot, settings.seconds).items():
+        for name, commands in command_cases(self.robot, settings.seconds).items():
             episodes = self.episodes(place, policy, commands, settings.draws, steps)
-            rows += rows_of(place, name, seed, followed(self.robot, episodes, steps))
+            rows += command_results(place, name, seed, command_errors(self.robot, episodes, steps))
         return Results.of(rows)
 
-    def watch(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:
-        """Means over the draws of every measure, by commanded speed [m/s].
+    def evaluate(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:
+        """Means of all quantities over the samples, by commanded speed [m/s].
 
-        A fall within two seconds is no way and all error, and has no part in the other means.
+        A fall within two seconds counts as zero distance and full error, and is excluded from the other means.
         """
         fastest, found = self.robot.require_legs().forward[1], []
         for share in settings.speeds:
@@ -157,7 +145,7 @@ class Stage:
 
 
 def means(walks: Results, speed: str) -> list[Result]:
-    """Means over walks at one speed, which is their part; the lift of a leg is a quantity with the leg's name."""
+    """Means over walks at one speed, which is their ``part``; a quantity of a leg gets the name of the leg."""
     rows = []
     for quantity in walks.distinct("quantity"):
         for leg in walks.where(quantity=quantity).distinct("part"):
@@ -173,7 +161,7 @@ def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
 
 
 def trained(settings: Settings, prior: Path, seed: int) -> Path:
-    """The policy of a seed, trained unless it is there."""
+    """The policy of a seed; trained if the file does not exist."""
     folder = settings.out / f"seed_{seed}"
     motors = MotorChoice("prior", prior=prior)
     run_walk(
@@ -187,31 +175,31 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     return folder / POLICY
 
 
-def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
-    """Seconds of training until the best policy walks 0.25 m/s, 98 % upright, on sampled motors; infinite if never.
+def seconds_to_goal(environments: Environments, seed: int) -> tuple[float, float]:
+    """Training time until the best policy walks at 0.25 m/s, 98 % upright, on sampled motors [s]; infinite if never.
 
-    The second number counts until it walks straight besides: at most 3 °/m and 5 % of the way aside, in the mean.
+    The second number is the time until it also walks straight: mean heading error <= 3 °/m, lateral share <= 5 %.
     """
-    draw, physics_dt = motor_sampler(MotorPrior.load(stage.prior), stage.robot)
-    shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
-    scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
+    draw, physics_dt = motor_sampler(MotorPrior.load(environments.prior), environments.robot)
+    shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
+    scene = Scene(environments.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
     search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)
-    executor, seconds, walking = make_executor(scene.simulator, stage.workers), 0.0, float("inf")
+    executor, seconds, walking = make_executor(scene.simulator, environments.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
         began = time.monotonic()
         if iterations == 0:
             champion = contest(search, shape, executor, champion)
         champion = train(search, shape, executor, iterations, champion)
         seconds += time.monotonic() - began
-        rows = stage.walks("sampled", champion.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
+        rows = environments.walks("sampled", champion.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
         speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
         heading, aside = (
-            rows.mean(quantity=name) if rows.where(quantity=name) else float("inf")  # all fell at once
+            rows.mean(quantity=name) if rows.where(quantity=name) else float("inf")  # all fell within two seconds
             for name in ("heading_deg_per_m", "lateral_share")
         )
         PROGRESS.note(
             f"seed {seed}: {seconds:.0f} s, {iterations} iterations: {speed:.2f} m/s, {upright:.0%} upright, "
-            f"heading {heading:.1f} °/m, {aside:.1%} aside"
+            f"heading {heading:.1f} °/m, {aside:.1%} lateral"
         )
         if speed >= GOAL_SPEED and upright >= GOAL_UPRIGHT:
             walking = min(walking, seconds)
@@ -223,70 +211,74 @@ def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
     return walking, seconds
 
 
-def top_speeds(settings: Settings, stage: Stage) -> list[Result]:
-    """Highest speeds of two policies, trained on commands above the robot's usual fastest only.
+def top_speeds(settings: Settings, environments: Environments) -> list[Result]:
+    """Maximum speeds of two policies trained only on commands above the robot's usual range.
 
-    One is trained on the twin's physical motors and walks on the twin (oracle_top_speed). The other is trained on draws
-    of the prior; it walks on such draws (sampled_top_speed) and on the twin (twin_top_speed). Nothing but motors and
-    commands varies in training.
+    One is trained and tested on the twin's physical motors (oracle_top_speed). The other is trained on samples of the
+    prior and tested on samples (sampled_top_speed) and on the twin (twin_top_speed). Training randomises only motors
+    and commands.
     """
-    slowest, usual = stage.robot.require_legs().forward
-    robot = stage.robot.told((slowest, TOP * usual))
-    stage = replace(stage, robot=robot)
+    slowest, usual = environments.robot.require_legs().forward
+    robot = environments.robot.told((slowest, TOP * usual))
+    environments = replace(environments, robot=robot)
     walk = WalkConfig(Walk.episode_steps, commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
-    oracle = fast_policy(settings, stage, lambda: twin_of(robot, stage.fleet, walk))
-    sampled = fast_policy(settings, stage, partial(stage.simulator, "sampled", walk))
-    watched = (("oracle", "twin", oracle), ("sampled", "sampled", sampled), ("twin", "twin", sampled))
-    return [Result(f"{name}_top_speed", "m/s", top_speed(stage, place, policy)) for name, place, policy in watched]
+    oracle = fast_policy(settings, environments, lambda: twin_of(robot, environments.fleet, walk))
+    sampled = fast_policy(settings, environments, partial(environments.simulator, "sampled", walk))
+    tested = (("oracle", "twin", oracle), ("sampled", "sampled", sampled), ("twin", "twin", sampled))
+    return [
+        Result(f"{name}_top_speed", "m/s", top_speed(environments, place, policy)) for name, place, policy in tested
+    ]
 
 
-def fast_policy(settings: Settings, stage: Stage, simulator: Callable[[], WalkSimulator]) -> PolicyArrays:
-    """The best policy of a search on these motors, seed 0."""
-    shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
-    executor = make_executor(simulator, stage.workers)
+def fast_policy(settings: Settings, environments: Environments, simulator: Callable[[], WalkSimulator]) -> PolicyArrays:
+    """The best policy of a training in this simulator, seed 0."""
+    shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
+    executor = make_executor(simulator, environments.workers)
     search, champion = new_search(ArsConfig(seed=0), shape), Champion.none_yet(shape)
     champion = train(search, shape, executor, settings.top_iterations, champion)
     executor.close()
     return champion.policy
 
 
-def top_speed(stage: Stage, place: str, policy: PolicyArrays) -> float:
-    """Highest mean speed over the commands at which nine of ten draws stay upright [m/s]."""
-    speeds, highest = [], stage.robot.require_legs().forward[1]
+def top_speed(environments: Environments, place: str, policy: PolicyArrays) -> float:
+    """Maximum mean speed over the commands with which 90 % of the samples stay upright [m/s]."""
+    speeds, highest = [], environments.robot.require_legs().forward[1]
     for share in np.linspace(0.4, 1.0, 7):
-        rows = stage.walks(place, policy, share * highest, GOAL_DRAWS, GOAL_SECONDS)
+        rows = environments.walks(place, policy, share * highest, GOAL_DRAWS, GOAL_SECONDS)
         speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
-        PROGRESS.note(f"top speed, {place}, told {share * highest:.3g} m/s: {speed:.2f} m/s, {upright:.0%} upright")
+        PROGRESS.note(
+            f"top speed, {place}, commanded {share * highest:.3g} m/s: {speed:.2f} m/s, {upright:.0%} upright"
+        )
         speeds.append(speed if upright >= TOP_UPRIGHT else 0.0)
     return max(speeds)
 
 
 def measure(settings: Settings) -> Results:
-    """Everything."""
+    """All results."""
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
-    stage = Stage(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
+    environments = Environments(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
     found, gait = [], Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
     for place in PLACES:
-        found += stage.watch(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
+        found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):
         policy = Policy.load(trained(settings, prior, seed)).arrays()
         for place in PLACES:
-            watched = stage.watch(place, policy, settings).having(seed=seed)
-            found += watched.rows
-            for speed in watched.distinct("part"):
-                said = ", ".join(f"{row.quantity} {row.value:.3g}" for row in watched.where(part=speed))
-                PROGRESS.note(f"seed {seed}, {place}, told {speed} m/s: {said}")
-            found += stage.turns(place, policy, settings, seed).rows
+            evaluated = environments.evaluate(place, policy, settings).having(seed=seed)
+            found += evaluated.rows
+            for speed in evaluated.distinct("part"):
+                values = ", ".join(f"{row.quantity} {row.value:.3g}" for row in evaluated.where(part=speed))
+                PROGRESS.note(f"seed {seed}, {place}, commanded {speed} m/s: {values}")
+            found += environments.turns(place, policy, settings, seed).rows
     if settings.top_iterations:
-        keep(settings, Results.of(found))  # the rest takes long
-        found += goals([seconds_to_goal(stage, seed) for seed in range(settings.seeds)])
-        found += top_speeds(settings, stage)
+        write(settings, Results.of(found))  # the rest takes long
+        found += goals([seconds_to_goal(environments, seed) for seed in range(settings.seeds)])
+        found += top_speeds(settings, environments)
     return Results.of(found)
 
 
 def goals(times: Sequence[tuple[float, float]]) -> Iterator[Result]:
-    """Share of the seeds that reached a goal, and the median of their seconds if more than half of them did."""
+    """Fraction of the seeds that reach a goal, and the median training time if more than half of them do."""
     for kind, seconds in zip(("", "straight_"), np.transpose(times), strict=True):
         name, median = f"{kind}quarter_meter_per_second", float(np.median(seconds))
         yield Result(f"seeds_to_{name}", "1", float(np.isfinite(seconds).mean()))
@@ -294,7 +286,7 @@ def goals(times: Sequence[tuple[float, float]]) -> Iterator[Result]:
             yield Result(f"seconds_to_{name}", "s", median)
 
 
-def keep(settings: Settings, results: Results) -> None:
+def write(settings: Settings, results: Results) -> None:
     """Write results.json, figures.json and tables.md."""
     results.save(settings.out / "results.json")
     write_json(settings.out / "figures.json", figures_of(results))
@@ -302,7 +294,7 @@ def keep(settings: Settings, results: Results) -> None:
 
 
 def figures_of(results: Results) -> dict[str, float]:
-    """PLACE/MEASURE, means over speeds and seeds; the same /SPEED over seeds and /seed_K over speeds."""
+    """PLACE/QUANTITY, means over speeds and seeds; with /SPEED over seeds, and with /seed_K over speeds."""
     figures: dict[str, float] = {}
     for row in results:
         if row.motors is None:
@@ -310,14 +302,14 @@ def figures_of(results: Results) -> dict[str, float]:
             continue
         name, here = f"{row.motors}/{row.quantity}", {"quantity": row.quantity, "motors": row.motors}
         figures[f"{name}/{row.part}"] = results.mean(**here, part=row.part)
-        if not row.quantity.startswith(TURNS):  # a mean over other commands means nothing
+        if not row.quantity.startswith(TURNS):
             figures[name] = results.mean(**here)
             figures[f"{name}/seed_{row.seed}"] = results.mean(**here, seed=row.seed)
     return figures
 
 
 def tables(results: Results) -> str:
-    """Markdown: of the policies, of the gait they began with, of turns, and the numbers that are not of walks."""
+    """Markdown tables of the policies, of the untrained gait and of turns, and the other numbers."""
     walked = Results.of(row for row in results if not row.quantity.startswith(TURNS))
     turns = Results.of(row for row in results if row.quantity.startswith(TURNS))
     numbers = [f"{row.quantity}: {row.value:.3g} {row.unit}" for row in results.where(motors=None)]
@@ -326,7 +318,7 @@ def tables(results: Results) -> str:
 
 
 def table(results: Results, places: tuple[str, ...]) -> str:
-    """Markdown: a row per measure; by command means over the seeds, and the range of the seeds in brackets."""
+    """Markdown: one row per quantity; means over the seeds by command, with the range of the seeds in brackets."""
     walked = results.where(motors=places)
     columns = [(place, speed) for place in places for speed in walked.distinct("part")]
     heads = [f"{place}, {speed}{'' if speed.startswith('told') else ' m/s'}" for place, speed in columns]
@@ -345,7 +337,7 @@ def main() -> None:
     """Measure, write, print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
     results = measure(settings)
-    keep(settings, results)
+    write(settings, results)
     print(tables(results))
 
 

@@ -1,13 +1,13 @@
-"""Why torque regression oscillates, and which single change cures how much: docs/why-the-paper-oscillates.md.
+"""Why torque regression oscillates, and the effect of single changes: docs/why-the-paper-oscillates.md.
 
     python benchmarks/why_oscillation.py --out runs/why
 
 Five minutes on two cores.
 
-Torque causes acceleration, so the last change of velocity reveals the torque that made it: a regression one step
-ahead reads the torque off its inputs, correctly, and in open loop that costs nothing. A simulator closes the loop: the
-network is linearised about recorded states, put on a joint, and the largest eigenvalue of joint + history says by how
-much a disturbance grows each step. Above 1 the legs oscillate until the torque limit holds them.
+Torque causes acceleration, so the last change of velocity reveals the torque. A one-step regression learns this
+relation, which is correct in open loop. A simulator closes the loop. Here the network is linearised about recorded
+states and connected to a joint. The largest eigenvalue of joint + history is the growth of disturbances per step; above
+1 the legs oscillate up to the torque limit.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from motorprior.signals import high_frequency_rms
 from motorprior.transfer.robot_fidelity import CUTOFF, robot_fidelity
 
 STEPS, MOTORS = 10_000, 32
-LOADS = np.geomspace(3e-4, 3e-2, 13)  # Load inertias of the sweep [kg·m²]
-LEG = (2e-4, 1.7e-3)  # Apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
+LOADS = np.geomspace(3e-4, 3e-2, 13)  # load inertias of the sweep [kg·m²]
+LEG = (2e-4, 1.7e-3)  # apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
 FAST, SLOW = 0.002, 0.01  # [s]
 WIDE, SINUSOIDS = bench_preset("rollout"), bench_preset("paper")
 PAPER, TORQUE = "the paper's recipe", "torque regression"
@@ -49,19 +49,18 @@ PAPER, TORQUE = "the paper's recipe", "torque regression"
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to learn the same motors."""
+    """One recipe for the same motors."""
 
     bench: BenchPreset
     preset: str  # recipe of identification
     color: str
-    changes: dict[str, Any] = field(default_factory=dict)  # of the recipe
-    armature: bool = False  # the engine has each rotor's inertia; the torque is that on joint and rotor together
-    damping: bool = False  # the engine has each servo's velocity gain kd and integrates it implicitly
+    changes: dict[str, Any] = field(default_factory=dict)  # to the recipe
+    armature: bool = False  # the engine has the rotor inertia; the learned torque acts on joint and rotor
+    damping: bool = False  # the engine integrates the velocity gain kd implicitly
 
 
 RED, BLUE = MODEL_COLORS["paper_wide"], MODEL_COLORS["rollout"]
-# The paper's recipe and single changes of it; both together are torque regression, and single changes of that; then
-# what closed-loop training can have besides
+# The paper's recipe and two changes to it; torque regression, which has both, and changes to it; closed-loop training
 VARIANTS = {
     PAPER: Variant(SINUSOIDS, "paper", MODEL_COLORS["paper"]),
     "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", MODEL_COLORS["paper"], {"period": FAST}),
@@ -80,17 +79,17 @@ VARIANTS = {
 
 @dataclass(frozen=True)
 class Settings:
-    """Train every variant and look at its loop."""
+    """Train every variant and analyse its closed loop."""
 
-    out: Path  # Folder for why.json, why.png and table.md
-    fleet: str = "pupper_v2"  # Population of motors
-    seed: int = 0  # Seed of bench and training
-    adam_steps: int | None = None  # Adam steps; the presets' own number if not given
+    out: Path  # folder for why.json, why.png and table.md
+    fleet: str = "pupper_v2"  # population of motors
+    seed: int = 0  # seed of bench and training
+    adam_steps: int | None = None  # Adam steps; those of the presets if not given
 
 
 @dataclass(frozen=True)
-class Helped:
-    """Learned motors (`Actuator`) with a known armature and damping in the engine."""
+class EngineAssisted:
+    """Learned motors (`Actuator`) with given armature and damping in the engine."""
 
     learned: LatentActuator
     armature: np.ndarray  # (n,) [kg·m²]
@@ -98,7 +97,7 @@ class Helped:
 
     @property
     def kind(self) -> ActuatorKind:
-        """The learned motors'."""
+        """Kind of the learned motors."""
         return self.learned.kind
 
     @property
@@ -113,24 +112,24 @@ class Helped:
 
 @dataclass(frozen=True)
 class Learned:
-    """A trained variant: the shared network, and of every training motor z, armature and damping in the engine."""
+    """A trained variant: the network, and z, armature and damping of the training motors in the engine."""
 
     network: LatentNetwork
     mean: np.ndarray
     armature: np.ndarray
     damping: np.ndarray
 
-    def motors(self, index: np.ndarray) -> LatentActuator | Helped:
+    def motors(self, index: np.ndarray) -> LatentActuator | EngineAssisted:
         """The training motors at ``index``."""
         own = LatentActuator(self.network, self.mean[index])
-        return own if self.network.motor is not None else Helped(own, self.armature[index], self.damping[index])
+        return own if self.network.motor is not None else EngineAssisted(own, self.armature[index], self.damping[index])
 
 
-def relieved(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
-    """The log with the torque that is left to learn if the engine adds armature and damping (n,).
+def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
+    """The log with the torque to learn if the engine has armature and damping (n,).
 
-    torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity a sample later; the last sample of a
-    segment, which has none, repeats the one before.
+    torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity at the next sample; the last sample of a
+    segment repeats the previous one.
     """
     assert log.joint_torque is not None and log.joint_vel is not None
     torque = log.joint_torque.copy()
@@ -143,7 +142,7 @@ def relieved(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorL
 
 
 def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tuple[Learned, MotorLog]:
-    """A variant's motors, and the log they were learned from."""
+    """The learned motors of a variant, and their log."""
     from motorprior.identification.presets import identification_preset
     from motorprior.identification.train import identify
     from motorprior.identification.training_data.windows import training_data
@@ -152,16 +151,16 @@ def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tupl
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
     log = record(motors, variant.bench, STEPS, settings.seed, load_fleet(settings.fleet))
     armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
-    found = identify(training_data(relieved(log, armature, damping), preset, "bench"), preset, settings.seed)
+    found = identify(training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed)
     if preset.has_armature:
         armature = found.network.armature(found.mean)
     return Learned(found.network, found.mean, armature, damping), log
 
 
 def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """(M, N, 2T) derivatives of the torque by errors [N·m/rad] and velocities [N·m·s/rad] of every tap.
+    """(M, N, 2T) derivatives of the torque by errors [N·m/rad] and velocities [N·m·s/rad] of all taps.
 
-    ``mean`` (M, Z) are latents, ``states`` (M, N, 2T) scaled inputs of every motor from its log.
+    ``mean`` (M, Z) are latents, ``states`` (M, N, 2T) scaled inputs from the logs.
     """
     step, inputs = 1e-3, 2 * len(network.taps)
     scale = np.repeat([network.error_scale, network.velocity_scale], len(network.taps))
@@ -175,7 +174,7 @@ def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) 
 
 
 def growth(learned: Learned, slopes: np.ndarray, load: float) -> tuple[float, float]:
-    """Median over motors and states of the largest eigenvalue's size per FAST, and its median frequency [Hz].
+    """Median over motors and states of the largest |eigenvalue| per 2 ms, and its median frequency [Hz].
 
     State: errors and velocities of the last taps[-1] + 1 steps. With inertia J = load + armature,
     dq' = (dq + period·torque/J) / (1 + period·damping/J),  error' = error - period·dq'.
@@ -201,7 +200,7 @@ def growth(learned: Learned, slopes: np.ndarray, load: float) -> tuple[float, fl
 
 
 def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> np.ndarray:
-    """(M, count, 2T) scaled histories out of a log."""
+    """(M, count, 2T) scaled histories from a log."""
     first, rows = log.segment_slices()[0], np.array(network.taps)
     picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
     error = (log.position_target - log.joint_pos) / network.error_scale
@@ -212,7 +211,7 @@ def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> n
 
 
 def chatter(actuator, load: float, seed: int) -> float:
-    """Median torque above 20 Hz [N·m] of joints with that load on a gait held at 100 Hz."""
+    """Median torque above 20 Hz [N·m] of joints with this load, for a gait held at 100 Hz."""
     from motorprior.bench.excitation import gait, held
 
     rng = np.random.default_rng([HELD_OUT_SEED, seed, 77])
@@ -223,7 +222,7 @@ def chatter(actuator, load: float, seed: int) -> float:
 
 
 def measure(settings: Settings) -> dict[str, Any]:
-    """Loops, chatter against load, and torque above 20 Hz in the robot."""
+    """Closed loops, chatter over load, and torque above 20 Hz in the robot."""
     motors = geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
     every = np.arange(MOTORS)
     found: dict[str, Learned] = {}
@@ -231,14 +230,9 @@ def measure(settings: Settings) -> dict[str, Any]:
     for name, variant in VARIANTS.items():
         learned, log = train(settings, variant, motors)
         own = learned.motors(every)
-        found[name], variants[name] = (
-            learned,
-            {
-                "armature_in_engine": float(own.armature.mean()),
-                "chatter": [chatter(own, load, settings.seed) for load in LOADS],
-            },
-        )
-        if learned.network.motor is None:  # a grey box is no function of its recorded inputs alone
+        chatters = [chatter(own, load, settings.seed) for load in LOADS]
+        found[name], variants[name] = learned, {"armature_in_engine": float(own.armature.mean()), "chatter": chatters}
+        if learned.network.motor is None:  # a grey box has other state than its inputs
             slopes = sensitivities(learned.network, learned.mean, recorded_inputs(learned.network, log))
             loops = [growth(learned, slopes, load) for load in LOADS]
             variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
@@ -255,7 +249,7 @@ def measure(settings: Settings) -> dict[str, Any]:
 
 
 def picture(results: dict[str, Any]) -> bytes:
-    """Growth of a disturbance per step; chatter against load; torque above 20 Hz in the robot."""
+    """Growth of a disturbance per step; chatter over load; torque above 20 Hz in the robot."""
     shown = Figure(figsize=(13.5, 4.3), layout="constrained")
     left, middle, right = shown.subplots(1, 3, width_ratios=(1.0, 1.0, 1.25))
     _against_load(left, results, "growth")
@@ -274,7 +268,7 @@ def picture(results: dict[str, Any]) -> bytes:
 
 
 def _against_load(axes: Axes, results: dict[str, Any], key: str) -> None:
-    """The paper's own recipe is left out: on a bare leg it diverges, whatever the clock."""
+    """All variants but the paper's recipe, which diverges on a bare leg."""
     for name, variant in VARIANTS.items():
         if variant.preset != "paper" and key in results["variants"][name]:
             axes.plot(LOADS, results["variants"][name][key], "o-", color=variant.color, label=name, ms=3)

@@ -12,12 +12,12 @@ import numpy as np
 import motorprior as mp
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-parser.add_argument("logs", nargs="*", help="motor logs with known loads, or other logs that mp.read_log reads")
-parser.add_argument("--robot", default="pupper_v2", help="a shipped robot, or the .toml file of yours")
-parser.add_argument("--motors", type=int, default=32, help="of the virtual bench")
-parser.add_argument("--samples", type=int, default=10_000, help="per motor of the virtual bench")
-parser.add_argument("--preset", default="rollout", help="rollout, or paper for a quick look")
-parser.add_argument("--steps", type=int, help="Adam steps; the preset's own number if not given")
+parser.add_argument("logs", nargs="*", help="motor logs with loads, or any log that mp.read_log reads")
+parser.add_argument("--robot", default="pupper_v2", help="a shipped robot, or a .toml file")
+parser.add_argument("--motors", type=int, default=32, help="motors of the virtual bench")
+parser.add_argument("--samples", type=int, default=10_000, help="samples per motor of the virtual bench")
+parser.add_argument("--preset", default="rollout", help="rollout, or paper for a quick run")
+parser.add_argument("--steps", type=int, help="Adam steps; those of the preset if not given")
 parser.add_argument("--out", default="runs/example_prior", help="folder of the prior; a rerun resumes there")
 args = parser.parse_args()
 
@@ -33,6 +33,6 @@ print(f"{len(prior.mean)} motors, latents {prior.network.num_latents}, loss {pri
 
 rest = np.zeros(5)
 motors = mp.Motors(prior.sample(5, seed=0), dt=0.002, joint_pos=rest)
-for _ in range(20):  # 40 ms with fixed joints, longer than every delay
+for _ in range(20):  # 40 ms with fixed joints, longer than any delay
     torque, damping = motors.step(rest + 0.1, rest, rest)
-print("five new motors, held 0.1 rad off their target:", np.round(torque, 3), "N·m; damping", np.round(damping, 3))
+print("five new motors with a position error of 0.1 rad:", np.round(torque, 3), "N·m; damping", np.round(damping, 3))

@@ -20,7 +20,7 @@ ARM = """
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("prior", help="prior.safetensors, for example from examples/log_to_prior.py")
-parser.add_argument("--draws", type=int, default=5, help="arms, each with other motors")
+parser.add_argument("--draws", type=int, default=5, help="number of arms, each with new motors")
 parser.add_argument("--seconds", type=float, default=2.0)
 args = parser.parse_args()
 

@@ -10,10 +10,10 @@ import motorprior as mp
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("prior")
-parser.add_argument("--robot", default="pupper_v2", help="a shipped robot with legs, or the .toml file of yours")
-parser.add_argument("--fleet", help="physical motors of the twin; the robot's own if not given")
+parser.add_argument("--robot", default="pupper_v2", help="a shipped legged robot, or a .toml file")
+parser.add_argument("--fleet", help="physical motors of the twin; the default fleet of the robot if not given")
 parser.add_argument("--iterations", type=int, default=200)
-parser.add_argument("--episode-steps", type=int, default=1000, help="of 10 ms")
+parser.add_argument("--episode-steps", type=int, default=1000, help="steps of 10 ms")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--out", default="runs/example_policy.safetensors")
 args = parser.parse_args()

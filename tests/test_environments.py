@@ -138,5 +138,5 @@ def example(*args: object) -> subprocess.CompletedProcess[str]:
 def test_the_example_trains_on_sampled_motors(prior):
     done = example(prior, 4096)
     assert done.returncode == 0, done.stderr
-    said = r"told 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, up for \d\.\d of 5 s"
-    assert re.fullmatch(said, done.stdout.splitlines()[-1])
+    line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
+    assert re.fullmatch(line, done.stdout.splitlines()[-1])

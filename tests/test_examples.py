@@ -44,8 +44,3 @@ def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, monkeypatch: pyte
     run(monkeypatch, "prior_to_policy.py", prior, "--iterations=1", "--episode-steps=5", "--out", out)
     assert mp.Policy.load(out).robot == "pupper_v2"
     assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
-
-
-@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.py")), ids=lambda file: file.name)
-def test_an_example_is_short(file: Path):
-    assert len(file.read_text("utf-8").splitlines()) <= 40

@@ -94,21 +94,15 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_folder():
 @pytest.mark.parametrize(
     ("place", "code", "breach"),
     [
-        ("robots/spec.py", "from motorprior.cli import main", "robots imports cli"),
         ("robots/pupper/spec.py", "from ...bench import fleet", "robots imports bench"),
-        ("signals.py", "import motorprior.logs", "words imports logs"),
         ("bench/fit.py", "def f():\n    from motorprior import simulation", "bench imports simulation"),
-        ("search/policy_search.py", "import motorprior.simulation.rollout", "search imports simulation"),
         ("hardware/safety.py", "from motorprior.actuator import latent", "hardware imports actuator"),
         ("actuator/latent.py", "import jax.numpy as jnp", "jax is imported outside identification/"),
         ("bench/load.py", "importlib.import_module('ray')", "ray is imported outside search/executor"),
         ("robots/spec.py", "c = ['python', '-m', 'motorprior.simulation.render', '-h']", "robots imports simulation"),
         ("misc/thing.py", "", "misc has no layer"),
         ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
-        ("pipeline/walking/walk.py", "import motorprior as mp", "pipeline imports public"),
-        ("__init__.py", "from motorprior.pipeline.walking.walk import run_walk", None),
         ("cli/main.py", "import tyro\nfrom motorprior.pipeline.walking import walk", None),
-        ("pipeline/walking/walk.py", "import tyro", "tyro is imported outside cli/"),
     ],
 )
 def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: str | None):

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.friction_pd import SLOWEST, FrictionPd
+from motorprior.actuator.friction_pd import FULL_FRICTION_SPEED, FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
 
@@ -35,7 +35,9 @@ def friction(pd: IdealPd, velocity: np.ndarray, explicit: bool = False) -> np.nd
 
 @pytest.mark.parametrize("pd", [PD, LIGHT])
 def test_it_is_against_the_motion_whole_when_fast_and_linear_when_slow(pd: IdealPd):
-    np.testing.assert_allclose(friction(pd, SPEEDS), COULOMB * np.clip(SPEEDS / SLOWEST, -1.0, 1.0), atol=1e-12)
+    np.testing.assert_allclose(
+        friction(pd, SPEEDS), COULOMB * np.clip(SPEEDS / FULL_FRICTION_SPEED, -1.0, 1.0), atol=1e-12
+    )
 
 
 def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float, h: float, seconds: float):

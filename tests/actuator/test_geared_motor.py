@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
 
 from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_constants import LONGEST_DELAY
+from motorprior.actuator.geared_motor_constants import MAX_DELAY
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 
 MOTORS = 8
 FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
-LIMP = {"kp": 0.0}
-"""Without a law: kd is a share of kp."""
+LIMP = {"kp": 0.0}  # without a law: kd is a share of kp
 STEPS_OF_PHYSICS = pytest.mark.parametrize("dt", [0.001, 0.002])
 
 
@@ -172,7 +171,7 @@ def test_a_command_arrives_after_its_delay(grey_network, dt):
 
     prompt = answer(0.0)
     assert np.all(prompt[:step] == 0.0) and prompt[step + 1] > 0.0
-    for count in (1, 5, round(LONGEST_DELAY / dt)):
+    for count in (1, 5, round(MAX_DELAY / dt)):
         late = answer(count * dt)
         # to rounding: delay/dt is not quite a whole number
         np.testing.assert_allclose(late[count:], prompt[:-count], atol=1e-9 * np.max(prompt))
@@ -180,4 +179,4 @@ def test_a_command_arrives_after_its_delay(grey_network, dt):
     # between two steps the targets are led in a straight line; the gear may touch a step earlier than in the mean
     between = answer(2 * dt)  # half a step is the hold's own
     np.testing.assert_allclose(between, 0.5 * (answer(1.5 * dt) + answer(2.5 * dt)), atol=0.04 * np.max(prompt))
-    np.testing.assert_array_equal(answer(10.0), answer(LONGEST_DELAY))
+    np.testing.assert_array_equal(answer(10.0), answer(MAX_DELAY))

@@ -32,22 +32,22 @@ def saved(prior: MotorPrior, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def told(grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
-    """Of motors that were told gains."""
+def gain_scaled(grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
+    """A prior of motors with logged gains."""
     network, mean = replace(grey_network(), gain_unit="N·m/rad"), np.random.default_rng(1).standard_normal((3, 3))
     gains = np.array([[20.0, 20.0, 40.0], [1.0, 1.5, 2.0]])
     return MotorPrior(network, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains)
 
 
-def test_a_prior_knows_whose_motors_it_saw_and_what_gains_they_were_told(told: MotorPrior, tmp_path: Path):
-    told.save(tmp_path / "p.safetensors")
+def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp_path: Path):
+    gain_scaled.save(tmp_path / "p.safetensors")
     prior = MotorPrior.load(tmp_path / "p.safetensors")
-    assert prior.joint_names == told.joint_names and prior.network.gain_unit == "N·m/rad"
-    np.testing.assert_array_equal(prior.gains, told.gains)
+    assert prior.joint_names == gain_scaled.joint_names and prior.network.gain_unit == "N·m/rad"
+    np.testing.assert_array_equal(prior.gains, gain_scaled.gains)
     np.testing.assert_array_equal(prior.training_motors(np.array([2])).gains, [[40.0], [2.0]])
     np.testing.assert_array_equal(prior.sample(2, 0).gains, [[20.0, 20.0], [1.5, 1.5]])
     np.testing.assert_array_equal(prior.sample(2, 0, np.ones((2, 2))).gains, np.ones((2, 2)))
-    np.testing.assert_array_equal(prior.expected(("calf", "tail")), [told.mean[2], np.zeros(3)])
+    np.testing.assert_array_equal(prior.expected(("calf", "tail")), [gain_scaled.mean[2], np.zeros(3)])
 
 
 def rewrite(path: Path, tensors: dict, header: dict, without: tuple[str, ...] = ()) -> None:

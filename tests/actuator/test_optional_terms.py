@@ -19,8 +19,7 @@ Networks = Callable[..., LatentNetwork]
 H = 0.002
 EVERY = tuple(TERMS)
 CASES = pytest.mark.parametrize("terms", [("dead_zone",), ("profile", "heat"), EVERY], ids=len)
-MOTORS = 11
-"""Eight lanes and three alone."""
+MOTORS = 11  # eight lanes and three alone
 NUMPY = array_arithmetic(np)
 STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02, "temperature_loss": 0.3}
 

@@ -1,4 +1,4 @@
-"""Every term of an out-of-family motor by itself, against its closed form."""
+"""Closed forms of every term of out-of-family motors."""
 
 from dataclasses import fields, replace
 
@@ -12,8 +12,7 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
 
 DT = 1e-4
-BLOCKED = 1e9
-"""Inertia of a joint that does not move [kg·m²]."""
+BLOCKED = 1e9  # inertia of a joint that does not move [kg·m²]
 
 
 def motor(**constants: float) -> OutOfFamilyMotors:

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES, Family
-from motorprior.bench.fleet import load_fleet
+from motorprior.bench.fleet import Distribution, load_fleet
 from motorprior.exceptions import ConfigError
 
 FURTHER = {"slider_stiffness", "bristle_stiffness", "bristle_damping", "gear_hardening"}

@@ -1,4 +1,4 @@
-"""What every actuator model promises, whatever it models."""
+"""Contract of all actuator models."""
 
 from dataclasses import fields, replace
 
@@ -19,8 +19,7 @@ from motorprior.exceptions import ConfigError
 
 DT = 0.001
 LIMIT = 1.3
-LEFT_OVER = 0.1
-"""What a grey box's network may add [N·m]."""
+RESIDUAL = 0.1  # torque limit of a grey box's network [N·m]
 
 
 def ideal_pd(n):
@@ -81,7 +80,7 @@ def grey_box(n):
     slope = 0.2 * rng.standard_normal((3, len(PARAMETERS)))
     slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
     motor = GearedMotor(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope)
-    network = replace(latent(1).network, torque_limit=LEFT_OVER, motor=motor, has_armature=False)
+    network = replace(latent(1).network, torque_limit=RESIDUAL, motor=motor, has_armature=False)
     return LatentActuator(network, rng.standard_normal((n, 3)))
 
 
@@ -193,20 +192,20 @@ def static_band(actuator):
     """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
 
     Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
-    LIMIT - F <= torque <= LIMIT + F. A grey box's network adds up to LEFT_OVER.
+    LIMIT - F <= torque <= LIMIT + F. A grey box's network adds up to RESIDUAL.
     """
     if isinstance(actuator, PhysicalActuator):
-        motors, left_over = actuator.motors, 0.0
+        motors, residual = actuator.motors, 0.0
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
     elif isinstance(actuator, OutOfFamilyActuator):
-        motors, left_over = actuator.motors, 0.0
+        motors, residual = actuator.motors, 0.0
         dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
     elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
-        values, left_over = actuator.network.constants(actuator.z), LEFT_OVER
+        values, residual = actuator.network.constants(actuator.z), RESIDUAL
         dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]
     else:
         return LIMIT, LIMIT
-    return (LIMIT - dry) / (1 + load_friction) - left_over, (LIMIT + dry) / (1 - load_friction) + left_over
+    return (LIMIT - dry) / (1 + load_friction) - residual, (LIMIT + dry) / (1 - load_friction) + residual
 
 
 @pytest.mark.parametrize("size", [1e2, -1e6])

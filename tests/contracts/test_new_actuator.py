@@ -1,19 +1,14 @@
 """A new actuator is one file, this one: it walks and runs on the bench at once."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from policies import random_policy
 
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
-from motorprior.actuator.friction_pd import FRICTION_PD
-from motorprior.actuator.ideal_pd import IDEAL_PD, IdealPd
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.latent import LATENT
-from motorprior.actuator.learned_kernels import GREY_BOX
-from motorprior.actuator.out_of_family import OUT_OF_FAMILY
-from motorprior.actuator.physical import PHYSICAL
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -22,8 +17,7 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 
 KP, KD = 9.0, 0.8
-READS_MORE = 0.01
-"""Zero of the encoders [rad]."""
+ENCODER_ZERO = 0.01  # [rad]
 
 
 @njit(cache=True, nogil=True)
@@ -41,13 +35,10 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
 @njit(cache=True, nogil=True)
 def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     for motor in range(out.shape[0]):
-        out[motor] = joint_pos[motor] + READS_MORE
+        out[motor] = joint_pos[motor] + ENCODER_ZERO
 
 
-SPRING = ActuatorKind(
-    "spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, longest_step=0.004
-)
-KINDS = (IDEAL_PD, FRICTION_PD, PHYSICAL, LATENT, GREY_BOX, OUT_OF_FAMILY, SPRING)
+SPRING = ActuatorKind("spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, max_step=0.004)
 
 
 @dataclass(frozen=True)
@@ -69,7 +60,7 @@ class Spring:
         return np.full(self.num_motors, KD)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        require_step(physics_dt, SPRING.longest_step)
+        require_step(physics_dt, SPRING.max_step)
         return empty_arrays(SPRING, np.full((1, self.num_motors), KP), 1, 1, self.damping)
 
 
@@ -102,15 +93,4 @@ def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
     new = run(Spring(4), trial)
     assert len(dynamometer._simulate.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
     np.testing.assert_allclose(new.joint_pos, known.joint_pos[::4], atol=1e-9)
-    np.testing.assert_allclose(new.encoder_pos, new.joint_pos + READS_MORE)
-
-
-def test_a_kind_says_how_finely_it_is_simulated():
-    steps = {kind.name: PUPPER_V2.physics_step(kind.longest_step) for kind in KINDS}
-    assert steps == {
-        "ideal_pd": 0.002, "physical": 0.001, "latent": 0.002, "grey_box": 0.002, "foreign": 0.001,
-        "pd_friction": 0.002, "spring": 0.001,
-    }  # fmt: skip
-    light = replace(PUPPER_V2, physics_dt=0.001, twin_physics_dt=0.00025)
-    assert light.physics_step(PHYSICAL.longest_step) == 0.00025, "its joints are light: the twin's step"
-    assert replace(light, twin_physics_dt=0.005).physics_step(PHYSICAL.longest_step) == 0.001
+    np.testing.assert_allclose(new.encoder_pos, new.joint_pos + ENCODER_ZERO)

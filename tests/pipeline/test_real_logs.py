@@ -66,6 +66,6 @@ def test_every_model_is_tested_on_held_out_logs(
 def test_every_log_is_held_out_once():
     paths = [Path(f"{name}.parquet") for name in "abcd"]
     folds = real_logs.leave_out(paths, [paths[:1], paths[1:3], paths[3:]])
-    assert [path for fold in folds for path in fold.judged] == paths
-    assert all(set(fold.known) | set(fold.judged) == set(paths) for fold in folds)
-    assert not any(set(fold.known) & set(fold.judged) for fold in folds)
+    assert [path for fold in folds for path in fold.test] == paths
+    assert all(set(fold.train) | set(fold.test) == set(paths) for fold in folds)
+    assert not any(set(fold.train) & set(fold.test) for fold in folds)

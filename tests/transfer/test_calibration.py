@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES
-from motorprior.bench.fleet import Fleet
+from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.transfer.calibration import calibrate, calibrated_fleet, is_identifiable, searches, single_motors
 from motorprior.transfer.fleet_problem import FleetProblem

@@ -1,18 +1,17 @@
-"""Interface of motors: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
+"""Interface of motor models: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
 
-Every actuator model is data for compiled functions of its own. `Actuator.arrays` gives both;
-`kernels.step_actuator` runs them. Shared conventions: error = position_target - joint_pos [rad];
-a positive torque [N·m] accelerates the joint in its positive direction; ``armature`` [kg·m²] and
-``damping`` [N·m·s/rad] belong to the physics engine, which integrates them implicitly, so that
+An actuator is data for compiled functions. `Actuator.arrays` returns both, and `kernels.step_actuator` runs them.
+Conventions: error = position_target - joint_pos [rad]; a positive torque [N·m] accelerates the joint in its positive
+direction; the physics engine integrates ``armature`` [kg·m²] and ``damping`` [N·m·s/rad] implicitly,
 
-    (joint_inertia + armature)·ddq = torque - damping·dq + everything else.
+    (joint_inertia + armature)·ddq = torque - damping·dq + all other torques.
 
-An actuator may renew its damping every step (a gear that touches): engines read it from ``ActuatorArrays.damping``.
+An actuator may change its damping every step (gear contact): engines read it from ``ActuatorArrays.damping``.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class KernelTable(NamedTuple):
-    """Addresses of the compiled functions of one kind of motors, in this process; see `ActuatorKind`."""
+    """Addresses of an actuator kind's compiled functions in this process; see `ActuatorKind`."""
 
     reset: int
     step: int
@@ -32,19 +31,19 @@ class KernelTable(NamedTuple):
 
 
 class ActuatorArrays(NamedTuple):
-    """What compiled code sees of n motors (in blocks of 16 lanes where a network is evaluated).
+    """Arrays of n motors for compiled code. Networks are evaluated in blocks of 16 motors.
 
-    Fields unused by a kind are empty. ``parameters`` and ``memory`` rows are named in that kind's module.
+    Fields that a kind does not use are empty. Its module names the rows of ``parameters`` and ``memory``.
     """
 
     kernels: KernelTable
     parameters: np.ndarray  # (rows, n) float64
     memory: np.ndarray  # (rows, n) float64, state
-    clock: np.ndarray  # (2,) int64: steps since reset; steps per renewal (learned) or substeps per step (physical)
+    clock: np.ndarray  # (2,) int64: steps since reset; steps per network update, or substeps per step
     damping: np.ndarray  # (n,) float64 [N·m·s/rad] that the engine integrates implicitly in the coming step
-    weights: np.ndarray  # flat float32: the layers' matrices, row-major
-    inputs: np.ndarray  # (inputs,) int64: rows of the history that the network sees, counted from the newest
-    biases: np.ndarray  # (blocks, neurons of all layers, 16) float32; z is folded into the first layer's
+    weights: np.ndarray  # flat float32: matrices of the layers, row-major
+    inputs: np.ndarray  # (inputs,) int64: rows of the history that are network inputs, counted from the newest
+    biases: np.ndarray  # (blocks, neurons of all layers, 16) float32; the first layer's include z
     history: np.ndarray  # (blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state
     scratch: np.ndarray  # (blocks, neurons of all layers, 16) float32
 
@@ -52,8 +51,8 @@ class ActuatorArrays(NamedTuple):
 def empty_arrays(
     kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, renewal: int, damping: np.ndarray | None = None
 ) -> ActuatorArrays:
-    """Arrays of a kind that needs no network; ``damping`` (n,) is zero if not given."""
-    nothing = np.zeros((0, 0, 16), np.float32)
+    """Arrays of a kind without a network; ``damping`` (n,) is zero if not given."""
+    blocks = np.zeros((0, 0, 16), np.float32)
     return ActuatorArrays(
         kernels=kind.kernels,
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
@@ -62,18 +61,21 @@ def empty_arrays(
         damping=np.zeros(parameters.shape[1]) if damping is None else np.array(damping, dtype=np.float64),
         weights=np.zeros(0, np.float32),
         inputs=np.zeros(0, np.int64),
-        biases=nothing,
-        history=nothing.copy(),
-        scratch=nothing.copy(),
+        biases=blocks,
+        history=blocks.copy(),
+        scratch=blocks.copy(),
     )
 
 
 class Actuator(Protocol):
-    """A model of ``num_motors`` motors. It holds parameters, never state."""
+    """A model of ``num_motors`` motors: parameters without state.
+
+    The defaults of a subclass are zero armature and damping, as for motors whose rotor is simulated in the model.
+    """
 
     @property
     def kind(self) -> ActuatorKind:
-        """The model's description of itself."""
+        """Name, title and compiled functions of the model."""
         ...
 
     @property
@@ -84,15 +86,15 @@ class Actuator(Protocol):
     @property
     def armature(self) -> np.ndarray:
         """(n,) reflected inertia [kg·m²] for the engine."""
-        ...
+        return np.zeros(self.num_motors)
 
     @property
     def damping(self) -> np.ndarray:
-        """(n,) viscous damping [N·m·s/rad] at the start, for the engine to integrate implicitly."""
-        ...
+        """(n,) initial viscous damping [N·m·s/rad], which the engine integrates implicitly."""
+        return np.zeros(self.num_motors)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """Fresh arrays for a simulation with step ``physics_dt`` [s].
+        """New arrays for a simulation with step ``physics_dt`` [s].
 
         Raises:
             ConfigError: the model cannot run at that step.
@@ -100,20 +102,20 @@ class Actuator(Protocol):
         ...
 
 
-def require_step(physics_dt: float, longest: float = np.inf) -> None:
-    """Raise `ConfigError` unless the physics step [s] is in (0, longest]."""
-    if not 0.0 < physics_dt <= longest * (1 + 1e-9):
+def require_step(physics_dt: float, max_step: float = np.inf) -> None:
+    """Raise `ConfigError` unless the physics step [s] is in (0, max_step]."""
+    if not 0.0 < physics_dt <= max_step * (1 + 1e-9):
         raise ConfigError(
-            f"physics step {physics_dt:g} s is not in (0, {longest:g}] s, the steps these motors can be simulated at",
-            remedy=f"use a positive step of at most {longest:g} s",
+            f"physics step {physics_dt:g} s is not in (0, {max_step:g}] s, the range of these motors",
+            remedy=f"use a positive step of at most {max_step:g} s",
         )
 
 
 def require_motors(actuator: object, count: int) -> None:
-    """Raise `ConfigError` unless this is an actuator of ``count`` motors: compiled code would leave its arrays."""
+    """Raise `ConfigError` unless this is an actuator of ``count`` motors: compiled code does not check bounds."""
     given = getattr(actuator, "num_motors", None)
     if given != count:
-        found = f"{type(actuator).__name__} is no set of motors" if given is None else f"{given} motors"
+        found = f"{type(actuator).__name__} is not an actuator" if given is None else f"{given} motors"
         raise ConfigError(
             f"motors: {found} for the {count} joints of the robot",
             remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
@@ -121,42 +123,33 @@ def require_motors(actuator: object, count: int) -> None:
 
 
 class Factors(NamedTuple):
-    """What the constants of n motors are multiplied by, (n,) each [-]."""
+    """Factors on constants of n motors, (n,) each [-]."""
 
     kp: np.ndarray
     kd: np.ndarray
     torque_limit: np.ndarray
-    coulomb: np.ndarray  # dry friction, static included, that of the load not
+    coulomb: np.ndarray  # Coulomb and static friction, without load friction
 
     @classmethod
     def ones(cls, count: int) -> Factors:
-        """Nothing changes."""
+        """No change."""
         return cls(*np.ones((len(cls._fields), count)))
 
 
-@runtime_checkable
-class HasConstants(Protocol):
-    """An actuator whose constants can be multiplied."""
-
-    def with_factors(self, factors: Factors) -> Actuator:
-        """The same motors with their constants times these factors; raises as `with_factors`."""
-        ...
-
-
 def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
-    """The same motors with their constants times these factors.
+    """The same motors with scaled constants, by the actuator's method of this name.
 
     Raises:
         ConfigError: a factor is not 1 and the motors lack that constant.
     """
-    if isinstance(actuator, HasConstants) and any(np.any(factor != 1.0) for factor in factors):
-        return actuator.with_factors(factors)
+    if hasattr(actuator, "with_factors") and any(np.any(factor != 1.0) for factor in factors):
+        return actuator.with_factors(factors)  # pyright: ignore[reportAttributeAccessIssue]
     require_unchanged(actuator.kind, factors, *Factors._fields)
     return actuator
 
 
 def require_unchanged(kind: ActuatorKind, factors: Factors, *missing: str) -> None:
-    """Raise `ConfigError` if a factor on a constant that motors of this kind lack is not 1."""
+    """Raise `ConfigError` if a factor is not 1 on a constant that motors of this kind lack."""
     for name in missing:
         if np.any(getattr(factors, name) != 1.0):
             raise ConfigError(

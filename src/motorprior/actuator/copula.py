@@ -1,9 +1,9 @@
-"""From z ~ N(0, I) to latents of a decoder: a Gaussian copula, shared by numpy and JAX.
+"""Gaussian copula from z ~ N(0, I) to the latents of a decoder, for numpy and JAX.
 
     x = zᵀ·mixing,   latent_k = Q_k(x_k)
 
-mixing carries the correlations, x_k is standard normal, and Q_k, which runs straight through the latent's ``quantiles``
-at SCORES and on at the ends, gives each latent the distribution it has among the training motors.
+mixing gives correlations, x_k is standard normal. Q_k interpolates the latent's ``quantiles`` linearly at SCORES,
+with linear extrapolation, and gives each latent its distribution over the training motors.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-# Standard normal quantiles of LEVELS
+# standard normal quantiles of LEVELS
 SCORES = np.array([-2.0537, -1.2816, -0.6745, -0.2533, 0.0, 0.2533, 0.6745, 1.2816, 2.0537])
 LEVELS = (0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98)
 _STEPS = np.diff(SCORES)[:, None]
@@ -30,7 +30,7 @@ def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
 
 @dataclass(frozen=True)
 class Copula:
-    """Numbers of `decoder_latents`; Z latents."""
+    """Parameters of `decoder_latents` for Z latents."""
 
     mixing: np.ndarray  # (Z, Z), invertible
     quantiles: np.ndarray  # (9, Z), ascending
@@ -43,6 +43,6 @@ class Copula:
 def scores(quantiles: np.ndarray, latents: np.ndarray) -> np.ndarray:
     """(n, Z) standard normal x of latents (n, Z): the inverse of Q."""
     slopes = np.diff(quantiles, axis=0) / _STEPS
-    part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)  # (n, Z) index of the straight piece
+    part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)  # (n, Z) index of the linear segment
     column = np.arange(latents.shape[1])
     return SCORES[part] + (latents - quantiles[part, column]) / slopes[part, column]

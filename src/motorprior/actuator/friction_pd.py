@@ -1,17 +1,18 @@
-"""The ideal PD with Coulomb friction at the joint: what simulators for legged robots commonly fit to a motor.
+"""Ideal PD with Coulomb friction at the joint, the motor model that legged-robot simulators commonly fit.
 
-    torque = that of `ideal_pd` - clip(coulomb/SLOWEST·joint_vel, ±coulomb)
+    torque = torque of `ideal_pd` - clip(coulomb/FULL_FRICTION_SPEED·joint_vel, ±coulomb)
 
-Below SLOWEST friction falls with speed, so that it is a force and no constraint of the engine: a joint at rest creeps
-where a real one sticks. So steep a force would turn a light joint round within a step h. Friction is therefore a force
-only where not even the bare rotor, the lightest load there is, would turn round,
+Friction is a force, not a constraint of the engine: below FULL_FRICTION_SPEED it is proportional to the speed, so a
+static joint creeps where a real one sticks. An explicit force this steep would reverse a light joint within a step h.
+Friction is therefore explicit only where it cannot reverse even the bare rotor,
 
-    |v| >= SLOWEST  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0,
+    |v| >= FULL_FRICTION_SPEED  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0,
 
-and else damping coulomb/w, which the engine takes implicitly: of a moving joint w = |v|, of one slower than SLOWEST the
-speed that the bare rotor reaches within the step, (|armature·v + h·torque| - h·coulomb) / (armature + h·kd), or SLOWEST
-if that is more. So a heavy load that starts, or a bare rotor that turns round, meets too little or too much for a step.
-An engine that cannot renew its damping gets at most armature/h·v instead: it is whole from coulomb·h/armature on.
+and otherwise a damping coulomb/w that the engine integrates implicitly. For a moving joint w = |v|. Below
+FULL_FRICTION_SPEED, w is the speed that the bare rotor reaches within the step,
+(|armature·v + h·torque| - h·coulomb) / (armature + h·kd), and at least FULL_FRICTION_SPEED. When a heavy load starts or
+a bare rotor reverses, friction is wrong for one step. An engine with constant damping gets at most armature/h·v, which
+reaches coulomb at the speed coulomb·h/armature.
 """
 
 from __future__ import annotations
@@ -26,26 +27,21 @@ from motorprior.actuator.ideal_pd import IDEAL_PD_ROWS, KD, IdealPd, reset_pd, s
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 
-SLOWEST = 0.1  # Speed [rad/s] above which friction is whole
-_COULOMB, _ARMATURE, _STEEPEST = range(IDEAL_PD_ROWS, IDEAL_PD_ROWS + 3)
-_TINY = 1e-12  # Inertia of a rotor without any [kg·m²]
+FULL_FRICTION_SPEED = 0.1  # speed [rad/s] from which friction equals coulomb
+_COULOMB, _ARMATURE, _MAX_SLOPE = range(IDEAL_PD_ROWS, IDEAL_PD_ROWS + 3)
+_TINY = 1e-12  # replaces zero armature [kg·m²]
 
 
 @dataclass(frozen=True)
 class FrictionPd:
-    """n motors with a proportional-derivative law and Coulomb friction.
+    """n motors with a proportional-derivative law and Coulomb friction."""
 
-    Attributes:
-        pd: the law, with armature; without it friction is too little.
-        coulomb: (n,) [N·m].
-    """
-
-    pd: IdealPd
-    coulomb: np.ndarray
+    pd: IdealPd  # with armature: without it friction is too small
+    coulomb: np.ndarray  # (n,) [N·m]
 
     @property
     def kind(self) -> ActuatorKind:
-        """That of a PD with friction."""
+        """FRICTION_PD."""
         return FRICTION_PD
 
     @property
@@ -60,11 +56,11 @@ class FrictionPd:
 
     @property
     def damping(self) -> np.ndarray:
-        """(n,) kd, integrated implicitly by the engine [N·m·s/rad]."""
+        """(n,) kd [N·m·s/rad]."""
         return self.pd.damping
 
     def with_factors(self, factors: Factors) -> FrictionPd:
-        """See `HasConstants`."""
+        """See `actuator.with_factors`."""
         pd = self.pd.with_factors(factors._replace(coulomb=np.ones(self.num_motors)))
         return FrictionPd(pd, self.coulomb * factors.coulomb)
 
@@ -76,36 +72,29 @@ class FrictionPd:
 
 
 @njit(cache=True, nogil=True)
-def _step(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     for motor in range(torque.shape[0]):
         kd, coulomb = arrays.parameters[KD, motor], arrays.parameters[_COULOMB, motor]
         armature, velocity = arrays.parameters[_ARMATURE, motor], joint_vel[motor]
-        speed, impulse, taken = abs(velocity), physics_dt * torque[motor], physics_dt * coulomb
-        moves = speed >= SLOWEST
+        speed, impulse, friction = abs(velocity), physics_dt * torque[motor], physics_dt * coulomb
+        moves = speed >= FULL_FRICTION_SPEED
         arrays.damping[motor] = kd
-        if moves and armature * speed + math.copysign(impulse, impulse * velocity) > taken:
+        if moves and armature * speed + math.copysign(impulse, impulse * velocity) > friction:
             torque[motor] -= math.copysign(coulomb, velocity)
             continue
         if not moves:
-            reached = (abs(armature * velocity + impulse) - taken) / max(armature + physics_dt * kd, _TINY)
-            speed = max(SLOWEST, reached)
+            reached = (abs(armature * velocity + impulse) - friction) / max(armature + physics_dt * kd, _TINY)
+            speed = max(FULL_FRICTION_SPEED, reached)
         arrays.damping[motor] += coulomb / speed
 
 
 @njit(cache=True, nogil=True)
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    """Take the friction that is damping as a force, no steeper than keeps a rotor without kd from turning round."""
+    """Apply the friction part of the damping as a force, limited so that it cannot reverse a rotor without kd."""
     for motor in range(torque.shape[0]):
-        renewed = arrays.damping[motor] - arrays.parameters[KD, motor]
-        torque[motor] -= min(renewed, arrays.parameters[_STEEPEST, motor]) * joint_vel[motor]
+        friction = arrays.damping[motor] - arrays.parameters[KD, motor]
+        torque[motor] -= min(friction, arrays.parameters[_MAX_SLOPE, motor]) * joint_vel[motor]
         arrays.damping[motor] = arrays.parameters[KD, motor]
 
 

@@ -1,9 +1,9 @@
-"""The geared motor of a grey box, compiled: constants decoded from a latent z, state as rows of a memory.
+"""Compiled geared motors: constants decoded from a latent z, state in the rows of a memory.
 
-    log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the motor's terms, kept within e^±LOG_REACH
-                                         of the centre; linear for those that may be negative (`optional_terms.SIGNED`)
+    log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the optional terms, within e^±LOG_REACH
+                                         of center; linear for constants that may be negative (`optional_terms.SIGNED`)
 
-The formula of a step is that of `geared_motor_step`, traced into compiled code with one lane per motor.
+A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ from numba.extending import intrinsic
 from motorprior.actuator.geared_motor_constants import (
     BASE_CONSTANTS,
     LOG_REACH,
-    LONGEST_DELAY,
+    MAX_DELAY,
     StepConstants,
     decode,
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
 from motorprior.actuator.optional_terms import COLD, TERMS, Conditions
-from motorprior.actuator.vector import BYTES, LANE_ARITHMETIC, Vector
+from motorprior.actuator.vector import LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
-STIFFNESS = StepConstants._fields.index("gear_stiffness")  # Row of the table
+# rows of the table
+STIFFNESS = StepConstants._fields.index("gear_stiffness")
 _DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(BASE_STATE)
 _REFERENCE = MotorState._fields.index("reference")
-# Rows of the memory: the state, the delayed target, the delay line
+# rows of the memory: the state, the delayed target, the delay line
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
 
 
@@ -47,10 +48,10 @@ class GearedMotor:
 
     center: np.ndarray  # (P,)
     slope: np.ndarray  # (Z, P)
-    terms: tuple[str, ...] = ()  # of `optional_terms`, in their order there
+    terms: tuple[str, ...] = ()  # of `optional_terms`, in that order
 
     def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
-        """(n,) constants by name of motors with latents z (n, Z), under these conditions."""
+        """(n,) constants by name of motors with latents z (n, Z) at these conditions."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
         return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), np, self.terms, conditions)
 
@@ -62,12 +63,12 @@ def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[s
 
 def memory_rows(physics_dt: float) -> int:
     """Rows of the memory at this physics step [s]."""
-    return _LINE + math.ceil(LONGEST_DELAY / physics_dt - 1e-9) + 3
+    return _LINE + math.ceil(MAX_DELAY / physics_dt - 1e-9) + 3
 
 
 @njit(cache=True, nogil=True)
 def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Rotor at rest above the joint, in the middle of the backlash."""
+    """Static rotor at the angle of the joint, centred in the backlash."""
     memory[:_LINE, :] = 0.0
     memory[ROTOR_POS, :] = joint_pos
     memory[_REFERENCE, :] = position_target
@@ -75,18 +76,18 @@ def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_po
 
 
 @njit(cache=True, nogil=True)
-def _listen(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
-    """Delayed targets, linear between steps: their means from half a step before to half a step after now."""
+def _update_targets(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
+    """Write delayed targets, linear between steps: their means from half a step before to half a step after now."""
     newest = write_line(memory, _LINE, now, position_target)
     for motor in range(position_target.shape[0]):
         memory[TARGET, motor] = interpolated(memory, _LINE, newest, p[_DELAY, motor] + 0.5, motor)
 
 
 def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:
-    """One physics step for ``width`` neighbouring motors.
+    """Emit one physics step for ``width`` consecutive motors.
 
-    ``columns`` of table, memory, joint_pos, joint_vel, torque and damping are (address of the first motor's element in
-    the first row, bytes from row to row).
+    ``columns`` are (address of the first motor in the first row, bytes between rows) of table, memory, joint_pos,
+    joint_vel, torque and damping.
     """
     table, memory, *vectors = columns
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
@@ -113,7 +114,6 @@ def _row(builder: Any, column: Any, row: int) -> Any:
 
 def _stepper(width: int, terms: tuple[str, ...]) -> Any:
     def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
-        """From motor number ``first`` on; the arrays are those of `step_geared_motor`."""
         arrays = (table, memory, joint_pos, joint_vel, torque, damping)
         if any(array.layout != "C" or array.dtype != types.float64 for array in arrays):
             raise TypingError("the motors' arrays must be contiguous float64")
@@ -134,10 +134,10 @@ def _stepper(width: int, terms: tuple[str, ...]) -> Any:
 
 
 def _column(context: Any, builder: Any, kind: Any, value: Any, index: Any) -> tuple[Any, Any]:
-    """Address of element ``index`` of an array's first row, and bytes from row to row."""
+    """Address of element ``index`` in the first row of an array, and bytes between rows."""
     array = context.make_array(kind)(context, builder, value=value)
     start = builder.ptrtoint(array.data, index.type)
-    first = builder.add(start, builder.mul(index, ir.Constant(index.type, BYTES)))
+    first = builder.add(start, builder.mul(index, ir.Constant(index.type, 8)))
     return first, cgutils.unpack_tuple(builder, array.strides)[0]
 
 
@@ -146,23 +146,14 @@ _servo_eight, _servo_one = (_stepper(width, tuple(TERMS)) for width in (8, 1))
 
 
 @njit(cache=True, nogil=True)
-def step_geared_motor(
-    p: np.ndarray,
-    memory: np.ndarray,
-    now: int,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-    damping: np.ndarray,
-) -> None:
-    """Write (n,) torque [N·m] and damping [N·m·s/rad] for the physics step that begins now.
+def step_geared_motor(p, memory, now, physics_dt, position_target, joint_pos, joint_vel, torque, damping):
+    """Write (n,) torque [N·m] and damping [N·m·s/rad] for the coming physics step.
 
     All arrays are contiguous: ``p`` (rows, n) of `motor_table` for this step, with more than BASE_CONSTANTS rows for
-    motors with optional terms, ``memory`` (rows, n) state, the others (n,); ``now`` counts steps since the reset.
+    motors with optional terms; ``memory`` (rows, n) state; the others (n,). ``now`` is the number of steps since the
+    reset.
     """
-    _listen(p, memory, now, position_target)
+    _update_targets(p, memory, now, position_target)
     n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS
     while first < n:
         if servo and n - first >= 8:

@@ -1,12 +1,11 @@
-"""One step of a servo motor with rotor, dry friction and gear: the formula, for every arithmetic.
+"""One step of a servo motor with rotor, dry friction and gear, as one formula for every arithmetic.
 
-Written once over whatever supports ``+ - * / abs > < |`` and the functions of an `Arithmetic`: lanes of compiled code
-(`geared_motor`), JAX (training), numpy (tests). It imports none of them.
+The formula needs ``+ - * / abs > < |`` and the functions of an `Arithmetic`. It runs on lanes of compiled code
+(`geared_motor`), JAX (training) and numpy (tests), and imports none of them.
 
-All quantities at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to t + h/2, as
-the engines' own semi-implicit Euler does with the joint's: every force is meant at t, and but for
-EXTRA_DAMPING a motion is right to second order in h. Linearly implicit in the rotor's new velocity v'; its velocity at
-t is v̄ = (v + v')/2:
+All quantities are at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to
+t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except for EXTRA_DAMPING the step is
+second-order accurate. It is linearly implicit in the rotor's new velocity v'; the velocity at t is v̄ = (v + v')/2:
 
     gear      s = twist ∓ backlash/2,  twist = rotor_pos - joint_pos, in contact where twist + h/2·(v - dq) is beyond
               the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
@@ -14,13 +13,13 @@ t is v̄ = (v + v')/2:
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
     law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos + h/2·(v̄ - v) +
               encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to t + h/2
-    rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  stuck where F is enough
+    rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
 
-The joint gets torque = τ_gear + d·dq and damping d = (gear_damping + h·gear_stiffness)/2 while the gear touches, for
-the engine to integrate implicitly: a stiff gear on a light shank then stays stable. What that takes from the joint is
-given back to the rotor one step later, so that momentum is kept.
+The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping + h·gear_stiffness)/2, which the
+engine integrates implicitly: a stiff gear on a light shank is then stable. The rotor gets the momentum of that damping
+one step later, so momentum is conserved.
 
-A motor may have further terms: a firmware's profile, an integral, a voltage limit and others (`optional_terms`).
+Optional terms add a firmware profile, an integral, a voltage limit and others (`optional_terms`).
 """
 
 from __future__ import annotations
@@ -31,27 +30,26 @@ from typing import Any, NamedTuple
 from motorprior.actuator.geared_motor_constants import StepConstants, Values
 from motorprior.actuator.optional_terms import profiled, within_voltage
 
-EXTRA_DAMPING = 0.1  # Of the gear, so that a bare shank does not chatter [steps of its stiffness]
+EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
-_TINY = 1e-12  # Keeps the derivative of a root at 0 finite
+_TINY = 1e-12  # keeps the derivative of a root at 0 finite
 
 
 class Arithmetic(NamedTuple):
-    """What the operators of a kind of `Values` leave out."""
+    """Element-wise functions on a type of `Values` that have no operator."""
 
-    # (condition, yes, no), element by element; ``yes`` and ``no`` may be plain numbers
-    where: Callable[[Any, Any, Any], Values]
-    indicator: Callable[[Any], Values]  # 1 where the condition holds, 0 elsewhere
+    where: Callable[[Any, Any, Any], Values]  # (condition, yes, no); ``yes`` and ``no`` may be plain numbers
+    indicator: Callable[[Any], Values]  # 1 where the condition is true, 0 elsewhere
     clip: Callable[[Values, Values], Values]  # (x, limit): x within ±limit
-    positive_part: Callable[[Values], Values]  # max(x, 0); what is not a number stays it
-    with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude, with the sign of ``other``
-    sqrt: Callable[[Values], Values]  # Of numbers that are not negative
+    positive_part: Callable[[Values], Values]  # max(x, 0); NaN stays NaN
+    with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude with the sign of ``other``
+    sqrt: Callable[[Values], Values]  # of numbers >= 0
 
 
 def array_arithmetic(xp: Any) -> Arithmetic:
     """The arithmetic of an array module, numpy or jax.numpy.
 
-    Its sign of 0 is 0, so that the derivative of a rotor at rest by its impulse is 0 and not undefined.
+    Its sign of 0 is 0, so that the derivative of a static rotor by its impulse is defined, and 0.
     """
     return Arithmetic(
         where=xp.where,
@@ -64,21 +62,21 @@ def array_arithmetic(xp: Any) -> Arithmetic:
 
 
 class MotorState(NamedTuple):
-    """What a motor remembers from step to step, besides its commands."""
+    """State of motors, without the delay line of commands."""
 
     rotor_pos: Values
     rotor_vel: Values
     filtered_vel: Values
-    joint_vel: Values  # at the step before
-    damping: Values  # that the engine was given at the step before
-    reference: Values = None  # of the firmware's profile [rad]; this and what follows only with terms
+    joint_vel: Values  # at the previous step
+    damping: Values  # given to the engine at the previous step
+    reference: Values = None  # of the firmware's profile [rad]; from here on only with optional terms
     reference_vel: Values = None  # [rad/s]
     integral: Values = None  # [N·m]
-    current: Values = None  # torque of the motor behind its lag [N·m]
+    current: Values = None  # lagged torque of the motor [N·m]
     bristle: Values = None  # deflection of the bristle [rad]
 
 
-BASE_STATE = MotorState._fields.index("reference")  # Number of fields that every motor has
+BASE_STATE = MotorState._fields.index("reference")  # number of fields that every motor has
 
 
 def step(
@@ -95,28 +93,28 @@ def step(
 
     Args:
         p: constants for steps of this length.
-        state: at its start.
+        state: before the step.
         target: delayed position target, mean over the step [rad].
         q: joint position [rad].
         dq: joint velocity [rad/s].
         h: length of the step [s].
-        arithmetic: of the values.
-        terms: optional terms (`optional_terms`) that are computed.
+        arithmetic: functions on the values.
+        terms: enabled optional terms.
 
     Returns:
-        The state after the step, and for the engine torque [N·m] and damping [N·m·s/rad] of the joint.
+        The state after the step, and torque [N·m] and damping [N·m·s/rad] of the joint for the engine.
     """
     where = arithmetic.where
     if "profile" in terms:
         state = profiled(p, state, target, h, arithmetic)
         target = state.reference
     r, filtered, half_h = state.rotor_pos, state.filtered_vel, 0.5 * h
-    # the momentum that the engine's implicit damping took from the joint
+    # momentum that the engine's implicit damping took from the joint
     v = state.rotor_vel + h * state.damping * (dq - state.joint_vel) / p.armature
 
     twist = r - q
-    coming = twist + half_h * (v - dq)
-    above, below = coming > p.half_backlash, coming < -p.half_backlash
+    twist_at_t = twist + half_h * (v - dq)
+    above, below = twist_at_t > p.half_backlash, twist_at_t < -p.half_backlash
     pressed = where(above, twist - p.half_backlash, where(below, twist + p.half_backlash, 0.0))
     contact = arithmetic.indicator(above | below)
     stiffness = contact * p.gear_stiffness
@@ -127,12 +125,12 @@ def step(
     ratio = v / STRIBECK_VELOCITY
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear)
-    # forces are those at v, plus their slopes times v̄ - v = (v' - v)/2
-    seen, seen_vel, follows = r, v, 1.0
+    # forces at v, plus their slopes times v̄ - v = (v' - v)/2
+    seen, seen_vel, follows = r, v, 1.0  # encoder angle and velocity, and the slope of the latter by v
     if "output_encoder" in terms:
         seen, seen_vel = r + p.output_encoder * (q - r), v + p.output_encoder * (dq - v)
         follows = 1.0 - p.output_encoder * (1.0 - contact)
-    error, live = target - seen - p.encoder_zero, 1.0
+    error, live = target - seen - p.encoder_zero, 1.0  # live: 0 within the dead zone
     if "dead_zone" in terms:
         live = arithmetic.indicator(abs(error) > p.dead_zone)
         error = error - arithmetic.clip(error, p.dead_zone)
@@ -143,21 +141,21 @@ def step(
         )
         push = push + state.integral
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * live) * follows
-    old, share = 0.0, 1.0  # of the torque in force
+    old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the law
     if "current" in terms:
         old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
     inertia = p.armature + half_h * (lead + p.viscous_damping)
     carried = inertia * v - h * (gear + p.viscous_damping * v)
-    dry = _Dry(p, state.bristle, friction, h, arithmetic, terms)
+    dry = _DryFriction(p, state.bristle, friction, h, arithmetic, terms)
     in_force, eased = old + share * push, share * braking
-    free, bristle = dry.after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
+    free, bristle = dry.velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
     law = push - 0.5 * braking * (free - v)
     bounded = arithmetic.clip(law, p.torque_limit)
     if "torque_speed" in terms:
         bounded = within_voltage(p, bounded, v, arithmetic)
-    held, other_bristle = dry.after(carried + h * (old + share * bounded), inertia)
+    bounded_vel, bounded_bristle = dry.velocity_after(carried + h * (old + share * bounded), inertia)
     limited = abs(law) > p.torque_limit if "torque_speed" not in terms else abs(law - bounded) > 0.0
-    after = where(limited, held, free)
+    after = where(limited, bounded_vel, free)
 
     mean = 0.5 * (v + after)
     torque = gear + lead * (mean - v) + damping * dq
@@ -173,31 +171,28 @@ def step(
         wanted = where(limited, bounded, law)
         moved = moved._replace(current=state.current + p.current_gain * (wanted - state.current))
     if "presliding" in terms:
-        moved = moved._replace(bristle=where(limited, other_bristle, bristle))
+        moved = moved._replace(bristle=where(limited, bounded_bristle, bristle))
     return moved, torque, damping if "output_damping" not in terms else damping + p.output_damping
 
 
-class _Dry(NamedTuple):
+class _DryFriction(NamedTuple):
     """Dry friction of a rotor in one step."""
 
     p: StepConstants
     bristle: Values
-    friction: Values  # largest force [N·m]
+    friction: Values  # maximum torque [N·m]
     h: Any
     arithmetic: Arithmetic
     terms: tuple[str, ...]
 
-    def after(self, impulse: Values, inertia: Values) -> tuple[Values, Values]:
-        """Rotor velocity after an impulse [N·m·s] on ``inertia``, and the bristle's new deflection.
-
-        Friction can stop a rotor, never reverse it.
-        """
+    def velocity_after(self, impulse: Values, inertia: Values) -> tuple[Values, Values]:
+        """Rotor velocity after an impulse [N·m·s], which friction cannot reverse, and bristle deflection."""
         arithmetic, friction = self.arithmetic, self.friction
         if "asymmetry" in self.terms:
             friction = friction * (1.0 + arithmetic.where(impulse > 0.0, self.p.asymmetry, -self.p.asymmetry))
         if "presliding" not in self.terms:
-            left = arithmetic.positive_part(abs(impulse) - self.h * friction)
-            return arithmetic.with_sign_of(left, impulse) / inertia, self.bristle
+            remaining = arithmetic.positive_part(abs(impulse) - self.h * friction)
+            return arithmetic.with_sign_of(remaining, impulse) / inertia, self.bristle
         stiffness = self.p.bristle_stiffness
         yielding = (impulse - self.h * stiffness * self.bristle) / (inertia + self.h * self.h * stiffness)
         force = arithmetic.clip(stiffness * (self.bristle + self.h * yielding), friction)

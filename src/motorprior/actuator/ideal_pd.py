@@ -2,9 +2,8 @@
 
     motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
 
-kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd, which it
-integrates implicitly, and torque = motor torque + kd·joint_vel, so that their sum is the law above: an
-explicit kd of this size on a light joint chatters, and the baseline would be a straw man.
+kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd, which it integrates
+implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this size makes a light joint chatter.
 """
 
 from __future__ import annotations
@@ -19,26 +18,18 @@ from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 
 _KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
-IDEAL_PD_ROWS = 4  # Of the parameters
+IDEAL_PD_ROWS = 4
 
 
 @dataclass(frozen=True)
 class IdealPd:
-    """n motors with a proportional-derivative law.
+    """n motors with a proportional-derivative law; every field has shape (n,)."""
 
-    Attributes:
-        kp: (n,) [N·m/rad].
-        kd: (n,) [N·m·s/rad].
-        torque_limit: (n,) bound of the motor torque [N·m].
-        armature: (n,) [kg·m²].
-        delay: (n,) age of the target acted on [s].
-    """
-
-    kp: np.ndarray
-    kd: np.ndarray
-    torque_limit: np.ndarray
-    armature: np.ndarray
-    delay: np.ndarray
+    kp: np.ndarray  # [N·m/rad]
+    kd: np.ndarray  # [N·m·s/rad]
+    torque_limit: np.ndarray  # [N·m]
+    armature: np.ndarray  # [kg·m²]
+    delay: np.ndarray  # command latency [s]
 
     @classmethod
     def uniform(
@@ -49,7 +40,7 @@ class IdealPd:
 
     @property
     def kind(self) -> ActuatorKind:
-        """The ideal PD's."""
+        """IDEAL_PD."""
         return IDEAL_PD
 
     @property
@@ -59,11 +50,11 @@ class IdealPd:
 
     @property
     def damping(self) -> np.ndarray:
-        """kd, integrated implicitly by the engine [N·m·s/rad]."""
+        """(n,) kd [N·m·s/rad]."""
         return self.kd
 
     def with_factors(self, factors: Factors) -> IdealPd:
-        """See `with_factors`."""
+        """See `actuator.with_factors`."""
         require_unchanged(self.kind, factors, "coulomb")
         limit = self.torque_limit * factors.torque_limit
         return replace(self, kp=self.kp * factors.kp, kd=self.kd * factors.kd, torque_limit=limit)
@@ -78,17 +69,17 @@ class IdealPd:
 
 @dataclass(frozen=True)
 class GainScaledPd:
-    """A PD that was fitted to a log which states gains; it follows the gains that another log states."""
+    """PD motors fitted to a log with logged gains; their gains scale with the logged gains."""
 
-    pd: IdealPd  # the motors at the median gains
-    logged: np.ndarray  # (2,) medians of the logged kp and kd, in the log's unit
+    pd: IdealPd  # at the median logged gains
+    logged: np.ndarray  # (2,) median logged kp and kd, in the unit of the log
 
     def at(self, gains: np.ndarray) -> IdealPd:
         """The motors (M,) at logged gains (2, M).
 
             kp' = kp·gains[0] / logged[0],   kd' = kd·gains[1] / logged[1]
 
-        Where the median is 0 that gain stays as it is.
+        A gain with median 0 does not change.
         """
         middle = self.logged[:, None]
         kp, kd = np.where(middle > 0.0, gains / np.where(middle > 0.0, middle, 1.0), 1.0)
@@ -97,20 +88,13 @@ class GainScaledPd:
 
 @njit(cache=True, nogil=True)
 def reset_pd(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Fill the delay line with the present target."""
+    """Fill the delay line with the current target."""
     fill_line(arrays.memory, 0, position_target)
 
 
 @njit(cache=True, nogil=True)
-def step_pd(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
-    """Write (n,) torque for the engine [N·m]; a delay between two steps interpolates linearly between their targets."""
+def step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    """Write (n,) torque for the engine [N·m]; the delayed target is interpolated linearly between steps."""
     newest = write_line(arrays.memory, 0, arrays.clock[0], position_target)
     for motor in range(torque.shape[0]):
         target = interpolated(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)

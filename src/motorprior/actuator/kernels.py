@@ -1,7 +1,7 @@
 """Kinds of actuators and their compiled kernels, which compiled code calls by address.
 
-Addresses travel in `ActuatorArrays.kernels`, as those of MuJoCo's functions do. A new kind of motors therefore changes
-no compiled code: loops that were compiled, or cached on disk, before it existed run it.
+`ActuatorArrays.kernels` holds the addresses. A new kind of motors therefore needs no recompilation: loops that were
+compiled, or cached on disk, before it existed can run it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numba import typeof, types
@@ -21,46 +21,43 @@ from numba.extending import intrinsic
 from motorprior.actuator.actuator import ActuatorArrays, KernelTable
 from motorprior.compiled import njit
 
-BENCH_STEP = 0.002  # step [s] on the dynamometer of motors without a finer one: that of a robot's simulation
-Arrays = TypeVar("Arrays")
-
 
 @njit(cache=True, nogil=True)
 def read_joint(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) angle [rad] of an encoder on the joint."""
+    """Copy the joint angles [rad]: the encoder is on the joint."""
     out[:] = joint_pos
 
 
 @njit(cache=True, nogil=True)
 def keep_implicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    """Leave torque and damping alone: the engine can integrate a damping that never changes."""
+    """Change nothing: the damping is constant, so any engine can integrate it."""
 
 
-def keep_stiffness(arrays: ActuatorArrays, largest: float) -> None:
-    """Leave motors without a gear of their own alone."""
+def keep_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
+    """Change nothing: the motors have no gear."""
 
 
 @dataclass(frozen=True)
 class ActuatorKind:
-    """An actuator model's description of itself.
+    """Name and compiled functions of an actuator model.
 
-    The functions are compiled (``njit``), write into their last argument and raise nothing. Vectors are (n,) float64.
+    The functions are compiled (``njit``), write into their last argument and do not raise. Vectors are (n,) float64.
     """
 
     name: str  # in files and figures
     title: str  # in reports
-    reset: Any  # (arrays, position_target [rad], joint_pos [rad]) puts the memory at rest
+    reset: Any  # (arrays, position_target [rad], joint_pos [rad]) resets the memory to a static motor
     # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes the
-    # torque of the coming step, and ``arrays.damping`` where the model renews it
+    # torque of the coming step, and ``arrays.damping`` if it changes
     step: Any
-    measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the motors' own encoders
-    # (arrays, joint_vel [rad/s], torque [N·m]) moves a damping that is renewed every step from ``arrays`` into
-    # the torque, for an engine that cannot renew it
+    measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the encoders of the motors
+    # (arrays, joint_vel [rad/s], torque [N·m]) moves a changing damping from ``arrays`` into the torque, for an engine
+    # whose damping is constant
     make_explicit: Any = keep_implicit
-    # (arrays, largest [N·m/rad]) bounds the stiffness of gears, for such an engine; not compiled
+    # (arrays, max_stiffness [N·m/rad]) limits the stiffness of gears, for such an engine; not compiled
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
-    longest_step: float = np.inf  # longest physics step [s], infinite if any will do; see `Robot.physics_step`
-    bench_step: float = BENCH_STEP  # longest step on the dynamometer [s]
+    max_step: float = np.inf  # maximum physics step [s]; see `Robot.physics_step`
+    bench_step: float = 0.002  # maximum step on the dynamometer [s]
 
     @cached_property
     def kernels(self) -> KernelTable:
@@ -86,14 +83,14 @@ def _address(function: Any, arguments: tuple[types.Type, ...]) -> int:
 
 
 def _require_types(arrays: Any, vectors: tuple[Any, ...]) -> None:
-    """Reject at compile time what the function behind an address would misread."""
+    """Reject at compile time arrays that the function at an address would misread."""
     contiguous = all(isinstance(each, types.Array) and each.layout == "C" and each.ndim == 1 for each in vectors)
     if arrays != arrays_type() or not contiguous or any(each.dtype != types.float64 for each in vectors):
         raise TypingError("the motors' arrays must be contiguous float64")
 
 
 def _emit_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Call the function at the first argument's address with the others, as numba calls functions."""
+    """Call the function at the address in the first argument, by numba's calling convention."""
     kinds, convention = signature.args[1:], context.call_conv
     function = convention.get_function_type(types.none, kinds).as_pointer()
     callee = builder.inttoptr(arguments[0], function)
@@ -117,48 +114,36 @@ def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return value
 
 
-if TYPE_CHECKING:
+def _pair(typingctx, address, arrays, first, second):
+    _require_types(arrays, (first, second))
+    return types.void(types.intp, arrays, first, second), _emit_call
 
-    def _call_pair(address: int, arrays: ActuatorArrays, first: np.ndarray, second: np.ndarray) -> None: ...
 
-    def _call_step(address: int, arrays: ActuatorArrays, physics_dt: float, *vectors: np.ndarray) -> None: ...
+def _step(typingctx, address, arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    vectors = position_target, joint_pos, joint_vel, torque
+    _require_types(arrays, vectors)
+    return types.void(types.intp, arrays, types.float64, *vectors), _emit_call
 
-    def without_refcounts(arrays: Arrays) -> Arrays:
-        """For compiled code: an array, or a (named) tuple of arrays, that numba does not count references of.
 
-        Counting is an atomic instruction whenever an array is taken out of a tuple or cut to a view: a tenth of an
-        episode. The caller of a compiled episode holds every array until it returns.
-        """
-        ...
+def _borrow(typingctx, arrays):
+    def codegen(context, builder, signature, arguments):
+        value = _without_owners(context, builder, signature.args[0], arguments[0])
+        return impl_ret_untracked(context, builder, signature.return_type, value)
 
-else:
+    return arrays(arrays), codegen
 
-    @intrinsic
-    def _call_pair(typingctx: Any, address: Any, arrays: Any, first: Any, second: Any) -> Any:
-        _require_types(arrays, (first, second))
-        return types.void(types.intp, arrays, first, second), _emit_call
 
-    @intrinsic
-    def _call_step(
-        typingctx: Any, address: Any, arrays: Any, physics_dt: Any, target: Any, pos: Any, vel: Any, torque: Any
-    ) -> Any:
-        _require_types(arrays, (target, pos, vel, torque))
-        return types.void(types.intp, arrays, types.float64, target, pos, vel, torque), _emit_call
-
-    @intrinsic
-    def without_refcounts(typingctx: Any, arrays: Any) -> Any:
-        """See above."""
-
-        def codegen(context, builder, signature, arguments):
-            value = _without_owners(context, builder, signature.args[0], arguments[0])
-            return impl_ret_untracked(context, builder, signature.return_type, value)
-
-        return arrays(arrays), codegen
+_call_pair: Any = intrinsic(_pair)
+_call_step: Any = intrinsic(_step)
+# For compiled code: an array, or a (named) tuple of arrays, without reference counting. Counting is an atomic
+# instruction whenever an array is taken from a tuple or sliced, 10 % of the time of an episode. The caller of a
+# compiled episode must keep references to all arrays until it returns.
+without_refcounts: Any = intrinsic(_borrow)
 
 
 @njit(cache=True, nogil=True)
 def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Put the memory at rest, as if target and joint had always been where they are."""
+    """Reset the memory to a static motor: target and joint have never moved."""
     arrays.clock[0] = 0
     _call_pair(arrays.kernels.reset, arrays, position_target, joint_pos)
 
@@ -172,22 +157,22 @@ def step_actuator(
     joint_vel: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write the (n,) torque [N·m] and ``arrays.damping`` for the physics step [s] that begins now."""
+    """Write the (n,) torque [N·m] and ``arrays.damping`` for the coming physics step [s]."""
     _call_step(arrays.kernels.step, arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     arrays.clock[0] += 1
 
 
 @njit(cache=True, nogil=True, inline="always")
 def make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    """For an engine that cannot renew its damping: put that of the coming step into the torque.
+    """Add a changing damping to the torque, for an engine whose damping is constant.
 
-    Only a kind that renews it does so. With the gear's stiffness k and a bare link of inertia I, a step h is stable
-    only while 2·k·h²/I + gear_damping·h/I < 4: see `ActuatorKind.limit_stiffness`.
+    With gear stiffness k and a bare link of inertia I, a step h is stable only if 2·k·h²/I + gear_damping·h/I < 4: see
+    `ActuatorKind.limit_stiffness`.
     """
     _call_pair(arrays.kernels.make_explicit, arrays, joint_vel, torque)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def measure_joint_pos(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """(n,) joint angle [rad] as the motors' own encoders report it."""
+    """Write (n,) joint angles [rad] as measured by the encoders of the motors."""
     _call_pair(arrays.kernels.measure, arrays, joint_pos, out)

@@ -5,11 +5,10 @@
     torque = clip(torque_scale·(w3ᵀh2 + b3), ±torque_limit)
     armature = exp(a0 + aᵀz)                                  (zero for a network without one)
 
-A grey-box network also decodes the constants of a geared motor (`geared_motor`) from z. Its own torque is then only
-the residual of the motor's physics, added at the joint; the rotor's inertia is inside, and the engine gets none.
+A grey box also decodes the constants of a geared motor (`geared_motor`) from z. The network's torque is then the
+residual of the physics, added at the joint. The model simulates the rotor, so the engine gets no armature.
 
-The torque is renewed every ``period`` and held in between. Per motor the network is folded once:
-b1 + V1ᵀz becomes that motor's bias.
+The torque is updated every ``period`` and constant in between. b1 + V1ᵀz is computed once per motor.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, require_step, require_unchanged
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, require_step, require_unchanged
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import GearedMotor, memory_rows, motor_table
 from motorprior.actuator.geared_motor_constants import with_logged_gains
@@ -36,10 +35,7 @@ def _softsign(x: Any) -> Any:
 
 
 def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
-    """(n,) torque / torque_scale before the clip, by numpy or JAX, for scaled inputs (n, 2T) and bias (n, H).
-
-    ``weights`` are ``w1``, ``w2``, ``b2``, ``w3`` and ``b3`` of a `LatentNetwork`.
-    """
+    """(n,) torque / torque_scale before the clip, by numpy or JAX, for scaled inputs (n, 2T) and bias (n, H)."""
     first = _softsign(inputs @ weights["w1"] + bias)
     second = _softsign(first @ weights["w2"] + weights["b2"])
     return second @ weights["w3"] + weights["b3"]
@@ -49,14 +45,14 @@ def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
 class LatentNetwork:
     """Weights and scales; shapes with T taps, Z latents, H neurons per layer (a multiple of 4)."""
 
-    w1: np.ndarray  # (2T, H): rows are T errors, then T velocities, in the order of ``taps``
+    w1: np.ndarray  # (2T, H): T errors, then T velocities, in the order of ``taps``
     v1: np.ndarray  # (Z, H)
     b1: np.ndarray  # (H,)
     w2: np.ndarray  # (H, H)
     b2: np.ndarray  # (H,)
     w3: np.ndarray  # (H,)
     b3: np.ndarray  # () output bias
-    log_armature: np.ndarray  # () a0, log of [kg·m²]; -inf is written as no armature by ``has_armature``
+    log_armature: np.ndarray  # () a0, log of [kg·m²]
     armature_slope: np.ndarray  # (Z,) a
     taps: tuple[int, ...]  # ages of the inputs in periods, ascending from 0
     period: float  # [s]
@@ -65,11 +61,9 @@ class LatentNetwork:
     torque_scale: float  # [N·m]
     torque_limit: float  # [N·m]
     has_armature: bool
-    motor: GearedMotor | None = None  # the physical half of a grey box
-    copula: Copula | None = None  # from z ~ N(0, I) to the latents that all the above is a function of; None: z itself
-    # of the logged gains (`MotorLog`) that the motor's kp and kd_over_kp are multiples of; "" if they are its
-    # own
-    gain_unit: str = ""
+    motor: GearedMotor | None = None  # physics of a grey box
+    copula: Copula | None = None  # from z ~ N(0, I) to the latents of the decoder; None: z itself
+    gain_unit: str = ""  # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
 
     @property
     def num_latents(self) -> int:
@@ -82,25 +76,25 @@ class LatentNetwork:
         return self.w2.shape[0]
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
-        """(n, Z) what weights and constants are functions of, for motors with latents z (n, Z)."""
+        """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
         return z if self.copula is None else self.copula.decoder_latents(z)
 
     def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name of a grey box, at usual conditions; of one that warms, when cold.
+        """(n,) physical constants by name of a cold grey box at nominal conditions.
 
-        Where gains are logged, kp and kd_over_kp are multiples of these (`with_logged_gains`).
+        With a ``gain_unit``, kp and kd_over_kp are multiples of logged gains (`with_logged_gains`).
         """
         assert self.motor is not None
         return self.motor.decode(self.decoder_latents(z))
 
     def warmth(self, z: np.ndarray, seconds: float) -> np.ndarray | float:
-        """(n,) warmth of a grey box's motors, ``seconds`` [s] after a cold start; 0 if they do not warm."""
+        """(n,) warmth of a grey box's motors ``seconds`` [s] after a cold start; 0 without the term heat."""
         if self.motor is None or "heat" not in self.motor.terms:
             return 0.0
         return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
 
     def armature(self, z: np.ndarray) -> np.ndarray:
-        """(n,) decoded armature [kg·m²] of motors with latents z (n, Z); that of a grey box is inside its motor."""
+        """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
         if self.motor is not None:
             return self.constants(z)["armature"]
         if not self.has_armature:
@@ -109,32 +103,27 @@ class LatentNetwork:
 
     def bias(self, z: np.ndarray) -> np.ndarray:
         """(n, H) first-layer bias b1 + V1ᵀ·latents of motors with latents z (n, Z)."""
-        return self.bias_at(self.decoder_latents(z))
-
-    def bias_at(self, latents: np.ndarray) -> np.ndarray:
-        """(n, H) first-layer bias of motors whose `decoder_latents` (n, Z) are known."""
-        return self.b1 + latents @ self.v1
+        return self.b1 + self.decoder_latents(z) @ self.v1
 
     def torque(self, inputs: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Reference in numpy: inputs (n, 2T) already scaled, z (n, Z) -> (n,) torque [N·m]."""
+        """(n,) torque [N·m] in numpy, for scaled inputs (n, 2T) and latents z (n, Z)."""
         raw = self.torque_scale * scaled_torque(vars(self), inputs, self.bias(z))
         return np.clip(raw, -self.torque_limit, self.torque_limit)
 
 
 @dataclass(frozen=True)
-class LatentActuator:
+class LatentActuator(Actuator):
     """n learned motors of one network."""
 
     network: LatentNetwork  # shared by all motors
     z: np.ndarray  # (n, Z)
-    conditions: Conditions = HALF_WARM  # supply, temperature and warmth
-    # (2, n) kp and kd in the network's ``gain_unit``; where that is "", factors on the motors' own gains
-    gains: np.ndarray | None = None
+    conditions: Conditions = HALF_WARM
+    gains: np.ndarray | None = None  # (2, n) kp and kd in the network's ``gain_unit``; if that is "", factors on gains
     factors: Factors | None = None  # on the constants of a grey box
 
     @property
     def kind(self) -> ActuatorKind:
-        """The network's, or the grey box's where the network has a geared motor."""
+        """GREY_BOX if the network has a geared motor, LATENT otherwise."""
         return LATENT if self.network.motor is None else GREY_BOX
 
     @property
@@ -144,16 +133,11 @@ class LatentActuator:
 
     @property
     def armature(self) -> np.ndarray:
-        """Decoded from z [kg·m²]; zero for a grey box, whose rotor is simulated in the model."""
+        """(n,) decoded from z [kg·m²]; zero for a grey box."""
         return np.zeros(self.num_motors) if self.network.motor is not None else self.network.armature(self.z)
 
-    @property
-    def damping(self) -> np.ndarray:
-        """Zero: the network damps; a grey box renews the damping of its gear every step."""
-        return np.zeros(self.num_motors)
-
     def with_factors(self, factors: Factors) -> LatentActuator:
-        """See `with_factors`; of a grey box only. The integral gain, kp·integral_rate, follows kp."""
+        """See `actuator.with_factors`; grey boxes only. The integral gain, kp·integral_rate, scales with kp."""
         if self.network.motor is None:
             require_unchanged(self.kind, factors, *Factors._fields)
         self._require_gains()
@@ -164,7 +148,7 @@ class LatentActuator:
         if self.network.gain_unit and self.gains is None:
             raise ConfigError(
                 f"these motors were learned with logged gains [{self.network.gain_unit}]",
-                remedy="give the gains that they have", argument="gains",
+                remedy="give their gains", argument="gains",
             )  # fmt: skip
 
     def _scaled(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -195,7 +179,7 @@ class LatentActuator:
         ring, neurons = net.taps[-1] + 1, net.num_neurons
         padded = np.zeros((blocks * LANES, net.num_latents))
         padded[: self.num_motors] = self.z
-        latents = net.decoder_latents(padded)  # once: this is the slowest part of a reset
+        latents = net.decoder_latents(padded)  # once: the slowest part of a reset
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         parameters, rows = np.repeat(scales, self.num_motors, axis=1), 1
         if net.motor is not None:
@@ -217,7 +201,7 @@ class LatentActuator:
 
 
 def _cache_aligned(array: np.ndarray) -> np.ndarray:
-    """A contiguous copy that begins on a cache line: sixteen lanes of float32 then fill one, and no more."""
+    """A contiguous copy aligned to cache lines, so that 16 lanes of float32 fill exactly one."""
     memory = np.empty(array.nbytes + 64, np.uint8)
     first = -memory.ctypes.data % 64
     copy = memory[first : first + array.nbytes].view(array.dtype).reshape(array.shape)
@@ -226,8 +210,8 @@ def _cache_aligned(array: np.ndarray) -> np.ndarray:
 
 
 def _folded_biases(net: LatentNetwork, latents: np.ndarray, blocks: int) -> np.ndarray:
-    """(blocks, 2H + 1, 16): the first layer's bias, b2 and b3 of motors with decoder latents (16·blocks, Z)."""
-    first = net.bias_at(latents)
+    """(blocks, 2H + 1, 16): first-layer bias, b2 and b3 of motors with decoder latents (16·blocks, Z)."""
+    first = net.b1 + latents @ net.v1
     second = np.broadcast_to(net.b2, first.shape)
     last = np.broadcast_to(float(net.b3), (len(latents), 1))
     every = np.concatenate([first, second, last], axis=1).astype(np.float32)

@@ -1,8 +1,8 @@
-"""Kernels of learned motors: the network, whose torque is renewed every period, and the grey box.
+"""Kernels of learned motors: the network, which updates its torque every period, and the grey box.
 
-The network reads a history of errors and velocities. It runs on sixteen motors side by side (`lanes`): 0.2 µs for a
-robot's dozen motors, where a plain loop over neurons takes 1.1 to 1.7 µs, a tenth of a physics step or more. A grey box
-is a geared motor with the constants that z decodes to, and a network for the residual torque.
+The inputs of the network are a history of errors and velocities. It evaluates 16 motors in parallel (`lanes`): 0.2 µs
+for the motors of a quadruped, where a plain loop over neurons takes 1.1 to 1.7 µs, 10 % of a physics step or more. A
+grey box is a geared motor with constants decoded from z, plus a network for the residual torque.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from motorprior.actuator.kernels import ActuatorKind, without_refcounts
 from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
 from motorprior.compiled import njit
 
-SCALES = 4  # rows of the parameters before the motor's
+SCALES = 4  # rows of the parameters before those of the geared motor
 
 
 @njit(cache=True, nogil=True)
 def reset_network(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Fill the history with the present error and zero velocity."""
+    """Fill the history with the current error and zero velocity."""
     ring2 = arrays.history.shape[1] // 2
     arrays.history[:] = np.float32(0.0)
     arrays.memory[:] = 0.0
@@ -37,15 +37,8 @@ def reset_network(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos
 
 
 @njit(cache=True, nogil=True)
-def _remember(
-    history: np.ndarray,
-    parameters: np.ndarray,
-    slot: int,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-) -> None:
-    """Write error and velocity twice, a ring apart, so that any age is read without wrapping around."""
+def _write_history(history, parameters, slot, position_target, joint_pos, joint_vel):
+    """Write error and velocity twice, one ring length apart, so that reads of any age need no wrap-around."""
     ring, motors = history.shape[1] // 4, position_target.shape[0]
     error_gain, velocity_gain = parameters[0, 0], parameters[1, 0]
     for block in range(history.shape[0]):
@@ -61,9 +54,7 @@ def _remember(
 
 
 @njit(cache=True, nogil=True)
-def _evaluate(
-    weights: np.ndarray, inputs: np.ndarray, biases: np.ndarray, history: np.ndarray, scratch: np.ndarray, slot: int
-) -> None:
+def _evaluate(weights, inputs, biases, history, scratch, slot):
     neurons = (biases.shape[0] - 1) // 2
     first, second, last = scratch[:neurons], scratch[neurons : 2 * neurons], scratch[2 * neurons :]
     first_layer(weights, history, slot, inputs, biases[:neurons], first)
@@ -73,35 +64,26 @@ def _evaluate(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def renew_torque(
-    arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray
-) -> None:
-    """Renew the network's torque [N·m] in the first row of the memory if its period is over."""
-    held = arrays.memory[0]
+def _update_torque(arrays, position_target, joint_pos, joint_vel):
+    """Every period, write the torque [N·m] of the network into the first row of the memory."""
+    network_torque = arrays.memory[0]
     if arrays.clock[0] % arrays.clock[1] == 0:
         slot = (arrays.clock[0] // arrays.clock[1]) % (arrays.history.shape[1] // 4)
-        _remember(arrays.history, arrays.parameters, slot, position_target, joint_pos, joint_vel)
+        _write_history(arrays.history, arrays.parameters, slot, position_target, joint_pos, joint_vel)
         scale, limit = arrays.parameters[2, 0], arrays.parameters[3, 0]
         for block in range(arrays.history.shape[0]):
             scratch = arrays.scratch[block]
             _evaluate(arrays.weights, arrays.inputs, arrays.biases[block], arrays.history[block], scratch, slot)
             first, output = block * LANES, scratch[scratch.shape[0] - 1]
-            for motor in range(first, min(first + LANES, held.shape[0])):
+            for motor in range(first, min(first + LANES, network_torque.shape[0])):
                 raw = scale * float(output[motor - first])
-                held[motor] = min(limit, max(-limit, raw))
+                network_torque[motor] = min(limit, max(-limit, raw))
 
 
 @njit(cache=True, nogil=True)
-def _step_network(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
+def _step_network(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     arrays = without_refcounts(arrays)
-    renew_torque(arrays, position_target, joint_pos, joint_vel)
+    _update_torque(arrays, position_target, joint_pos, joint_vel)
     torque[:] = arrays.memory[0]
 
 
@@ -113,47 +95,29 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 
 
 @njit(cache=True, nogil=True)
-def _step(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
-    """Write (n,) torque [N·m] and ``arrays.damping``: the gear's, plus that of a network, renewed every period."""
-    # one by one: a tuple would count each array once more
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    # separately: a tuple would count each array once more
     arrays, torque = without_refcounts(arrays), without_refcounts(torque)
     position_target = without_refcounts(position_target)
     joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
     has_network = arrays.weights.shape[0] > 0
     if has_network:
-        renew_torque(arrays, position_target, joint_pos, joint_vel)
-    step_geared_motor(
-        arrays.parameters[SCALES:],
-        arrays.memory[1:],
-        arrays.clock[0],
-        physics_dt,
-        position_target,
-        joint_pos,
-        joint_vel,
-        torque,
-        arrays.damping,
-    )
+        _update_torque(arrays, position_target, joint_pos, joint_vel)
+    p, memory, now, damping = arrays.parameters[SCALES:], arrays.memory[1:], arrays.clock[0], arrays.damping
+    step_geared_motor(p, memory, now, physics_dt, position_target, joint_pos, joint_vel, torque, damping)
     if has_network:
         for motor in range(torque.shape[0]):
             torque[motor] += arrays.memory[0, motor]
 
 
-def _limit_stiffness(arrays: ActuatorArrays, largest: float) -> None:
-    """Simulate gears stiffer than ``largest`` [N·m/rad] as if they were only so stiff."""
+def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
     row = arrays.parameters[SCALES + STIFFNESS]
-    np.minimum(row, largest, out=row)
+    np.minimum(row, max_stiffness, out=row)
 
 
 @njit(cache=True, nogil=True)
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    """Brake the joint by torque; since the engine does not damp, the rotors get nothing back in the next step."""
+    # the engine does not damp, so the rotors get no momentum from its damping in the next step
     for motor in range(torque.shape[0]):
         torque[motor] -= arrays.damping[motor] * joint_vel[motor]
     arrays.damping[:] = 0.0

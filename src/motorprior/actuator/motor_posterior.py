@@ -1,4 +1,4 @@
-"""The posterior of z of particular motors, as a file: one motor, or all of a robot."""
+"""The motor posterior: Gaussians of the latents z of particular motors, as a file."""
 
 from __future__ import annotations
 
@@ -29,33 +29,19 @@ _HEADER = Header(
     "posterior.safetensors",
     "adapt",
 )
-_TENSORS = {
-    "mean": Tensor(("motors", "latents")),
-    "covariance": Tensor(("motors", "latents", "latents")),
-}
 
 
 @dataclass(frozen=True)
 class MotorPosterior:
-    """Of M motors, Z latents.
-
-    Attributes:
-        prior: whose z this is; its file is kept next to this one.
-        mean: (M, Z).
-        covariance: (M, Z, Z).
-        joint_names: M names, those of the log.
-        seconds: how much log was used.
-        surprise: (M,) p-value of the outlier test against the training motors.
-        gains: (2, M) kp and kd in the log, None if the prior has none.
-    """
+    """Posterior of M motors, Z latents."""
 
     prior: MotorPrior
-    mean: np.ndarray
-    covariance: np.ndarray
-    joint_names: tuple[str, ...]
-    seconds: float
-    surprise: tuple[float, ...]
-    gains: np.ndarray | None = None
+    mean: np.ndarray  # (M, Z)
+    covariance: np.ndarray  # (M, Z, Z)
+    joint_names: tuple[str, ...]  # M names in the log
+    seconds: float  # length of the log
+    surprise: tuple[float, ...]  # (M,) p-value of the outlier test against the training motors
+    gains: np.ndarray | None = None  # (2, M) logged kp and kd, None if the prior has none
 
     def sample(
         self,
@@ -64,23 +50,23 @@ class MotorPosterior:
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
     ) -> LatentActuator:
-        """Draw ``count`` motors: of each joint its own, or, of a single motor, ``count`` times that one.
+        """Sample ``count`` motors: one per joint of the posterior, or ``count`` samples of a single motor.
 
         Args:
             count: number of motors.
-            seed: of the draw; a generator goes on from where it is.
-            gains: (2, count) kp and kd, ignored where the prior has none; those of the log if not given.
-            limit_follows_gain: multiply the torque limit of every motor by its kp over that of the prior's central
-                motor, as for a motor with less torque per ampere, whose gains and limit are currents. Grey boxes only.
+            seed: seed, or a generator to continue.
+            gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not given.
+            limit_follows_gain: scale the torque limit of every motor by its kp over that of the prior's central motor,
+                as for a smaller torque constant in firmware that controls currents. Grey boxes only.
 
         Raises:
-            ConfigError: the posterior is of neither one motor nor ``count``, or an argument is out of range.
+            ConfigError: the posterior has neither one nor ``count`` motors, or an argument is out of range.
         """
         require_count("count", count)
         if len(self.mean) not in (1, count):
             raise ConfigError(
-                f"the posterior is of {len(self.mean)} motors, the robot has {count}",
-                remedy=f"adapt to one motor, or to all {count} in the robot's order",
+                f"the posterior has {len(self.mean)} motors, the robot {count}",
+                remedy=f"adapt to one motor, or to all {count} in the order of the robot",
             )
         factors = np.linalg.cholesky(self.covariance)
         noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
@@ -92,15 +78,15 @@ class MotorPosterior:
             return motors
         if self.prior.network.motor is None:
             raise ConfigError(
-                "the prior has no constants, so no torque limit",
-                remedy="leave it out, or identify with preset rollout",
+                "the prior has no physical constants, so no torque limit",
+                remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
         factors = Factors.ones(count)._replace(torque_limit=kp_share(self.prior.network, motors.z))
         return motors.with_factors(factors)
 
     def save(self, path: str | Path) -> None:
-        """Write one safetensors file, atomically; it names the prior by digest and does not contain it."""
+        """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""
         header = _HEADER.write(
             joint_names=list(self.joint_names), prior_sha256=self.prior.sha256(), seconds=self.seconds,
             surprise=list(self.surprise),
@@ -113,12 +99,13 @@ class MotorPosterior:
         """Read a posterior.
 
         Raises:
-            ArtifactError: another kind or schema, unknown or missing keys, or shapes that do not fit.
-            ConfigError: a posterior of another prior.
+            ArtifactError: another kind or schema, unknown or missing keys, or wrong shapes.
+            ConfigError: the posterior belongs to another prior.
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        wanted = _TENSORS | ({"gains": Tensor((2, "motors"))} if prior.network.gain_unit else {})
+        wanted = {"mean": Tensor(("motors", "latents")), "covariance": Tensor(("motors", "latents", "latents"))}
+        wanted |= {"gains": Tensor((2, "motors"))} if prior.network.gain_unit else {}
         check_tensors(tensors, wanted, path, _REMEDY, {"motors": len(header["joint_names"])})
         if header["prior_sha256"] != prior.sha256():
             raise ConfigError("posterior of another prior", where=path, remedy="adapt this prior to the log again")
@@ -128,6 +115,6 @@ class MotorPosterior:
 
 
 def kp_share(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
-    """(M,) kp of motors (M, Z) over that of the central motor, of a network that decodes constants [-]."""
+    """(M,) kp of grey-box motors with latents (M, Z) over that of the central motor [-]."""
     central = network.constants(np.zeros((1, network.num_latents)))["kp"]
     return network.constants(z)["kp"] / central

@@ -1,4 +1,4 @@
-"""The motor prior, a distribution of motors as a file: z ~ N(0, I) gives a motor, μ_i gives training motor i."""
+"""The motor prior, a distribution of motors as a file: z ~ N(0, I) is a new motor, z = μ_i is training motor i."""
 
 from __future__ import annotations
 
@@ -26,11 +26,8 @@ SIGN = "error = position_target - joint_pos; a positive torque accelerates the j
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
-# beginning of the name of a metric: a limit that the logs do not identify; its value is the largest that a motor was
-# given [N·m], [rad/s]
-UNIDENTIFIED = "not_shown_"
-# metric: number of motors whose logs do not identify the scale of all torques
-UNKNOWN_TORQUE_SCALE = "unknown_torque_size"
+UNIDENTIFIED = "not_shown_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
+UNKNOWN_TORQUE_SCALE = "unknown_torque_size"  # metric: number of motors whose logs do not identify the torque scale
 _HEADER = Header(
     "motor prior",
     5,
@@ -72,44 +69,30 @@ _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SC
 
 @dataclass(frozen=True)
 class MotorPrior:
-    """A learned distribution of motors.
-
-    Attributes:
-        network: the shared network.
-        mean: (M, Z) posterior means of the training motors.
-        log_var: (M, Z) their log-variances.
-        preset: name of the recipe.
-        robot: robot whose motors these are.
-        motor: motor model.
-        provenance: where the logs come from: the bench's fleet with the distributions of its gains and constants, or
-            the log's source; recipe and seed.
-        metrics: figures of the training.
-        joint_names: of the training motors, if they drove the joints of a robot; none of a bench.
-        gains: (2, M) logged kp and kd of the training motors, None if the network's ``gain_unit`` is "".
-    """
+    """A learned distribution of motors, with M training motors and Z latents."""
 
     network: LatentNetwork
-    mean: np.ndarray
-    log_var: np.ndarray
-    preset: str
+    mean: np.ndarray  # (M, Z) posterior means of the training motors
+    log_var: np.ndarray  # (M, Z) their log-variances
+    preset: str  # name of the recipe
     robot: str
-    motor: str
-    provenance: dict[str, Any]
-    metrics: dict[str, float]
-    joint_names: tuple[str, ...] = ()
-    gains: np.ndarray | None = None
+    motor: str  # motor model
+    provenance: dict[str, Any]  # source of the logs (for a bench, its fleet with all distributions), recipe, seed
+    metrics: dict[str, float]  # of the training
+    joint_names: tuple[str, ...] = ()  # of the training motors; none for a bench
+    gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
 
     def sample(
         self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None, spread: float = 1.0
     ) -> LatentActuator:
-        """Draw ``count`` new motors, z ~ N(0, spread²·I).
+        """Sample ``count`` new motors, z ~ N(0, spread²·I).
 
         Args:
             count: number of motors.
-            seed: of the draw; a generator goes on from where it is.
-            gains: (2, count) kp and kd in the network's ``gain_unit``, ignored where that is "". If not given, those of
-                the training motors: in their order if they are as many, otherwise their medians.
-            spread: factor on the standard deviation of z [-]; 0 draws the mean motor.
+            seed: seed, or a generator to continue.
+            gains: (2, count) kp and kd in the network's ``gain_unit``, ignored if that is "". If not given, those of
+                the training motors if there are ``count`` of them, otherwise their medians.
+            spread: standard deviation of z [-]; 0 gives the mean motor.
 
         Raises:
             ConfigError: an argument out of range.
@@ -134,16 +117,16 @@ class MotorPrior:
         )
 
     def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
-        """(J, Z) latents expected at these joints: the training motor's of the same name, 0 where there is none."""
+        """(J, Z) expected latents at these joints: those of the training motor of the same name, otherwise 0."""
         rows = dict(zip(self.joint_names, self.mean, strict=False))
-        nothing = np.zeros(self.network.num_latents)
-        return np.stack([rows.get(name, nothing) for name in joint_names])
+        mean_motor = np.zeros(self.network.num_latents)
+        return np.stack([rows.get(name, mean_motor) for name in joint_names])
 
     def require(self, robot: str, physics_dt: float) -> None:
         """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
         if self.robot != robot:
             raise ConfigError(
-                f"the prior is of robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
+                f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
             )
         self.training_motors(np.array([0])).arrays(physics_dt)
 
@@ -152,7 +135,7 @@ class MotorPrior:
         write_tensors(Path(path), *self._contents())
 
     def sha256(self) -> str:
-        """Digest of the file that `save` writes; posteriors name their prior by it."""
+        """Digest of the file that `save` writes; a posterior refers to its prior by this digest."""
         return hashlib.sha256(tensors_as_bytes(*self._contents())).hexdigest()
 
     def _contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -180,7 +163,7 @@ class MotorPrior:
         """Read a prior.
 
         Raises:
-            ArtifactError: not a motor prior, another schema, unknown or missing keys, or shapes that do not fit.
+            ArtifactError: not a motor prior, another schema, unknown or missing keys, or wrong shapes.
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
@@ -200,7 +183,7 @@ class MotorPrior:
 
 
 def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
-    """Name -> value of the limits that the logs of a prior with these metrics do not identify."""
+    """Values by name of the limits that the training logs do not identify, from the metrics of a prior."""
     return {name.removeprefix(UNIDENTIFIED): value for name, value in metrics.items() if name.startswith(UNIDENTIFIED)}
 
 
@@ -213,12 +196,12 @@ def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
     """(2, count) kp and kd; raises `ConfigError` for another shape, and unless kp > 0 and kd >= 0."""
     gains = np.asarray(gains, dtype=np.float64)
     if gains.shape != (2, count):
-        problem = f"gains of shape {gains.shape}, wanted (2, {count}): kp and kd of every motor"
+        problem = f"gains of shape {gains.shape}, expected (2, {count}): kp and kd of every motor"
         raise ConfigError(problem, remedy="give one column per motor", argument="gains")
     wrong = ~(np.isfinite(gains).all(axis=0) & (gains[0] > 0.0) & (gains[1] >= 0.0))
     if wrong.any():
         worst = gains[:, int(wrong.argmax())].tolist()
-        raise ConfigError(f"kp and kd {worst} are no gains", remedy="give kp > 0 and kd >= 0", argument="gains")
+        raise ConfigError(f"kp and kd {worst} are not valid gains", remedy="give kp > 0 and kd >= 0", argument="gains")
     return gains
 
 
@@ -244,5 +227,5 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     # compiled code runs four neurons at a time
     lists_fit = header["motor_parameters"] == list(names) and header["taps"] == sorted(header["taps"])
     if sizes["neurons"] % 4 or sizes["motors"] == 0 or not lists_fit:
-        problem = f"{sizes['neurons']} neurons, {sizes['motors']} motors, motor_parameters or taps do not fit"
+        problem = f"{sizes['neurons']} neurons, {sizes['motors']} motors, motor_parameters or taps are inconsistent"
         raise ArtifactError(problem, where=path, remedy=_REMEDY)

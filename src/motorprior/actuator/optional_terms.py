@@ -1,32 +1,29 @@
-"""What some motors do beyond the geared motor of `geared_motor_step`: terms that a motor prior has or lacks as a whole.
+"""Optional dynamics terms of geared motors (`geared_motor_step`), each enabled or disabled for a whole motor prior.
 
-A term is on or off for all motors of a prior; where it is off its formula is not even compiled for training. All
-quantities at the output shaft, h is the step. In the order in which they act:
+All quantities are at the output shaft; h is the step. In the order in which they act:
 
-    profile        the firmware moves a reference towards the target, at most so fast and so accelerated that it can
-                   stop in time:  w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h),
-                   d = target - reference, c = h·profile_acceleration/2;  the reference's velocity changes towards w
-                   by at most profile_acceleration·h. Its position replaces the target. (Dynamixel, Feetech: profile
-                   velocity, profile acceleration, goal speed)
-    output_encoder the law sees the joint instead of the rotor. While the gear touches, the joint is taken to change its
-                   speed as the rotor does, so that the law is as implicit as with an encoder on the rotor.
+    profile        trapezoidal profile of the firmware: the velocity of the reference approaches
+                   w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h) by at most
+                   profile_acceleration·h, with d = target - reference, c = h·profile_acceleration/2. The reference
+                   replaces the target. (Dynamixel, Feetech: profile velocity, profile acceleration, goal speed)
+    output_encoder the encoder is on the joint instead of the rotor. In gear contact the joint is assumed to accelerate
+                   like the rotor, so that the law is as implicit as with an encoder on the rotor.
     dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
-    integral       torque I is added to the law:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)      (PI-D law)
+    integral       the law gets an additional torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
     torque_speed   |torque of the law| <= stall_torque·(1 - v/no_load_speed) in the driving direction (voltage limit)
     current        the law's torque reaches the rotor through a lag:  τ' = τ + (1 - exp(-h/current_time))·(law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
-    presliding     dry friction is a bristle's force, σ·z, at most F:  z' = z + h·v' until σ·|z| = F. So a rotor at rest
+    presliding     dry friction is the force σ·z of a bristle, at most F:  z' = z + h·v' until σ·|z| = F. A static rotor
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
-    output_damping the joint itself is braked by output_damping·dq, which the engine integrates
-    heat           torques of the law fall to (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) after t seconds of
-                   log; where the time is not known, half warm: warmth = 0.5
-    supply         torques of the law are (1 + supply_share·(s - 1)) times what they are at the usual voltage, no-load
-                   speed and stall torque s times, s = supply voltage over the usual one. supply_share is 1 of a bridge
-                   whose duty cycle the law commands (most hobby servos), 0 where it commands the current.
-    temperature    torques of the law are (1 - temperature_loss·(T - T_usual)/50 K) times what they are at the usual
-                   temperature
+    output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
+    heat           torques of the law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at time t of
+                   the log, and 0.5 where the time is unknown
+    supply         torques of the law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque by s =
+                   supply voltage / nominal voltage. supply_share is 1 if the law commands the duty cycle of the
+                   bridge (most hobby servos), 0 if it commands the current.
+    temperature    torques of the law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
-Usual are the medians of the logs that a prior was trained on; where nothing is stated, motors work under these.
+Nominal values are the medians of the logs that a prior was trained on, and the default.
 """
 
 from __future__ import annotations
@@ -52,75 +49,75 @@ TERMS: dict[str, tuple[str, ...]] = {
     "supply": ("supply_share",),
     "temperature": ("temperature_loss",),
 }
-# Constants with which a term does nothing, for compiled code, which has either no term or all of them
-ABSENT = {
+# constants with which a term has no effect: compiled code has either no term or all of them
+DISABLED = {
     "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
     "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-12, "asymmetry": 0.0, "bristle_stiffness": 1e9,
     "output_damping": 0.0,
 }  # fmt: skip
-# Constants of a profile one of whose limits is off: far above any motor's, yet nothing is lost in float32
+# constants of a profile without a limit on speed or acceleration, small enough for float32
 UNLIMITED = {"profile_speed": 1e3, "profile_acceleration": 1e5}
-# Where a search begins
+# initial constants of the search
 INITIAL = {
     "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
     "integral_limit": 0.3, "stall_torque": 3.0, "no_load_speed": 10.0, "current_time": 0.003, "asymmetry": 0.0,
     "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0, "supply_share": 0.7,
     "temperature_loss": 0.0,
 }  # fmt: skip
-# Constants with which a term does next to nothing: where a search begins, too
-FAINT = {
+# initial constants of a second search, with which a term has almost no effect
+NEGLIGIBLE = {
     "profile_speed": 40.0, "profile_acceleration": 4000.0, "dead_zone": 1e-4, "integral_rate": 0.05,
     "integral_limit": 0.05, "stall_torque": 20.0, "no_load_speed": 100.0, "current_time": 3e-4, "asymmetry": 0.0,
     "bristle_stiffness": 200.0, "output_damping": 1e-4, "heat_loss": 0.01, "heat_time": 10.0, "supply_share": 0.1,
     "temperature_loss": 0.0,
 }  # fmt: skip
-# Constants that may be negative, and the value of one unit of the decoder's output; every other is exp(output)
+# constants that may be negative, and their value per unit of decoder output; all others are exp(output)
 SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2, "temperature_loss": 0.1}
-# Constants that are torques of the law, that weaken with the magnets' field, and that grow with the voltage
+# constants that scale with torques of the law, with the field of the magnets, with the voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
-LARGEST_SHARE = 0.9  # of asymmetry, and of what heat, supply or temperature take from a torque
-WARMER = 50.0  # Rise of the temperature [K] of which temperature_loss is the loss
+MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
+TEMPERATURE_SCALE = 50.0  # temperature rise at which the loss is temperature_loss [K]
 
 
 class Conditions(NamedTuple):
-    """What motors work under, of each motor or of all."""
+    """Operating conditions, per motor or the same for all."""
 
-    warmth: Any = 0.0  # 0 of a cold motor to 1, of the term heat
-    supply: Any = 1.0  # supply voltage over the usual one [-]
-    warmer: Any = 0.0  # temperature above the usual one [K]
+    warmth: Any = 0.0  # of the term heat, from 0 (cold) to 1
+    supply: Any = 1.0  # supply voltage / nominal voltage [-]
+    warmer: Any = 0.0  # temperature above the nominal one [K]
 
 
-# at the usual voltage and temperature: before any work, and where the time of work is unknown
+# at nominal voltage and temperature, at the start of operation and at an unknown time
 COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
 
 
 def at_conditions(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
     """Constants by name at these conditions; the array module ``xp`` is numpy or jax.numpy."""
     if "heat_loss" in values:
-        values = _times(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
+        values = _scaled(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
     if "supply_share" in values:
         share = 1.0 + values["supply_share"] * (conditions.supply - 1.0)
-        values = _times(xp.maximum(share, 1.0 - LARGEST_SHARE), values, _OF_LAW)
-        values = _times(conditions.supply, values, _OF_VOLTAGE)
+        values = _scaled(xp.maximum(share, 1.0 - MAX_SHARE), values, _OF_LAW)
+        values = _scaled(conditions.supply, values, _OF_VOLTAGE)
     if "temperature_loss" in values:
-        left = 1.0 - values["temperature_loss"] * conditions.warmer / WARMER
-        values = _times(xp.maximum(left, 1.0 - LARGEST_SHARE), values, _OF_MAGNETS)
+        share = 1.0 - values["temperature_loss"] * conditions.warmer / TEMPERATURE_SCALE
+        values = _scaled(xp.maximum(share, 1.0 - MAX_SHARE), values, _OF_MAGNETS)
     return values
 
 
-def _times(factor: Any, values: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+def _scaled(factor: Any, values: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
     return values | {name: factor * values[name] for name in names if name in values}
 
 
 def constants_of(terms: Iterable[str]) -> tuple[str, ...]:
-    """Names of the constants that these terms add."""
+    """Names of the constants of these terms."""
     return tuple(name for term in terms for name in TERMS[term])
 
 
 def terms_with(constants: Iterable[str]) -> tuple[str, ...]:
-    """The terms that have some of these constants, in the order of TERMS."""
+    """The terms with any of these constants, in the order of TERMS."""
     wanted = set(constants)
     return tuple(name for name, own in TERMS.items() if wanted & set(own))
 
@@ -149,7 +146,7 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
 
 
 def within_voltage(p: Any, law: Any, v: Any, arithmetic: Any) -> Any:
-    """The law's torque within what the voltage leaves at rotor velocity v."""
+    """The law's torque within the voltage limit at rotor velocity v."""
     share = v / p.no_load_speed
     upper = arithmetic.positive_part(p.stall_torque * (1.0 - share))
     lower = arithmetic.positive_part(p.stall_torque * (1.0 + share))

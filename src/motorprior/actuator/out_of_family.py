@@ -1,6 +1,6 @@
-"""Out-of-family motors: a second truth, most of whose equations no learned decoder has.
+"""Out-of-family motors: a second ground truth, most of whose equations are in no learned model.
 
-All quantities at the output shaft; x, w are position and velocity of the rotor, q, dq of the joint, which moves at
+All quantities are at the output shaft; x, w are position and velocity of the rotor, q, dq of the joint, which moves at
 constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the firmware, every T = servo_period:
 
     profile   v = clip(sqrt((a·T)² + 2·a·|d|) - a·T, ..profile_speed)·sign(d), at most a·T from the last v
@@ -23,9 +23,9 @@ constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the 
               F = bristle_stiffness·z + bristle_damping·exp(-(w / stribeck_velocity)²)·dz/dt
     rotor     armature·dw/dt = τ_motor - τ_gear - F - viscous_damping·w
 
-z takes its exact solution for the velocity at the start of the substep, which no bristle is too stiff for; viscous
-damping is implicit. A term is off where its first constant is 0, a firmware of period 0 ticks every substep. The joint
-gets the mean of τ_gear over the substeps, and the engine damps it by output_damping·dq.
+z is integrated exactly for the velocity at the start of the substep, which is stable for any stiffness; viscous damping
+is implicit. A term is off where its first constant is 0; firmware of period 0 ticks every substep. The joint gets the
+mean of τ_gear over the substeps, and the engine applies output_damping·dq.
 
 Sources. Friction: Canudas de Wit, Olsson, Åström and Lischinsky, A new model for control of systems with friction, IEEE
 TAC 40 (1995); damping of the bristles that falls with speed, and friction that differs by direction: Olsson et al.,
@@ -33,15 +33,14 @@ Friction models and friction compensation, Eur. J. Control 4 (1998); growth with
 Static friction in a robot joint, ASME J. Dyn. Sys. 134 (2012). Friction and ripple over the position, hardening of the
 gear: Tuttle and Seering, A nonlinear model of a harmonic drive gear transmission, IEEE T-RA 12 (1996). Spring and
 slider: Iwan, A distributed-element model for hysteresis, J. Appl. Mech. 33 (1966), one Jenkins element. Profile, dead
-zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215. Assumptions: the straight line from stall torque to
-no-load speed of a DC motor, lowered in proportion to the torque (sag); a current loop, a filter of the velocity and a
-warming of one time constant each; one sine of ripple and one of cogging; play as a dead zone, and damping of the shaft
-in proportion to its speed; the order of the firmware's steps, a reading that is exact at the tick's own time, a winding
-whose final temperature does not depend on the load; a resistance of the winding and a no-load speed that do not depend
-on the temperature.
+zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215. Assumptions: a linear torque-speed curve of a DC
+motor, lowered in proportion to the torque (sag); first-order current loop, velocity filter and warming; one sine of
+ripple and one of cogging; play as a dead zone; viscous damping of the shaft; the order of the firmware's steps; encoder
+readings without latency; a final winding temperature that does not depend on the load; winding resistance and no-load
+speed that do not depend on the temperature.
 
-No learned servo (`optional_terms`) has friction over the position, sag, ripple, cogging, a gear that hardens or has
-hysteresis, ticks of the firmware, or steps of the encoder.
+The learned models (`optional_terms`) lack position-dependent friction, sag, ripple, cogging, a hardening or hysteretic
+gear, discrete firmware ticks and encoder quantisation.
 """
 
 from __future__ import annotations
@@ -51,20 +50,19 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.physical import scaled
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
-SUBSTEP = 0.0001  # Longest substep [s]
-# Longest physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some of the
-# shipped motors chatter from 2 N·m of load on, since a gear that hardens is stiffer there; the walking twin shows
-# none of it.
-LONGEST_STEP = 0.001
+SUBSTEP = 0.0001  # maximum substep [s]
+# Maximum physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some shipped motors
+# chatter above 2 N·m of load, where the hardening gear is stiffer. The walking twin does not reach that torque.
+MAX_STEP = 0.001
 
 # Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
-# substep, a time constant the share of the way in a substep (of the velocity filter: in a tick).
+# substep, and a time constant the filter gain per substep (of the velocity filter: per tick).
 (
     KP, KD, TORQUE_LIMIT, DELAY, SERVO_PERIOD, PROFILE_SPEED, PROFILE_ACCELERATION, DEAD_ZONE, KI, INTEGRAL_LIMIT,
     OUTPUT_ENCODER, ENCODER_QUANTUM, ENCODER_ZERO, VELOCITY_FILTER, CURRENT_TIME, STALL_TORQUE, NO_LOAD_SPEED, SAG,
@@ -73,7 +71,7 @@ LONGEST_STEP = 0.001
     ASYMMETRY, POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
     GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE, NUM_ROWS,
 ) = range(46)  # fmt: skip
-# Rows of the memory; the delay line follows
+# rows of the memory; the delay line follows
 (
     ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND, TORQUE, BRISTLE, TWIST,
     SLIDER, HEAT, WAIT, LINE,
@@ -88,53 +86,53 @@ class OutOfFamilyMotors:
     kd: np.ndarray  # [N·m·s/rad]
     torque_limit: np.ndarray  # current limit times torque constant of the cold motor [N·m]
     delay: np.ndarray  # command latency [s]
-    servo_period: np.ndarray  # period of the firmware's law, whose output is held in between [s]; 0: every substep
-    profile_speed: np.ndarray  # largest speed of the reference [rad/s]; 0: no bound
-    profile_acceleration: np.ndarray  # largest acceleration of the reference [rad/s²]; 0: no bound
-    dead_zone: np.ndarray  # error below which the law gives nothing [rad]
+    servo_period: np.ndarray  # period of the firmware's control law [s]; 0: every substep
+    profile_speed: np.ndarray  # maximum speed of the reference [rad/s]; 0: no bound
+    profile_acceleration: np.ndarray  # maximum acceleration of the reference [rad/s²]; 0: no bound
+    dead_zone: np.ndarray  # error below which kp and ki have no effect [rad]
     ki: np.ndarray  # integral gain [N·m/(rad·s)]
-    integral_limit: np.ndarray  # largest integral part of the torque [N·m]
-    output_encoder: np.ndarray  # encoder: 0 on the rotor, 1 on the output shaft [-]
-    encoder_quantum: np.ndarray  # step of the encoder's readings [rad]
+    integral_limit: np.ndarray  # maximum integral part of the torque [N·m]
+    output_encoder: np.ndarray  # position of the encoder: 0 rotor, 1 output shaft [-]
+    encoder_quantum: np.ndarray  # resolution of the encoder [rad]
     encoder_zero: np.ndarray  # encoder reading at true zero [rad]
-    velocity_filter: np.ndarray  # time constant of the law's velocity [s]
+    velocity_filter: np.ndarray  # time constant of the velocity in the control law [s]
     current_time: np.ndarray  # time constant of the current loop [s]
-    stall_torque: np.ndarray  # voltage-limited torque at rest [N·m]; 0: no voltage limit
-    no_load_speed: np.ndarray  # speed at which the voltage leaves no torque [rad/s]; 0: speed takes no voltage
+    stall_torque: np.ndarray  # voltage-limited torque at zero speed [N·m]; 0: no voltage limit
+    no_load_speed: np.ndarray  # speed at which the torque limit is zero [rad/s]; 0: no back-EMF
     sag: np.ndarray  # share of the supply voltage lost at the stall current [-]
-    heat_loss: np.ndarray  # share of the torque constant that a warm motor has lost [-]
-    heat_time: np.ndarray  # time constant of the warming [s]; 0: the warmth stays as it is
-    warmth: np.ndarray  # share of the final warming at the start [-]
-    ripple: np.ndarray  # amplitude of the torque's ripple, share of the torque [-]
+    heat_loss: np.ndarray  # relative loss of the torque constant when warm [-]
+    heat_time: np.ndarray  # time constant of the warming [s]; 0: constant warmth
+    warmth: np.ndarray  # initial warming over the final one [-]
+    ripple: np.ndarray  # amplitude of the torque ripple over the torque [-]
     ripple_order: np.ndarray  # periods per turn of the output shaft [1/rev]
     ripple_phase: np.ndarray  # [rad]
-    cogging: np.ndarray  # amplitude of the torque without current [N·m]
+    cogging: np.ndarray  # amplitude of the torque at zero current [N·m]
     cogging_order: np.ndarray  # as ripple_order [1/rev]
     cogging_phase: np.ndarray  # [rad]
     armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
     viscous_damping: np.ndarray  # [N·m·s/rad]
     coulomb: np.ndarray  # sliding friction [N·m]
-    static_torque: np.ndarray  # friction at rest above the sliding friction [N·m]
-    stribeck_velocity: np.ndarray  # [rad/s]; 0: friction does not depend on speed, and bristles have no damping
-    bristle_stiffness: np.ndarray  # stiffness of the friction before it slides [N·m/rad]; 0: no dry friction at all
-    bristle_damping: np.ndarray  # damping of the friction before it slides [N·m·s/rad]
-    load_friction: np.ndarray  # friction per torque in the gear [-]
-    asymmetry: np.ndarray  # share by which friction is larger forwards, smaller backwards [-]
-    position_friction: np.ndarray  # share by which friction varies with the position [-]
+    static_torque: np.ndarray  # static friction minus sliding friction [N·m]
+    stribeck_velocity: np.ndarray  # [rad/s]; 0: friction is independent of speed, bristles have no damping
+    bristle_stiffness: np.ndarray  # presliding stiffness [N·m/rad]; 0: no dry friction
+    bristle_damping: np.ndarray  # presliding damping [N·m·s/rad]
+    load_friction: np.ndarray  # friction per gear torque [-]
+    asymmetry: np.ndarray  # relative increase of friction forwards, decrease backwards [-]
+    position_friction: np.ndarray  # relative amplitude of position-dependent friction [-]
     position_order: np.ndarray  # as ripple_order [1/rev]
     position_phase: np.ndarray  # [rad]
     backlash: np.ndarray  # full play [rad]
-    gear_stiffness: np.ndarray  # of the first contact, without the slider [N·m/rad]
+    gear_stiffness: np.ndarray  # at first contact, without the slider [N·m/rad]
     gear_hardening: np.ndarray  # cubic stiffness [N·m/rad³]
     gear_damping: np.ndarray  # [N·m·s/rad]
     slider_stiffness: np.ndarray  # stiffness of the spring behind the slider [N·m/rad]
     slider_torque: np.ndarray  # torque at which the slider slips [N·m]
-    output_damping: np.ndarray  # viscous damping of the output shaft, seals and grease [N·m·s/rad]
-    log_position_noise: np.ndarray  # standard deviation of the angles in a log [rad]
-    log_position_quantum: np.ndarray  # step of the angles in a log [rad]
-    log_velocity_filter: np.ndarray  # time constant of logged velocities, differences of angles [s]; 0: true ones
-    log_velocity_noise: np.ndarray  # standard deviation of the velocities in a log [rad/s]
-    log_torque_noise: np.ndarray  # standard deviation of the torques in a log [N·m]
+    output_damping: np.ndarray  # viscous damping of the output shaft (seals, grease) [N·m·s/rad]
+    log_position_noise: np.ndarray  # standard deviation of logged angles [rad]
+    log_position_quantum: np.ndarray  # resolution of logged angles [rad]
+    log_velocity_filter: np.ndarray  # time constant of logged velocities, from angles [s]; 0: true velocities
+    log_velocity_noise: np.ndarray  # standard deviation of logged velocities [rad/s]
+    log_torque_noise: np.ndarray  # standard deviation of logged torques [N·m]
 
     def __len__(self) -> int:
         """Number of motors."""
@@ -144,43 +142,39 @@ class OutOfFamilyMotors:
         """The motors at ``index``."""
         return OutOfFamilyMotors(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
-    def table(self) -> np.ndarray:
-        """(45, n) in the order of the fields, without the output shaft's and the log's."""
-        return np.stack([getattr(self, name) for name in OutOfFamilyMotors.__dataclass_fields__][:NUM_ROWS])
-
     def actuator(self) -> OutOfFamilyActuator:
-        """The motors, ready to be simulated."""
+        """The same motors as an `Actuator`."""
         return OutOfFamilyActuator(self)
 
     def after(self, seconds: float) -> OutOfFamilyMotors:
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
-        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _share(seconds, self.heat_time, 0.0))
+        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0))
 
     def logged(
         self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What instruments record of (steps, n) angles [rad], velocities [rad/s] and torques [N·m].
+        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m], with noise.
 
-        Noise, quantised angles, and velocities from differences of these.
+        Angles are quantised; velocities are filtered differences of the angles.
         """
         position, velocity, effort = rng.standard_normal((3, *joint_pos.shape))
         angle = joint_pos + self.log_position_noise * position
         step = np.where(self.log_position_quantum > 0.0, self.log_position_quantum, 1.0)
         angle = np.where(self.log_position_quantum > 0.0, step * np.round(angle / step), angle)
-        differenced = _differenced(angle, period, _share(period, self.log_velocity_filter, 1.0))
+        differenced = _differenced(angle, period, _filter_gain(period, self.log_velocity_filter, 1.0))
         speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
         return angle, speed + self.log_velocity_noise * velocity, torque + self.log_torque_noise * effort
 
 
 @dataclass(frozen=True)
-class OutOfFamilyActuator:
-    """n out-of-family motors as an `Actuator`. Rotor inertia is inside the model, so the engine gets none."""
+class OutOfFamilyActuator(Actuator):
+    """n out-of-family motors. The model simulates the rotor, so the engine gets no armature."""
 
     motors: OutOfFamilyMotors
 
     @property
     def kind(self) -> ActuatorKind:
-        """`OUT_OF_FAMILY`."""
+        """OUT_OF_FAMILY."""
         return OUT_OF_FAMILY
 
     @property
@@ -189,54 +183,48 @@ class OutOfFamilyActuator:
         return len(self.motors)
 
     @property
-    def armature(self) -> np.ndarray:
-        """Zero: the rotor is simulated here."""
-        return np.zeros(self.num_motors)
-
-    @property
     def damping(self) -> np.ndarray:
-        """The output shaft's; the rotor's is simulated here."""
+        """Of the output shaft; that of the rotor is part of the model."""
         return self.motors.output_damping
 
     def with_factors(self, factors: Factors) -> OutOfFamilyActuator:
-        """See `HasConstants`; the integral's gain follows kp, as that of the learned motors does."""
-        return OutOfFamilyActuator(
-            scaled(self.motors, factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp})
-        )
+        """See `actuator.with_factors`; ki scales with kp, as in the learned models."""
+        changes = factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp}
+        return OutOfFamilyActuator(scaled(self.motors, changes))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        require_step(physics_dt, LONGEST_STEP)
-        table = self.motors.table()
+        require_step(physics_dt, MAX_STEP)
+        table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)[:NUM_ROWS]])
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
         table[DELAY] /= physics_dt
         table[SERVO_PERIOD] = np.maximum(table[SERVO_PERIOD], h)
-        table[VELOCITY_FILTER] = _share(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
-        table[CURRENT_TIME] = _share(h, table[CURRENT_TIME], 1.0)
-        table[HEAT_TIME] = _share(h, table[HEAT_TIME], 0.0)
+        table[VELOCITY_FILTER] = _filter_gain(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
+        table[CURRENT_TIME] = _filter_gain(h, table[CURRENT_TIME], 1.0)
+        table[HEAT_TIME] = _filter_gain(h, table[HEAT_TIME], 0.0)
         table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
-        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: no dependence
+        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: friction is independent of speed
         return empty_arrays(OUT_OF_FAMILY, table, LINE + line, substeps, self.damping)
 
 
-def _share(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
-    """(n,) share of the way 1 - exp(-seconds / time_constant) [-]; ``off`` where the time constant is 0."""
+def _filter_gain(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
+    """(n,) gain 1 - exp(-seconds / time_constant) [-] of a first-order filter; ``off`` where the time constant is 0."""
     on = time_constant > 0.0
     return np.where(on, -np.expm1(-seconds / np.where(on, time_constant, 1.0)), off)
 
 
-def _differenced(angle: np.ndarray, period: float, share: np.ndarray) -> np.ndarray:
+def _differenced(angle: np.ndarray, period: float, gain: np.ndarray) -> np.ndarray:
     raw = np.diff(angle, axis=0, prepend=angle[:1]) / period
     filtered = np.zeros_like(raw)
     for step in range(1, len(raw)):
-        filtered[step] = filtered[step - 1] + share * (raw[step] - filtered[step - 1])
+        filtered[step] = filtered[step - 1] + gain * (raw[step] - filtered[step - 1])
     return filtered
 
 
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Rotor at rest above the joint, in the middle of the backlash; the firmware's reference at the target."""
+    """Static rotor at the joint's angle, centred in the backlash; the firmware's reference is the target."""
     p, memory = arrays.parameters, arrays.memory
     memory[:LINE, :] = 0.0
     for motor in range(joint_pos.shape[0]):
@@ -265,7 +253,7 @@ def _reading(p: np.ndarray, motor: int, position: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _move_reference(p: np.ndarray, memory: np.ndarray, motor: int, target: float, period: float) -> None:
-    """One tick of the profile; it brakes in time for the target, and lands on it."""
+    """One tick of the trapezoidal profile, which stops at the target."""
     fastest, a = p[PROFILE_SPEED, motor], p[PROFILE_ACCELERATION, motor]
     distance, speed = target - memory[REFERENCE, motor], memory[REFERENCE_VEL, motor]
     wish = abs(distance) / period
@@ -281,7 +269,7 @@ def _move_reference(p: np.ndarray, memory: np.ndarray, motor: int, target: float
 
 @njit(cache=True, nogil=True)
 def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position: float) -> None:
-    """One tick of the firmware, at which the encoder's shaft is at ``position`` [rad]."""
+    """One tick of the firmware, with the encoder's shaft at ``position`` [rad]."""
     period = p[SERVO_PERIOD, motor]
     if p[PROFILE_SPEED, motor] > 0.0 or p[PROFILE_ACCELERATION, motor] > 0.0:
         _move_reference(p, memory, motor, target, period)
@@ -299,12 +287,12 @@ def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position
 
 
 @njit(cache=True, nogil=True)
-def _motor(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
+def _motor_torque(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
     x, stall, command = memory[ROTOR_POS, motor], p[STALL_TORQUE, motor], memory[COMMAND, motor]
     if stall > 0.0:
-        left = max(0.0, stall - p[SAG, motor] * abs(memory[TORQUE, motor]))
+        limit = max(0.0, stall - p[SAG, motor] * abs(memory[TORQUE, motor]))
         back = stall * memory[ROTOR_VEL, motor] / p[NO_LOAD_SPEED, motor]
-        command = min(max(0.0, left - back), max(min(0.0, -left - back), command))
+        command = min(max(0.0, limit - back), max(min(0.0, -limit - back), command))
     memory[TORQUE, motor] += p[CURRENT_TIME, motor] * (command - memory[TORQUE, motor])
     memory[HEAT, motor] += p[HEAT_TIME, motor] * (1.0 - memory[HEAT, motor])
     torque = memory[TORQUE, motor] * (1.0 - p[HEAT_LOSS, motor] * memory[HEAT, motor])
@@ -316,7 +304,7 @@ def _motor(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _gear(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
+def _gear_torque(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
     s = _dead_zone(twist, 0.5 * p[BACKLASH, motor])
     if s == 0.0:
         memory[TWIST, motor], memory[SLIDER, motor] = 0.0, 0.0
@@ -351,14 +339,7 @@ def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: flo
 
 
 @njit(cache=True, nogil=True)
-def _step(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
     newest, h = write_line(memory, LINE, now, position_target), physics_dt / substeps
@@ -370,12 +351,12 @@ def _step(
             if memory[WAIT, motor] <= 1e-9:
                 age = max(0, math.ceil(p[DELAY, motor] - k / substeps - 1e-9))
                 target = memory[row_of_age(memory, LINE, newest, age), motor]
-                since = memory[WAIT, motor]  # the tick was a part of a substep ago
+                since = memory[WAIT, motor]  # negative: the tick was a fraction of a substep ago
                 _tick(p, memory, motor, target, q + since * dq if on_output else x + since * w)
                 memory[WAIT, motor] += p[SERVO_PERIOD, motor]
             memory[WAIT, motor] -= h
-            gear = _gear(p, memory, motor, x - q, w - dq)
-            force = _motor(p, memory, motor) - gear - _friction(p, memory, motor, gear, h)
+            gear = _gear_torque(p, memory, motor, x - q, w - dq)
+            force = _motor_torque(p, memory, motor) - gear - _friction(p, memory, motor, gear, h)
             inverse = h / p[ARMATURE, motor]
             w = (w + inverse * force) / (1.0 + inverse * p[VISCOUS_DAMPING, motor])
             memory[ROTOR_VEL, motor] = w
@@ -394,6 +375,5 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 OUT_OF_FAMILY = ActuatorKind(
-    "foreign", "out of family", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
-    bench_step=SUBSTEP,
-)  # fmt: skip
+    "foreign", "out of family", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
+)

@@ -1,8 +1,8 @@
-"""The physical actuator: firmware, rotor, friction, gear. The ground truth of every virtual motor.
+"""The physical motor with firmware, rotor, friction and gear: the ground truth of virtual benches and robots.
 
-All quantities at the output shaft. Per substep h (<= 0.25 ms), with the joint moving at constant velocity:
+All quantities are at the output shaft. Per substep h (<= 0.25 ms), with the joint moving at constant velocity:
 
-    encoder   θ = rotor_pos + encoder_zero            (on the rotor: backlash is invisible to it)
+    encoder   θ = rotor_pos + encoder_zero            (on the rotor, so it does not measure backlash)
     filter    v += (1 - exp(-h / velocity_filter))·(rotor_vel - v)
     law       τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
     speed     |τ_law| <= stall_torque·(1 - rotor_vel / no_load_speed) in the driving direction
@@ -11,9 +11,9 @@ All quantities at the output shaft. Per substep h (<= 0.25 ms), with the joint m
     friction  F = coulomb + stribeck_torque·exp(-(rotor_vel / stribeck_velocity)²) + load_friction·|τ_gear|
     rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
 
-Dry friction is applied as an impulse that can stop the rotor but never reverse it (exact stiction). The joint
-gets the mean of τ_gear over the substeps. Structure after the identified motors of a small legged robot and
-puppersim's motor model (jietan/puppersim); rotor, backlash and delay are added.
+Dry friction is an impulse that can stop the rotor but never reverse it (exact stiction). The joint gets the mean of
+τ_gear over the substeps. The structure follows puppersim's motor model (jietan/puppersim), with rotor, backlash and
+delay added.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, row_of_age, write_line
 
-SUBSTEP = 0.00025  # Longest substep [s]: a tenth of the fastest gear oscillation
-LONGEST_STEP = 0.001  # Longest physics step [s] at which gear and a bare shank, coupled once per step, stay stable
+SUBSTEP = 0.00025  # maximum substep [s]: a tenth of the period of the fastest gear oscillation
+MAX_STEP = 0.001  # maximum physics step [s] at which gear and bare shank, coupled once per step, are stable
 
 (
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
     _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS, _GEAR_DAMPING, _ZERO,
 ) = range(17)  # fmt: skip
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # Rows of the memory; the delay line follows
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # rows of the memory; the delay line follows
 
 
 @dataclass(frozen=True)
@@ -71,29 +71,29 @@ class MotorParameters:
         return MotorParameters(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
 
     def actuator(self) -> PhysicalActuator:
-        """The motors, ready to be simulated."""
+        """The same motors as an `Actuator`."""
         return PhysicalActuator(self)
 
     def after(self, seconds: float) -> MotorParameters:
-        """The motors after so many seconds [s] of work: the same."""
+        """The motors after so many seconds [s] of operation: unchanged."""
         return self
 
     def logged(
         self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What instruments record of (steps, n) angles [rad], velocities and torques: the truth, without noise."""
+        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m]: the true values, without noise."""
         return joint_pos, joint_vel, torque
 
 
 @dataclass(frozen=True)
-class PhysicalActuator:
-    """n physical motors as an `Actuator`. Rotor inertia is inside the model, so the engine gets none."""
+class PhysicalActuator(Actuator):
+    """n physical motors. The model simulates the rotor, so the engine gets no armature and no damping."""
 
     motors: MotorParameters
 
     @property
     def kind(self) -> ActuatorKind:
-        """The physical motor's."""
+        """PHYSICAL."""
         return PHYSICAL
 
     @property
@@ -101,23 +101,13 @@ class PhysicalActuator:
         """Number of motors."""
         return len(self.motors)
 
-    @property
-    def armature(self) -> np.ndarray:
-        """Zero: the rotor is simulated here."""
-        return np.zeros(self.num_motors)
-
-    @property
-    def damping(self) -> np.ndarray:
-        """Zero: damping is simulated here."""
-        return np.zeros(self.num_motors)
-
     def with_factors(self, factors: Factors) -> PhysicalActuator:
-        """See `HasConstants`."""
+        """See `actuator.with_factors`."""
         return PhysicalActuator(scaled(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        require_step(physics_dt, LONGEST_STEP)
+        require_step(physics_dt, MAX_STEP)
         table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)])
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
         table[_DELAY] /= physics_dt
@@ -127,13 +117,13 @@ class PhysicalActuator:
 
 
 def scaled(motors: Any, factors: Mapping[str, Any]) -> Any:
-    """The same motors, of a dataclass with a field (n,) per constant, with these constants times these factors [-]."""
+    """Motors with constants multiplied by factors [-]; ``motors`` is a dataclass with one field (n,) per constant."""
     return replace(motors, **{name: getattr(motors, name) * factor for name, factor in factors.items()})
 
 
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Rotor at rest above the joint, in the middle of the backlash."""
+    """Static rotor at the angle of the joint, centred in the backlash."""
     arrays.memory[ROTOR_POS, :] = joint_pos
     arrays.memory[ROTOR_VEL, :] = 0.0
     arrays.memory[FILTERED_VEL, :] = 0.0
@@ -141,7 +131,7 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 
 
 @njit(cache=True, nogil=True)
-def _law(p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: float) -> float:
+def _control_torque(p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: float) -> float:
     limit = p[_TORQUE_LIMIT, motor]
     torque = min(limit, max(-limit, p[_KP, motor] * error - p[_KD, motor] * filtered))
     slope = p[_STALL_TORQUE, motor] / p[_NO_LOAD_SPEED, motor]
@@ -151,19 +141,17 @@ def _law(p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: fl
 
 
 @njit(cache=True, nogil=True)
-def _gear(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
+def _gear_torque(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
     half = 0.5 * p[_BACKLASH, motor]
     if twist > half:
-        pressed = twist - half
-        return max(0.0, p[_STIFFNESS, motor] * pressed + p[_GEAR_DAMPING, motor] * twist_vel)
+        return max(0.0, p[_STIFFNESS, motor] * (twist - half) + p[_GEAR_DAMPING, motor] * twist_vel)
     if twist < -half:
-        pressed = twist + half
-        return min(0.0, p[_STIFFNESS, motor] * pressed + p[_GEAR_DAMPING, motor] * twist_vel)
+        return min(0.0, p[_STIFFNESS, motor] * (twist + half) + p[_GEAR_DAMPING, motor] * twist_vel)
     return 0.0
 
 
 @njit(cache=True, nogil=True)
-def _rub(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
+def _apply_friction(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
     ratio = rotor_vel / p[_STRIBECK_VELOCITY, motor]
     friction = p[_COULOMB, motor] + p[_LOAD_FRICTION, motor] * abs(gear)
     friction += p[_STRIBECK_TORQUE, motor] * math.exp(-ratio * ratio)
@@ -172,14 +160,7 @@ def _rub(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: flo
 
 
 @njit(cache=True, nogil=True)
-def _step(
-    arrays: ActuatorArrays,
-    physics_dt: float,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    torque: np.ndarray,
-) -> None:
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     p, memory = arrays.parameters, arrays.memory
     now, substeps = arrays.clock[0], arrays.clock[1]
     newest, h = write_line(memory, _LINE, now, position_target), physics_dt / substeps
@@ -190,10 +171,10 @@ def _step(
             age = max(0, math.ceil(p[_DELAY, motor] - k / substeps - 1e-9))
             target = memory[row_of_age(memory, _LINE, newest, age), motor]
             filtered += p[_FILTER, motor] * (rotor_vel - filtered)
-            law = _law(p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel)
-            gear = _gear(p, motor, rotor_pos - q, rotor_vel - dq)
+            law = _control_torque(p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel)
+            gear = _gear_torque(p, motor, rotor_pos - q, rotor_vel - dq)
             force = law - gear - p[_VISCOUS, motor] * rotor_vel
-            rotor_vel = _rub(p, motor, rotor_vel + h / p[_ARMATURE, motor] * force, rotor_vel, gear, h)
+            rotor_vel = _apply_friction(p, motor, rotor_vel + h / p[_ARMATURE, motor] * force, rotor_vel, gear, h)
             rotor_pos += h * rotor_vel
             q += h * dq
             total += gear
@@ -209,6 +190,5 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 PHYSICAL = ActuatorKind(
-    "physical", "physical", reset=_reset, step=_step, measure=_measure, longest_step=LONGEST_STEP,
-    bench_step=SUBSTEP,
-)  # fmt: skip
+    "physical", "physical", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
+)

@@ -1,8 +1,8 @@
-"""Arithmetic on several float64 at once, spelled as usual, for the intrinsics that build compiled code.
+"""Vector arithmetic with ordinary operators, for the intrinsics that emit compiled code.
 
-LLVM does not vectorise a loop over the columns of (rows, motors) arrays: it would have to prove that no two of some
-thirty rows overlap. A `Vector` is a value of the code being built, one lane per motor. Operations are emitted in the
-order they are written and never contracted, so that every width gives the bytes of the scalar loop.
+LLVM does not vectorise a loop over the columns of (rows, motors) arrays: it would have to prove that no two of about
+thirty rows overlap. A `Vector` is a value of the emitted code with one lane per motor. Operations are emitted in the
+order in which they are written and never contracted, so every width gives the bytes of the scalar loop.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from numba.core import cgutils
 
 from motorprior.actuator.geared_motor_step import Arithmetic
 
-_FLOAT = ir.DoubleType()
-BYTES = 8  # Of a float64
+_DOUBLE = ir.DoubleType()
+BYTES = {_DOUBLE: 8, ir.FloatType(): 4}
 
 
 class Vector:
-    """``width`` float64, or the bits of a comparison.
+    """An LLVM vector of floating-point numbers, or the bits of a comparison.
 
     Args:
-        builder: of the code (llvmlite).
-        value: of an LLVM vector type.
+        builder: llvmlite builder of the code.
+        value: LLVM value of a vector type.
     """
 
     def __init__(self, builder: Any, value: Any):
@@ -32,19 +32,21 @@ class Vector:
     @classmethod
     def broadcast(cls, builder: Any, scalar: Any, width: int) -> Vector:
         """A scalar of the code in every lane."""
-        kind = ir.VectorType(_FLOAT, width)
+        kind = ir.VectorType(scalar.type, width)
         single = builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width)
         return cls(builder, builder.shuffle_vector(single, ir.Constant(kind, ir.Undefined), zeros))
 
     @classmethod
-    def load(cls, builder: Any, address: Any, width: int) -> Vector:
-        """From an integer address."""
-        return cls(builder, builder.load(_pointer(builder, address, width), align=BYTES))
+    def load(cls, builder: Any, address: Any, width: int, element: Any = _DOUBLE) -> Vector:
+        """Load from an integer address."""
+        pointer = builder.inttoptr(address, ir.VectorType(element, width).as_pointer())
+        return cls(builder, builder.load(pointer, align=BYTES[element]))
 
     def store(self, address: Any) -> None:
-        """To an integer address."""
-        self.builder.store(self.value, _pointer(self.builder, address, self.value.type.count), align=BYTES)
+        """Store to an integer address."""
+        kind = self.value.type
+        self.builder.store(self.value, self.builder.inttoptr(address, kind.as_pointer()), align=BYTES[kind.element])
 
     def __add__(self, other: Vector | float) -> Vector:
         return self._new("fadd", self, other)
@@ -71,68 +73,51 @@ class Vector:
         return Vector(self.builder, self.builder.fneg(self.value))
 
     def __abs__(self) -> Vector:
-        return self._call("fabs", self)
+        return self.call("fabs", self)
 
     def __gt__(self, other: Vector | float) -> Vector:
-        return Vector(self.builder, self.builder.fcmp_ordered(">", self.value, self._operand(other)))
+        return Vector(self.builder, self.builder.fcmp_ordered(">", self.value, _operand(other, self.value.type)))
 
     def __lt__(self, other: Vector | float) -> Vector:
-        return Vector(self.builder, self.builder.fcmp_ordered("<", self.value, self._operand(other)))
+        return Vector(self.builder, self.builder.fcmp_ordered("<", self.value, _operand(other, self.value.type)))
 
     def __or__(self, other: Vector) -> Vector:
         return Vector(self.builder, self.builder.or_(self.value, other.value))
 
-    def _operand(self, other: Vector | float) -> Any:
-        if isinstance(other, Vector):
-            return other.value
-        return ir.Constant(self.value.type, [float(other)] * self.value.type.count)
-
-    def _new(self, operation: str, left: Vector | float, right: Vector | float) -> Vector:
+    def _new(self, operation: str, *operands: Vector | float) -> Vector:
         emit = getattr(self.builder, operation)
-        return Vector(self.builder, emit(self._operand(left), self._operand(right)))
+        return Vector(self.builder, emit(*(_operand(each, self.value.type) for each in operands)))
 
-    def _call(self, name: str, *arguments: Vector) -> Vector:
+    def call(self, name: str, *arguments: Vector) -> Vector:
+        """Result of an LLVM intrinsic on vectors of this type."""
         kind = self.value.type
         function = ir.FunctionType(kind, [kind] * len(arguments))
-        found = cgutils.get_or_insert_function(self.builder.module, function, f"llvm.{name}.v{kind.count}f64")
+        full_name = f"llvm.{name}.v{kind.count}f{8 * BYTES[kind.element]}"
+        found = cgutils.get_or_insert_function(self.builder.module, function, full_name)
         return Vector(self.builder, self.builder.call(found, [each.value for each in arguments]))
 
 
+def _operand(value: Vector | float, kind: Any) -> Any:
+    return value.value if isinstance(value, Vector) else ir.Constant(kind, [float(value)] * kind.count)
+
+
 def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
-    builder, width = condition.builder, condition.value.type.count
-
-    def value(operand: Vector | float) -> Any:
-        if isinstance(operand, Vector):
-            return operand.value
-        return ir.Constant(ir.VectorType(_FLOAT, width), [float(operand)] * width)
-
-    return Vector(builder, builder.select(condition.value, value(yes), value(no)))
-
-
-def _indicator(condition: Vector) -> Vector:
-    return _where(condition, 1.0, 0.0)
+    kind = ir.VectorType(_DOUBLE, condition.value.type.count)
+    chosen = condition.builder.select(condition.value, _operand(yes, kind), _operand(no, kind))
+    return Vector(condition.builder, chosen)
 
 
 def _clip(x: Vector, limit: Vector) -> Vector:
-    """Within ±limit; what is not a number stays it."""
+    """Within ±limit; NaN stays NaN."""
     above, below = x > limit, x < -limit
     return _where(above, limit, _where(below, -limit, x))
 
 
-def _positive_part(x: Vector) -> Vector:
-    return _where(x > 0.0, x, 0.0 * x)
-
-
-def _with_sign_of(magnitude: Vector, other: Vector) -> Vector:
-    return magnitude._call("copysign", magnitude, other)
-
-
-def _sqrt(x: Vector) -> Vector:
-    return x._call("sqrt", x)
-
-
-LANE_ARITHMETIC = Arithmetic(_where, _indicator, _clip, _positive_part, _with_sign_of, _sqrt)
-
-
-def _pointer(builder: Any, address: Any, width: int) -> Any:
-    return builder.inttoptr(address, ir.VectorType(_FLOAT, width).as_pointer())
+LANE_ARITHMETIC = Arithmetic(
+    where=_where,
+    indicator=lambda condition: _where(condition, 1.0, 0.0),
+    clip=_clip,
+    positive_part=lambda x: _where(x > 0.0, x, 0.0 * x),
+    with_sign_of=lambda magnitude, other: magnitude.call("copysign", magnitude, other),
+    sqrt=lambda x: x.call("sqrt", x),
+)

@@ -1,16 +1,16 @@
 """Behaviour features of motors on a standard bench: the same trials for physical and learned motors.
 
-Every trial runs on the virtual dynamometer (`dynamometer.run`) at PERIOD. Unless stated otherwise the joint carries
-LOAD_INERTIA and a light hanging weight, external torque = -PRESS, which presses the gear to one side: a joint that
-floats in its backlash moves chaotically, so that models could not be compared with it. Features, in this order:
+Every trial runs on the virtual dynamometer (`dynamometer.run`) with the sample period PERIOD. By default the load is
+LOAD_INERTIA with an external torque of -PRESS, which presses the gear to one side: motion within the backlash is
+chaotic, so models could not be compared. Features, in this order:
 
     gain, lag     at FREQUENCIES: |H| [-] and delay [s] of the first harmonic of joint_pos to AMPLITUDE·sin(2π·f·t)
-    rise time     10 → 90 % of the joint's own final displacement after a step of STEP [s]
-    overshoot     (highest - final joint_pos) / STEP with HEAVY_INERTIA [-]
-    dead band     half the width of the hysteresis of joint_pos under a slow triangle of the target [rad]
-    breakaway     external torque at which a held joint has given way by GIVE [N·m], mean of both directions
-    stall torque  steady torque on a blocked joint, the target led to STALL_ERROR ahead of it [N·m]
-    peak speed    fastest SPEED_WINDOW of a step of FAST_STEP with a nearly bare joint [rad/s]
+    rise time     10 → 90 % of the final displacement after a step of STEP [s]
+    overshoot     (maximum - final joint_pos) / STEP with HEAVY_INERTIA [-]
+    dead band     half-width of the hysteresis of joint_pos for a slow triangular target [rad]
+    breakaway     external torque that moves a joint with a constant target by GIVE [N·m], mean of both directions
+    stall torque  steady torque on a blocked joint with a position error of STALL_ERROR [N·m]
+    peak speed    maximum speed after a step of FAST_STEP with a nearly bare joint [rad/s]
 
 A motor that fails a trial gets the limit value of that trial, never NaN. Values are rounded to RESOLUTION, that of a
 good physical bench, so that a two-sample test does not separate an overshoot of 0 from one of 0.0003.
@@ -27,25 +27,24 @@ from motorprior.bench.dynamometer import Response, Trial, run
 
 PERIOD = 0.002  # sample period of all trials [s]
 LOAD_INERTIA = 0.003  # inertia of a leg [kg·m²]
-# inertia of a leg with its share of the standing robot [kg·m²], at which motors begin to overshoot
-HEAVY_INERTIA = 0.03
-PRESS = 0.05  # torque that keeps the gear pressed to one side, below the friction of most motors [N·m]
-FREQUENCIES = (1, 2, 4, 8)  # frequencies of the sines [Hz]; whole cycles fit into SINE_WINDOW
+HEAVY_INERTIA = 0.03  # inertia of a leg that carries the robot [kg·m²], at which motors overshoot
+PRESS = 0.05  # torque that presses the gear to one side, below the friction of most motors [N·m]
+FREQUENCIES = (1, 2, 4, 8)  # frequencies of the sines [Hz], with whole cycles in SINE_WINDOW
 AMPLITUDE = 0.15  # amplitude of the sines [rad]
 SINE_SETTLE, SINE_WINDOW = 1.0, 1.0  # time of a sine before and in the evaluation [s]
 UNMOVED_GAIN = 1e-3  # gain below which the phase is undefined [-]
 STEP = 0.3  # height of the step [rad]
 STEP_SETTLE, STEP_DURATION = 0.3, 1.2  # time before and after the step [s]
-STEP_FINAL = 0.1  # time at the end of a step whose mean is the final displacement [s]
-# the target creeps at this speed [rad/s] to ±CREEP_REACH [rad], evaluated at |target| < CREEP_WINDOW
+STEP_FINAL = 0.1  # final displacement: mean over this time at the end of a step [s]
+# triangular target: speed [rad/s], amplitude [rad], evaluated at |target| < CREEP_WINDOW [rad]
 CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
 GIVE = 0.01  # displacement that counts as breakaway [rad]
-RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.5, 0.2, 1.5  # of the torque ramp: time before [s], slope [N·m/s], end [N·m]
-STALL_ERROR, STALL_INERTIA = 0.6, 1e5  # position error at the stall [rad]; inertia that blocks the joint [kg·m²]
+RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.5, 0.2, 1.5  # torque ramp: time before [s], slope [N·m/s], end [N·m]
+STALL_ERROR, STALL_INERTIA = 0.6, 1e5  # position error [rad], inertia that blocks the joint [kg·m²]
 STALL_LEAD, STALL_HOLD, STALL_FINAL = 1.5, 0.3, 0.1  # times of motion, of holding, and of the evaluation [s]
 # peak speed: height of the step [rad], inertia of a nearly bare joint [kg·m²], time after the step, averaging time [s]
 FAST_STEP, FAST_INERTIA, FAST_DURATION, SPEED_WINDOW = 1.2, 3e-4, 0.8, 0.02
-# Resolution of each feature, in the unit of the feature
+# in the unit of the feature
 RESOLUTION = {
     "gain": 1e-3, "lag": 2e-4, "rise time": 1e-3, "overshoot": 5e-3,
     "dead band": 2e-4, "breakaway": 2e-3, "stall torque": 2e-3, "peak speed": 0.02,
@@ -84,7 +83,7 @@ def _count(duration: float) -> int:
 
 
 def _respond(actuator: Actuator, target: np.ndarray, external: np.ndarray | float, inertia: float) -> Response:
-    """Response of all motors to one target (steps,) [rad] and external torque, (steps,) or constant [N·m]."""
+    """Response of all motors to one target (steps,) [rad] and one external torque, (steps,) or constant [N·m]."""
     shape = (len(target), actuator.num_motors)
     torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
     load = np.full(actuator.num_motors, inertia)
@@ -95,8 +94,8 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
     """Gain [-] and lag [s] at ``frequency`` [Hz], both (n,).
 
     joint_pos = c + a·sin(ωt) + b·cos(ωt) by least squares over whole cycles, after SINE_SETTLE;
-    gain = √(a² + b²) / AMPLITUDE, lag = atan2(-b, a) / ω taken from [-1/4, 3/4) of a cycle. A joint that does not
-    move (gain below UNMOVED_GAIN) has the largest lag, 3/4 of a cycle.
+    gain = √(a² + b²) / AMPLITUDE, lag = atan2(-b, a) / ω in [-1/4, 3/4) of a cycle. A joint that does not move (gain
+    below UNMOVED_GAIN) gets the maximum lag, 3/4 of a cycle.
     """
     time = np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD
     angle = 2 * np.pi * frequency * time
@@ -110,7 +109,7 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
 
 
 def _step(actuator: Actuator, inertia: float) -> np.ndarray:
-    """(steps, n) joint_pos [rad] from the last sample before a step of STEP, with ``inertia`` [kg·m²]."""
+    """(steps, n) joint_pos [rad] from the last sample before a step of STEP with ``inertia`` [kg·m²] on."""
     before = _count(STEP_SETTLE)
     target = np.zeros(before + _count(STEP_DURATION))
     target[before:] = STEP
@@ -118,28 +117,24 @@ def _step(actuator: Actuator, inertia: float) -> np.ndarray:
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:
-    """(n,) time from the first passage of 10 % of the final displacement to that of 90 % [s], interpolated.
+    """(n,) time between the first crossings of 10 % and 90 % of the final displacement [s], interpolated.
 
-    The final displacement is the mean over the last STEP_FINAL. If it is below 10 % of STEP, the rise time is
-    STEP_DURATION.
+    STEP_DURATION if the final displacement is below 10 % of STEP.
     """
     joint_pos = _step(actuator, LOAD_INERTIA)
     moved = joint_pos[-_count(STEP_FINAL) :].mean(axis=0) - joint_pos[0]
-    answered = moved > 0.1 * STEP
-    progress = (joint_pos - joint_pos[0]) / np.where(answered, moved, 1.0)
-    return np.where(answered, _passage(progress, 0.9) - _passage(progress, 0.1), STEP_DURATION)
+    responded = moved > 0.1 * STEP
+    progress = (joint_pos - joint_pos[0]) / np.where(responded, moved, 1.0)
+    return np.where(responded, _crossing_time(progress, 0.9) - _crossing_time(progress, 0.1), STEP_DURATION)
 
 
 def overshoot(actuator: Actuator) -> np.ndarray:
-    """(n,) (highest joint_pos before the last STEP_FINAL - mean of that) / STEP [-], not below 0.
-
-    It is 0 for a motor that does not move (except for a bounce in its backlash) or that still rises at the end.
-    """
+    """(n,) (maximum joint_pos before the last STEP_FINAL - mean over the last STEP_FINAL) / STEP [-], at least 0."""
     joint_pos, late = _step(actuator, HEAVY_INERTIA), _count(STEP_FINAL)
     return np.maximum(joint_pos[:-late].max(axis=0) - joint_pos[-late:].mean(axis=0), 0.0) / STEP
 
 
-def _passage(signal: np.ndarray, level: float) -> np.ndarray:
+def _crossing_time(signal: np.ndarray, level: float) -> np.ndarray:
     """(n,) time at which ``signal`` (steps, n) first reaches ``level`` [s]; its duration if it never does."""
     reached = signal >= level
     index = np.argmax(reached, axis=0)
@@ -152,10 +147,10 @@ def _passage(signal: np.ndarray, level: float) -> np.ndarray:
 def dead_band(actuator: Actuator) -> np.ndarray:
     """(n,) half-width of the position hysteresis [rad].
 
-    The target creeps from -CREEP_REACH to +CREEP_REACH and back against a light brake, external torque =
-    -PRESS·sign(target velocity), so that the joint trails by friction/kp + PRESS/kp + half the backlash:
-    (mean joint_pos on the way down - mean on the way up)/2 while |target| < CREEP_WINDOW. A joint that
-    travels less than CREEP_WINDOW gets CREEP_REACH, which is also the upper bound of the feature.
+    The target moves from -CREEP_REACH to +CREEP_REACH and back against an external torque of
+    -PRESS·sign(target velocity), so the joint lags by friction/kp + PRESS/kp + half the backlash. The feature is
+    (mean joint_pos on the way down - mean on the way up)/2 for |target| < CREEP_WINDOW, at most CREEP_REACH, which is
+    also the value of a joint that moves less than CREEP_WINDOW.
     """
     leg = _count(2 * CREEP_REACH / CREEP_SPEED)
     up = np.linspace(-CREEP_REACH, CREEP_REACH, leg)
@@ -168,11 +163,11 @@ def dead_band(actuator: Actuator) -> np.ndarray:
 
 
 def breakaway(actuator: Actuator) -> np.ndarray:
-    """(n,) external torque at which a joint that holds target 0 moves by GIVE [N·m], mean of both directions.
+    """(n,) external torque that moves a joint with target 0 by GIVE [N·m], mean of both directions.
 
     After RAMP_SETTLE under PRESS, which takes up the backlash, the external torque rises from PRESS to RAMP_TOP at
-    RAMP_RATE. For a stiff gear the breakaway torque is (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction). A
-    joint that does not move by GIVE gets RAMP_TOP.
+    RAMP_RATE. For a stiff gear the feature is (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction). A joint that
+    does not move by GIVE gets RAMP_TOP.
     """
     still = _count(RAMP_SETTLE)
     ramp = np.arange(PRESS, RAMP_TOP, RAMP_RATE * PERIOD)
@@ -180,15 +175,15 @@ def breakaway(actuator: Actuator) -> np.ndarray:
     read = []
     for sign in (1.0, -1.0):
         joint_pos = _respond(actuator, np.zeros(len(external)), sign * external, LOAD_INERTIA).joint_pos[still:]
-        read.append(PRESS + RAMP_RATE * _passage(sign * (joint_pos - joint_pos[0]), GIVE))
+        read.append(PRESS + RAMP_RATE * _crossing_time(sign * (joint_pos - joint_pos[0]), GIVE))
     return np.minimum(np.mean(read, axis=0), RAMP_TOP)
 
 
 def stall_torque(actuator: Actuator) -> np.ndarray:
-    """(n,) mean joint_torque of the last STALL_FINAL on a blocked joint (an inertia of STALL_INERTIA) [N·m].
+    """(n,) mean joint_torque of the last STALL_FINAL on a joint blocked by STALL_INERTIA [N·m].
 
     The target moves to STALL_ERROR within STALL_LEAD and stays there, since a step would wind up the gear. For a
-    physical motor the stall torque is (torque_limit - coulomb - stribeck_torque) / (1 + load_friction).
+    physical motor the feature is (torque_limit - coulomb - stribeck_torque) / (1 + load_friction).
     """
     lead = np.linspace(0.0, STALL_ERROR, _count(STALL_LEAD))
     target = np.concatenate([lead, np.full(_count(STALL_HOLD), STALL_ERROR)])
@@ -197,9 +192,9 @@ def stall_torque(actuator: Actuator) -> np.ndarray:
 
 
 def peak_speed(actuator: Actuator) -> np.ndarray:
-    """(n,) largest mean speed over SPEED_WINDOW [rad/s] in the step -FAST_STEP/2 → FAST_STEP/2, load FAST_INERTIA.
+    """(n,) maximum mean speed over SPEED_WINDOW [rad/s] in a step from -FAST_STEP/2 to FAST_STEP/2.
 
-    The average over a window removes the speeds at which a light joint bounces in its backlash.
+    The mean over a window excludes the speeds of a light joint that bounces in its backlash.
     """
     before, width = _count(STEP_SETTLE), _count(SPEED_WINDOW)
     target = np.full(before + _count(FAST_DURATION), 0.5 * FAST_STEP)

@@ -1,4 +1,4 @@
-"""A bench folder: the motor log, and bench.json, from which the same motors can be drawn again."""
+"""A bench folder: the motor log, and bench.json with the settings that reproduce its motors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from motorprior.artifacts import read_json
 from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
-from motorprior.bench.fleet import Fleet, fleet_of
+from motorprior.bench.fleet import Fleet, distributions_of
 from motorprior.bounds import LARGEST_SEED, require_count
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.parquet_io import read_parquet
@@ -18,16 +18,16 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
 
 LOG, BENCH_JSON = "log.parquet", "bench.json"
-MOTORS_STREAM = 11  # tag of the random stream that draws a bench's motors
-_LARGEST_COUNT = 2**31 - 1
+MOTORS_STREAM = 11  # tag of the random stream of a bench's motors
+_MAX_COUNT = 2**31 - 1
 _REMEDY = "record the bench again"
 _SCHEMA = Schema(
     {
         **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
         "family": one_of(*FAMILIES),
         "parameters": TABLE,
-        "motors": integer(1, _LARGEST_COUNT),
-        "steps": integer(2, _LARGEST_COUNT),
+        "motors": integer(1, _MAX_COUNT),
+        "steps": integer(2, _MAX_COUNT),
         "seed": integer(0, LARGEST_SEED),
     },
     _REMEDY,
@@ -38,7 +38,7 @@ _SCHEMA = Schema(
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """Settings of a bench, from which its motors can be drawn again."""
+    """Settings of a bench, which reproduce its motors."""
 
     fleet: Fleet
     preset: str
@@ -51,28 +51,23 @@ class BenchSettings:
         return training_motors(self.fleet, self.motors, self.seed)
 
     def as_json(self) -> dict[str, Any]:
-        """For bench.json and for a prior's provenance; a family is named where it is not `GEARED`."""
+        """For bench.json and the provenance of a prior; the family is omitted if it is `GEARED`."""
         family = {} if self.fleet.family == GEARED.name else {"family": self.fleet.family}
         return family | {
-            "fleet": self.fleet.name,
-            "motor": self.fleet.motor,
-            "robot": self.fleet.robot,
+            "fleet": self.fleet.name, "motor": self.fleet.motor, "robot": self.fleet.robot,
             "parameters": self.fleet.summary(),
-            "preset": self.preset,
-            "motors": self.motors,
-            "steps": self.steps,
-            "seed": self.seed,
-        }
+            "preset": self.preset, "motors": self.motors, "steps": self.steps, "seed": self.seed,
+        }  # fmt: skip
 
 
 def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> None:
-    """Raise `ConfigError` unless there is a motor and there are two samples of it."""
+    """Raise `ConfigError` unless there is at least one motor and two samples of it."""
     require_count("motors", motors)
     require_count(steps_name, steps, 2)
 
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
-    """The motors of a bench with this seed; held-out motors come from another random stream."""
+    """The motors of a bench with this seed; held-out motors use another random stream."""
     return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
 
@@ -84,7 +79,8 @@ def bench_from_json(data: Any, where: str) -> BenchSettings:
     """
     _SCHEMA.check(data, where)
     family = FAMILIES[data.get("family", GEARED.name)]
-    fleet = fleet_of(data["fleet"], data["motor"], data["robot"], data["parameters"], where, family)
+    distributions = distributions_of(data["parameters"], family, where, _REMEDY)
+    fleet = Fleet(data["fleet"], data["motor"], data["robot"], distributions, family.name)
     return BenchSettings(fleet, data["preset"], data["motors"], data["steps"], data["seed"])
 
 

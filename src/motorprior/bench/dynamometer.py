@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
 
 
 def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: Any, dt: Any) -> Any:
-    """Joint velocity [rad/s] after a step of semi-implicit Euler with implicit damping, as MuJoCo's; also for JAX.
+    """Joint velocity [rad/s] after a step of semi-implicit Euler with implicit damping, as in MuJoCo; also for JAX.
 
         dq' = (dq + dt·(torque + external)/inertia) / (1 + dt·damping/inertia),   then q' = q + dt·dq'
 
-    ``torque`` is the motor's without its damping, ``external`` that of the load [N·m]; ``inertia`` is that of load and
-    armature [kg·m²], ``damping`` the motor's [N·m·s/rad].
+    ``torque`` is that of the motor without damping, ``external`` that of the load [N·m]; ``inertia`` includes the
+    armature [kg·m²]; ``damping`` is that of the motor [N·m·s/rad].
     """
     return (dq + dt * (torque + external) / inertia) / (1.0 + dt * damping / inertia)
 
@@ -32,12 +32,11 @@ class Trial:
 
     position_target: np.ndarray  # (steps, n) [rad]
     external_torque: np.ndarray  # (steps, n) [N·m] on the joint
-    load_inertia: np.ndarray  # (n,) [kg·m²], without the motor's own
-    dt: float  # sample period of the trial [s]
+    load_inertia: np.ndarray  # (n,) [kg·m²], without the motor
+    dt: float  # sample period [s]
     joint_pos: np.ndarray | None = None  # (n,) initial angles [rad]; the first target if not given
     joint_vel: np.ndarray | None = None  # (n,) initial velocities [rad/s]; 0 if not given
-    # (steps, n) further torque on the joint per its own angle [N·m/rad]; none if not given
-    load_stiffness: np.ndarray | None = None
+    load_stiffness: np.ndarray | None = None  # (steps, n) external torque per joint angle [N·m/rad]; 0 if not given
 
 
 @dataclass(frozen=True)
@@ -47,23 +46,11 @@ class Response:
     joint_pos: np.ndarray  # (steps, n) [rad]
     joint_vel: np.ndarray  # (steps, n) [rad/s]
     joint_torque: np.ndarray  # (steps, n) mean over the following step [N·m]
-    # (steps, n) readings of the motors' encoders [rad], which sit on the rotor if the model has one
-    encoder_pos: np.ndarray
+    encoder_pos: np.ndarray  # (steps, n) encoder readings [rad], on the rotor if the model has one
 
 
 @njit(cache=True, nogil=True)
-def _simulate(
-    arrays: ActuatorArrays,
-    inertia: np.ndarray,
-    targets: np.ndarray,
-    external: np.ndarray,
-    stiffness: np.ndarray,
-    dt: float,
-    fine: int,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    out: np.ndarray,
-) -> None:
+def _simulate(arrays, inertia, targets, external, stiffness, dt, fine, joint_pos, joint_vel, out):
     """Simulate a trial into out (4, steps, n), with ``fine`` integration steps per sample."""
     steps, n = targets.shape
     h = dt / fine
@@ -82,26 +69,17 @@ def _simulate(
 
 
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:
-    """Simulate ``trial`` from where it begins, plus ``start_offset`` [rad].
+    """Simulate ``trial`` from its initial angles plus ``start_offset`` [rad].
 
-    The integration step is the trial's period, or shorter if the ``bench_step`` of the motors' kind requires it.
+    The integration step is the period of the trial, or shorter if the ``bench_step`` of the actuator kind requires it.
     """
     fine = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
-    steps, n = trial.position_target.shape
-    first = trial.position_target[0] if trial.joint_pos is None else trial.joint_pos
+    targets, external = (np.ascontiguousarray(x, float) for x in (trial.position_target, trial.external_torque))
+    steps, n = targets.shape
+    stiffness = np.zeros((steps, n)) if trial.load_stiffness is None else trial.load_stiffness
+    q = (targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)) + start_offset
+    dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
+    arrays, inertia = actuator.arrays(trial.dt / fine), trial.load_inertia + actuator.armature
     out = np.zeros((4, steps, n))
-    _simulate(
-        actuator.arrays(trial.dt / fine),
-        trial.load_inertia + actuator.armature,
-        np.ascontiguousarray(trial.position_target, dtype=np.float64),
-        np.ascontiguousarray(trial.external_torque, dtype=np.float64),
-        np.zeros((steps, n))
-        if trial.load_stiffness is None
-        else np.ascontiguousarray(trial.load_stiffness, np.float64),
-        trial.dt,
-        fine,
-        np.asarray(first, np.float64) + start_offset,
-        np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, np.float64),
-        out,
-    )
+    _simulate(arrays, inertia, targets, external, np.ascontiguousarray(stiffness, float), trial.dt, fine, q, dq, out)
     return Response(*out)

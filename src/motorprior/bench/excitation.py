@@ -1,6 +1,6 @@
-"""Excitations: position targets and external torques from which motors are identified.
+"""Excitations for identification: position targets and external torques.
 
-Each function returns (steps,) targets [rad], or torques where stated. EXCITATIONS lists the excitations of a bench.
+Each function returns (steps,) targets [rad], or torques if its docstring says so. EXCITATIONS are those of a bench.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError
 
-# Function (generator, steps, sample period [s]) -> (steps,) signal
+# (generator, steps, sample period [s]) -> (steps,) signal
 Signal = Callable[[np.random.Generator, int, float], np.ndarray]
 
 
@@ -24,16 +24,16 @@ class Excitation:
     external_torque: Signal | None = None  # on the joint [N·m]; 0 if None
 
 
-def _knots(rng: np.random.Generator, duration: float, shortest: float, longest: float) -> list[float]:
-    """Times from 0 to beyond ``duration``, with random intervals between ``shortest`` and ``longest`` [s]."""
+def _knots(rng: np.random.Generator, duration: float, low: float, high: float) -> list[float]:
+    """Times from 0 to beyond ``duration``, with random intervals between ``low`` and ``high`` [s]."""
     knots = [0.0]
     while knots[-1] < duration:
-        knots.append(knots[-1] + rng.uniform(shortest, longest))
+        knots.append(knots[-1] + rng.uniform(low, high))
     return knots
 
 
 def _wandering(rng: np.random.Generator, steps: int, dt: float, low: float, high: float) -> np.ndarray:
-    """A positive signal that is log-linear between random levels 0.5-1.5 s apart."""
+    """A positive signal, log-linear between random levels 0.5-1.5 s apart."""
     knots = _knots(rng, steps * dt, 0.5, 1.5)
     levels = rng.uniform(np.log(low), np.log(high), len(knots))
     return np.exp(np.interp(np.arange(steps) * dt, knots, levels))
@@ -58,7 +58,7 @@ def held_steps(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 
 def gait(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """Periodic motion of a leg joint: 0.8-2.5 Hz, three harmonics, nearly at rest in part of the cycle."""
+    """Periodic motion of a leg joint: 0.8-2.5 Hz, three harmonics, nearly static in part of the cycle."""
     frequency, warp = rng.uniform(0.8, 2.5), rng.uniform(-0.8, 0.8)
     angle = 2 * np.pi * frequency * np.arange(steps) * dt + rng.uniform(0, 2 * np.pi)
     angle = angle + warp * np.sin(angle)
@@ -87,7 +87,7 @@ def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 
 def held(targets: np.ndarray, every: int) -> np.ndarray:
-    """Zero-order hold: each target is kept for ``every`` steps, as a 100 Hz policy does."""
+    """Zero-order hold over ``every`` steps, like the targets of a 100 Hz policy."""
     return targets[(np.arange(len(targets)) // every) * every]
 
 
@@ -97,7 +97,7 @@ def creep(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 
 def pushes(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """(steps,) external torque [N·m] with slow ramps to levels within ±2 N·m: through stiction, up to the stall."""
+    """(steps,) external torque [N·m], slow ramps to levels within ±2 N·m: from stiction to the stall."""
     return _ramps(rng, steps, dt, 2.0)
 
 
@@ -110,10 +110,7 @@ def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.
 
 
 def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """(steps,) external torque [N·m]: a leg's share of the weight in stance, and half-sine impacts.
-
-    Impacts last 4-60 ms and reach up to 3 N·m, like the footfalls of a trotting robot of 2 kg.
-    """
+    """(steps,) external torque [N·m]: the weight on a leg in stance, and half-sine impacts of 4-60 ms, up to 3 N·m."""
     torque = np.full(steps, rng.uniform(-0.5, 0.5))
     time, now = np.arange(steps) * dt, rng.uniform(0.0, 0.2)
     while now < steps * dt:

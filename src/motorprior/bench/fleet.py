@@ -1,10 +1,11 @@
-"""A fleet: the population that true motors are drawn from, as a TOML file with units and sources."""
+"""A fleet: a population of physical motors, as distributions of their constants in a TOML file with sources."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +13,73 @@ import numpy as np
 
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import write_text
-from motorprior.bench.distribution import Distribution, bounds_of, distribution_of
 from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import generator_of, require_count
 from motorprior.exceptions import ArtifactError
 from motorprior.files import read_toml
 from motorprior.robots.shipped import SHIPPED
-from motorprior.schema import TABLE, TEXT, Schema, exactly, one_of, require
+from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"
+_MAX_LOG_SPREAD = 3.0  # a factor of exp(3) = 20
+_KEYS = {
+    "constant": ("center",),
+    "uniform": ("low", "high", "shared"),
+    "normal": ("center", "spread", "center_uncertainty", "minimum"),
+    "lognormal": ("center", "spread", "center_uncertainty"),
+}
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """One parameter over the fleet.
+
+    constant: center. uniform: [low, high]. normal: center + s·ε, at least ``minimum``. lognormal: center·exp(s·ε).
+    s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet clips samples to `bounds_of`.
+
+    Motors of one robot share the sample of center_uncertainty, and of a uniform range the fraction ``shared`` (default
+    0) of the variance: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor).
+    """
+
+    kind: str
+    values: dict[str, float]
+
+    @property
+    def center(self) -> float:
+        """The value of the fleet's central motor."""
+        if self.kind == "uniform":
+            return 0.5 * (self.values["low"] + self.values["high"])
+        return self.values["center"]
+
+    def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
+        """(count,) samples, see `Fleet.sample`."""
+        if self.kind == "constant":
+            return np.full(count, self.center)
+        if self.kind == "uniform":
+            return self._uniform(rng, count, of_one_robot)
+        spread, uncertainty = self.values["spread"], self.values["center_uncertainty"]
+        if of_one_robot:
+            noise = spread * rng.standard_normal(count) + uncertainty * rng.standard_normal()
+        else:
+            noise = np.hypot(spread, uncertainty) * rng.standard_normal(count)
+        if self.kind == "lognormal":
+            return self.center * np.exp(noise)
+        return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
+
+    def _uniform(self, rng: np.random.Generator, count: int, of_one_robot: bool) -> np.ndarray:
+        low, high, shared = self.values["low"], self.values["high"], self.values.get("shared", 0.0)
+        if not (of_one_robot and shared):
+            return rng.uniform(low, high, count)
+        from scipy.special import ndtr  # imported here: it takes 0.3 s, and few fleets need it
+
+        robot, motors = rng.standard_normal(), rng.standard_normal(count)
+        return low + (high - low) * ndtr(np.sqrt(shared) * robot + np.sqrt(1.0 - shared) * motors)
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """A population of true motors."""
+    """A population of physical motors."""
 
     name: str
     motor: str
@@ -36,17 +89,17 @@ class Fleet:
 
     @property
     def kind(self) -> ActuatorKind:
-        """Of every motor drawn from it."""
+        """Of its motors."""
         return FAMILIES[self.family].kind
 
     def sample(self, count: int, seed: int | np.random.Generator, of_one_robot: bool = False) -> TrueMotors:
-        """Draw the constants of ``count`` motors.
+        """Sample ``count`` motors.
 
         Args:
             count: number of motors.
-            seed: of the draw; a generator goes on from where it is.
+            seed: seed, or a generator to continue.
             of_one_robot: the uncertainty of the fleet's center, and the shared part of a uniform range, are the same
-                for all motors; otherwise they are drawn for every motor.
+                for all motors; otherwise they are sampled per motor.
 
         Raises:
             ConfigError: an argument out of range, or a motor that cannot be simulated.
@@ -57,7 +110,7 @@ class Fleet:
             name: np.clip(d.sample(rng, count, of_one_robot), *bounds_of(name, family))
             for name, d in self.parameters.items()
         }
-        family.require_stable(values, f"fleet {self.name}, a motor drawn from it")
+        family.require_stable(values, f"fleet {self.name}, a sampled motor")
         return family.motors(values)
 
     def center(self, count: int) -> TrueMotors:
@@ -71,10 +124,10 @@ class Fleet:
 
 
 def load_fleet(name_or_path: str | Path) -> Fleet:
-    """Load a fleet that comes with a shipped robot, by name, or any fleet TOML by path.
+    """Load a fleet.
 
     Args:
-        name_or_path: name of a shipped fleet, one of `Robot.fleets`, or the path of a .toml file.
+        name_or_path: name of a shipped fleet (`Robot.fleets`), or path of a .toml file.
 
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
@@ -85,15 +138,11 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     name = data.pop("family", GEARED.name)
     require("family", name, one_of(*FAMILIES), path, _COMPARE)
     family = FAMILIES[name]
-    tables = dict.fromkeys(family.units, TABLE)
-    Schema(dict.fromkeys(_TEXT_KEYS, TEXT) | tables, _COMPARE, family.optional).check(data, path)
-    parameters = {}
-    for name, unit in family.units.items():
-        if name in data:
-            others, where = {"unit": exactly(unit), "source": TEXT}, f"{path}[{name}]"
-            parameters[name] = distribution_of(data[name], "distribution", others, name, family, where, _COMPARE)
-    family.require_stable({name: np.array([d.center]) for name, d in parameters.items()}, f"{path}, its central motor")
-    return Fleet(**{key: data[key] for key in _TEXT_KEYS}, parameters=parameters, family=family.name)
+    texts = {key: data.pop(key) for key in _TEXT_KEYS if key in data}
+    Schema(dict.fromkeys(_TEXT_KEYS, TEXT), _COMPARE).check(texts, path)
+    parameters = distributions_of(data, family, path, _COMPARE, with_sources=True)
+    family.require_stable({name: np.array([d.center]) for name, d in parameters.items()}, f"{path}, the central motor")
+    return Fleet(**texts, parameters=parameters, family=family.name)
 
 
 def fleet_path(name_or_path: str | Path) -> Path:
@@ -107,24 +156,65 @@ def fleet_path(name_or_path: str | Path) -> Path:
     return path
 
 
-def fleet_of(
-    name: str, motor: str, robot: str, parameters: Mapping[str, Mapping[str, Any]], where: str, family: Family = GEARED
-) -> Fleet:
-    """The fleet that `Fleet.summary` describes; raises `ArtifactError` for wrong keys or values out of range."""
-    remedy = "record the bench again"
-    Schema(dict.fromkeys(family.units, TABLE), remedy, family.optional, "parameters").check(parameters, where)
-    made = {
-        parameter: distribution_of(
-            parameters[parameter], "kind", {}, parameter, family, f"{where}[{parameter}]", remedy
-        )
-        for parameter in family.units
-        if parameter in parameters
-    }
-    return Fleet(name, motor, robot, made, family.name)
+def distributions_of(
+    tables: Mapping[str, Any], family: Family, where: str | Path, remedy: str, with_sources: bool = False
+) -> dict[str, Distribution]:
+    """Distributions by parameter, from tables as in `Fleet.summary` or, ``with_sources``, of a fleet file.
+
+    Raises:
+        ArtifactError: unknown or missing keys, wrong unit, or a value out of range.
+    """
+    Schema(dict.fromkeys(family.units, TABLE), remedy, family.optional, "parameters").check(tables, where)
+    kind_key = "distribution" if with_sources else "kind"
+    found = {}
+    for name, unit in family.units.items():
+        if name in tables:
+            fields = {kind_key: TEXT} | ({"unit": exactly(unit), "source": TEXT} if with_sources else {})
+            found[name] = _distribution_of(tables[name], kind_key, fields, name, family, f"{where}[{name}]", remedy)
+    return found
+
+
+def _distribution_of(
+    table: Mapping[str, Any],
+    kind_key: str,
+    fields: dict[str, Field],
+    name: str,
+    family: Family,
+    where: str,
+    remedy: str,
+) -> Distribution:
+    kind = table.get(kind_key)
+    require(kind_key, kind, one_of(*_KEYS), where, remedy)
+    numbers = _number_fields(str(kind), name, family)
+    Schema(fields | numbers, remedy, optional=frozenset({"minimum", "shared"})).check(table, where)
+    values = {key: float(table[key]) for key in numbers if key in table}
+    if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
+        problem = "a normal distribution can give values that are not above 0"
+        raise ArtifactError(problem, where=where, remedy="give a minimum above 0, or use lognormal")
+    if kind == "uniform" and values["low"] > values["high"]:
+        raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
+    return Distribution(str(kind), values)
+
+
+def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
+    (low, high), unit, positive = bounds_of(name, family), family.units[name], name in family.positive
+    unit = "" if unit == "1" else unit
+    center = number(low, high, above=0.0 if positive else -inf, unit=unit)
+    relative = kind == "lognormal"  # the spread is that of the logarithm
+    spread = number(0.0, _MAX_LOG_SPREAD, unit="of the center") if relative else number(0.0, high, unit=unit)
+    shape = {"spread": spread, "center_uncertainty": spread, "minimum": number(low, high, unit=unit)}
+    shape["shared"] = number(0.0, 1.0)
+    return {key: shape.get(key, center) for key in _KEYS[kind]}
+
+
+def bounds_of(name: str, family: Family) -> tuple[float, float]:
+    """Bounds of a parameter in SI units; samples are clipped to them."""
+    high = family.max_values.get(name, 1e9)
+    return -high if name in family.signed else 0.0, high
 
 
 def write_fleet(path: Path, fleet: Fleet, sources: Mapping[str, str], heading: str) -> None:
-    """Write every parameter with its unit and its source to a .toml file, below a line of ``heading``."""
+    """Write a fleet file with units and sources; ``heading`` is a comment in its first line."""
     texts = {"name": fleet.name, "motor": fleet.motor, "robot": fleet.robot, "family": fleet.family}
     lines = [f"# {heading}", *(f"{key} = {_text(value)}" for key, value in texts.items())]
     for name, distribution in fleet.parameters.items():

@@ -1,10 +1,9 @@
-"""Bench recordings: a fleet of true motors on the virtual dynamometer, written as one motor log.
+"""Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log.
 
-Presets. ``paper``: the paper's sinusoid of varying frequency and amplitude on one inertia without external torque,
-sampled every 0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on loads
-from a bare shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in
-segments of 1 s, so that a few seconds of log contain many loads. ``narrow``: the paper's sinusoids and load at the
-clock of ``rollout``, for what an excitation is worth.
+Presets. ``paper``: sinusoids of varying frequency and amplitude on one inertia without external torque, sampled every
+0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on loads from a bare
+shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in segments of
+1 s, so that a few seconds contain many loads. ``narrow``: excitation and load of ``paper`` at the rate of ``rollout``.
 """
 
 from __future__ import annotations
@@ -23,37 +22,32 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-BENCH = "bench"  # What a bench's log calls the robot of its motors
+BENCH = "bench"  # robot name in the log of a bench
 
 
 @dataclass(frozen=True)
 class BenchPreset:
-    """How a bench excites its motors."""
+    """Excitations and loads of a bench."""
 
     period: float  # sample period of the log [s]
     segment_steps: int  # samples per contiguous recording
     load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
-    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS`, one per segment in turn
-    hold_steps: int  # number of samples for which every second excitation holds a target
+    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS`, cycled over the segments
+    hold_steps: int  # in every second segment, targets are held for so many samples
     torque: float = 1.0  # factor on the external torques [-]
 
     def for_robot(self, robot: Robot) -> BenchPreset:
-        """The same preset, scaled to the loads and torques of ``robot``.
-
-        Presets are written for loads of REFERENCE_LOAD and a reference torque of 1 N·m.
-        """
-        least, most = (own / known for own, known in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
-        loads = least * self.load_inertia[0], most * self.load_inertia[1]
+        """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
+        low, high = (own / reference for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
+        loads = low * self.load_inertia[0], high * self.load_inertia[1]
         return replace(self, load_inertia=loads, torque=robot.reference_torque)
 
 
-# Smallest and largest load inertia of the robot for which the presets are written [kg·m²]
-REFERENCE_LOAD = (1e-4, 3e-2)
-# Tags of the random streams of a bench's excitation, and of the noise of its instruments
-EXCITATION_STREAM, INSTRUMENTS_STREAM = 13, 47
-FLUNG = 1.5  # Distance [rad] from its command beyond which a joint counts as flung by a push
-HALVINGS = 4  # How often a push that flings a joint is made smaller
-FASTEST = 1e3  # Speed [rad/s] beyond which a simulation counts as diverged, far above any motor's
+REFERENCE_LOAD = (1e-4, 3e-2)  # load inertia of the robot for which the presets are written [kg·m²]
+EXCITATION_STREAM, INSTRUMENTS_STREAM = 13, 47  # tags of random streams
+MAX_DEVIATION = 1.5  # position error [rad] above which an external torque is halved
+MAX_HALVINGS = 4
+MAX_SPEED = 1e3  # joint speed [rad/s] above which a simulation has diverged
 PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
     "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "held_steps", "gait", "impacts", "creep"), 5),
@@ -70,15 +64,15 @@ def bench_preset(name: str) -> BenchPreset:
 
 
 def preset_of_period(period: float) -> BenchPreset:
-    """The preset that samples every ``period`` [s]; raises `ConfigError` if none does."""
+    """The preset with this sample period [s]; raises `ConfigError` if there is none."""
     for preset in PRESETS.values():
         if preset.period == period:
             return preset
-    raise ConfigError(f"no bench preset samples every {period:g} s", remedy="identify with a shipped recipe")
+    raise ConfigError(f"no bench preset with a sample period of {period:g} s", remedy="identify with a shipped recipe")
 
 
 def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
-    """A trial of one excitation for ``motors`` motors, each with its own signal and load."""
+    """A trial of one excitation for ``motors`` motors, with a signal and a load per motor."""
     chosen = excitation_named(kind)
     targets = [chosen.target(rng, steps, preset.period) for _ in range(motors)]
     if hold:
@@ -95,11 +89,12 @@ def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: 
 def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
     """Record ``steps`` samples of every motor.
 
-    The same seed gives the same bytes. Segments have ``preset.segment_steps`` samples and start from rest, with motors
-    that have worked since the log's start. A push that flings a joint is halved, four times at most.
+    The same seed gives the same bytes. Every segment of ``preset.segment_steps`` samples starts with static motors that
+    have been warming since the start of the log. An external torque that causes a position error above MAX_DEVIATION is
+    halved, up to four times.
 
     Raises:
-        ConfigError: a motor whose gear is too stiff for its load.
+        ConfigError: a simulation diverges, since the gear is too stiff for the load.
     """
     parts, count = [], len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]
@@ -118,53 +113,51 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
 
 
 def _with_limited_pushes(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Trial, Response]:
-    # a joint that is flung identifies little of its motor, and a bench has stops
-    response = _bounded(motors, part, run(actuator, part))
-    for _ in range(HALVINGS):
-        away = np.abs(response.joint_pos - part.position_target).max(axis=0)
-        flung = (away > FLUNG) & part.external_torque.any(axis=0)
-        if not flung.any():
+    # a joint far from its command contributes little to identification, and real benches have end stops
+    response = _checked_run(motors, actuator, part)
+    for _ in range(MAX_HALVINGS):
+        error = np.abs(response.joint_pos - part.position_target).max(axis=0)
+        too_large = (error > MAX_DEVIATION) & part.external_torque.any(axis=0)
+        if not too_large.any():
             break
-        part = replace(part, external_torque=np.where(flung, 0.5, 1.0) * part.external_torque)
-        response = _bounded(motors, part, run(actuator, part))
+        part = replace(part, external_torque=np.where(too_large, 0.5, 1.0) * part.external_torque)
+        response = _checked_run(motors, actuator, part)
     return part, response
 
 
-def _bounded(motors: TrueMotors, part: Trial, response: Response) -> Response:
-    broken = np.flatnonzero(~(np.abs(response.joint_vel) < FASTEST).all(axis=0))  # not a number is not below it
-    if broken.size:
-        motor = int(broken[0])
+def _checked_run(motors: TrueMotors, actuator: Actuator, part: Trial) -> Response:
+    response = run(actuator, part)
+    diverged = np.flatnonzero(~(np.abs(response.joint_vel) < MAX_SPEED).all(axis=0))  # includes NaN
+    if diverged.size:
+        motor = int(diverged[0])
         raise ConfigError(
             f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
             f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff "
             "or too damped",
-            remedy="give the fleet a softer, less damped gear, or the robot's file larger load_inertia = [least, most]",
+            remedy="give the fleet a softer, less damped gear, or the robot file larger load_inertia = [min, max]",
             argument="fleet",
         )
     return response
 
 
 def bench_names(count: int) -> tuple[str, ...]:
-    """Joint names of a bench's log: a motor of another bench has the same name and is another motor."""
+    """Joint names in the log of a bench; motors of different benches have the same names."""
     return tuple(f"motor_{index:03d}" for index in range(count))
 
 
 def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorLog:
+    target = np.concatenate([part.position_target for part, _ in parts])
     lengths = [len(part.position_target) for part, _ in parts]
-    count = parts[0][0].position_target.shape[1]
-    segment = np.repeat(np.arange(len(parts)), lengths)
     return MotorLog(
         time=np.arange(sum(lengths)) * preset.period,
-        position_target=np.concatenate([part.position_target for part, _ in parts]),
+        position_target=target,
         joint_pos=np.concatenate([response.joint_pos for _, response in parts]),
         joint_vel=np.concatenate([response.joint_vel for _, response in parts]),
         joint_torque=np.concatenate([response.joint_torque for _, response in parts]),
-        load_inertia=np.concatenate(
-            [np.broadcast_to(part.load_inertia, part.position_target.shape) for part, _ in parts]
-        ),
+        load_inertia=np.repeat([part.load_inertia for part, _ in parts], lengths, axis=0),
         external_torque=np.concatenate([part.external_torque for part, _ in parts]),
-        segment=segment,
-        joint_names=bench_names(count),
+        segment=np.repeat(np.arange(len(parts)), lengths),
+        joint_names=bench_names(target.shape[1]),
         robot=BENCH,
         motor=fleet.motor,
         source=f"virtual dynamometer, fleet {fleet.name}, seed {seed}",

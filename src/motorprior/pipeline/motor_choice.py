@@ -94,12 +94,12 @@ def motor_sampler(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]
         ordered = _in_joint_order(motors, robot)
         return (lambda rng: ordered.sample(count, rng, robot_gains(motors.prior, robot))), robot.physics_dt
     if isinstance(motors, Fleet):
-        physics_dt = robot.physics_step(motors.kind.longest_step)
+        physics_dt = robot.physics_step(motors.kind.max_step)
         return (lambda rng: motors.sample(count, rng, of_one_robot=True).actuator()), physics_dt
     draw = motors if callable(motors) else (lambda rng: motors)
     drawn = draw(np.random.default_rng(0))
     require_motors(drawn, count)
-    return draw, robot.physics_step(drawn.kind.longest_step)
+    return draw, robot.physics_step(drawn.kind.max_step)
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class MotorChoice:
         """Physics step [s] of these motors, see `Robot.physics_step`."""
         if self.actuator != "fleet":
             return robot.physics_dt
-        return robot.physics_step(load_robot_fleet(robot, self.fleet).kind.longest_step)
+        return robot.physics_step(load_robot_fleet(robot, self.fleet).kind.max_step)
 
     def condition(self) -> str:
         """Name of these motors in a study."""

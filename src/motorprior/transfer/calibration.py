@@ -15,8 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.bench.distribution import Distribution
-from motorprior.bench.fleet import Fleet
+from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.transfer.fleet_problem import FleetProblem, Unknown
 from motorprior.transfer.gauss_newton import (
     GaussianPrior,

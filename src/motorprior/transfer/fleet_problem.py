@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.distribution import Distribution
 from motorprior.bench.families import FAMILIES, TrueMotors
-from motorprior.bench.fleet import Fleet
+from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms

@@ -134,7 +134,7 @@ class Replayer:
     def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, suspended: bool) -> np.ndarray:
         rest = initial_targets(part.joint_pos[0], grid.position_target[0], self._robot)
         lead_in = np.tile(rest, (round(_SETTLING_TIME / COMMAND_PERIOD), 1))
-        world = self._world(self._robot.physics_step(actuator.kind.longest_step), suspended)
+        world = self._world(self._robot.physics_step(actuator.kind.max_step), suspended)
         recorded = replay(world, actuator, grid.position_target, part.joint_pos[0], lead_in, tolerate_fault=True)
         measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
         return np.stack([np.interp(part.time, grid.time, column) for column in measured.T], axis=1)

@@ -13,7 +13,7 @@ from series import complete
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import DAMPING, FILTERED_VEL, JOINT_VEL, ROTOR_VEL, TARGET
-from motorprior.actuator.geared_motor_constants import RESOLVED, step_constants
+from motorprior.actuator.geared_motor_constants import MAX_STIFFNESS, step_constants
 from motorprior.actuator.geared_motor_step import (
     BASE_STATE,
     EXTRA_DAMPING,
@@ -38,7 +38,7 @@ STATE = ("rotor_pos", "rotor_vel", "filtered", "joint_vel", "damping")
 
 def rotor_velocity(p, target, r, v, filtered, twist, dq, h):
     """The root v' of armature·(v' - v)/h = law - viscous·v̄ - gear - friction·sign(v'); gear, contact and filter."""
-    half, stiffness = 0.5 * p["backlash"], np.minimum(p["gear_stiffness"], RESOLVED * p["armature"] / h**2)
+    half, stiffness = 0.5 * p["backlash"], np.minimum(p["gear_stiffness"], MAX_STIFFNESS * p["armature"] / h**2)
     coming = twist + 0.5 * h * (v - dq)
     contact = np.abs(coming) > half
     spring = np.where(contact, stiffness * (twist - np.sign(coming) * half), 0.0)

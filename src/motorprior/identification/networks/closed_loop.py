@@ -23,7 +23,7 @@ import numpy as np
 from motorprior.actuator import geared_motor_constants
 from motorprior.actuator.geared_motor_constants import (
     LOG_REACH,
-    LONGEST_DELAY,
+    MAX_DELAY,
     parameters_of,
     step_constants,
     with_logged_gains,
@@ -45,9 +45,9 @@ from motorprior.identification.training_data.windows import (
     STIFFNESS,
     SUPPLY,
     TARGET,
+    TEMPERATURE_SCALE,
     TORQUE,
     VEL,
-    WARMER,
 )
 
 # Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: a motor that reaches the end
@@ -162,7 +162,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
     taps, dt, terms = np.asarray(preset.taps), preset.period, preset.terms
     limit = scales["torque_limit"] / scales["torque_scale"]
     at_rotor = at_rotor and preset.grey_box
-    kept = max(preset.taps[-1], round(LONGEST_DELAY / dt) + 1) + 1
+    kept = max(preset.taps[-1], round(MAX_DELAY / dt) + 1) + 1
 
     def start(first: jnp.ndarray) -> _Memory:
         error = _fill((first[:, TARGET] - first[:, POS]) / scales["error_scale"], kept)
@@ -192,7 +192,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]
-        under = (free[0, :, channel] for channel in (SECONDS, SUPPLY, WARMER))
+        under = (free[0, :, channel] for channel in (SECONDS, SUPPLY, TEMPERATURE_SCALE))
         motor = decode(parameters, own, bounded, terms, *under) if preset.grey_box else {}
         if preset.gain_unit:
             motor = with_logged_gains(motor, free[0, :, KP], free[0, :, KD])

@@ -28,7 +28,7 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import FAINT, in_order
+from motorprior.actuator.optional_terms import NEGLIGIBLE, in_order
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, fixed_constants, weak_prior
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, of_either
@@ -201,7 +201,7 @@ class _Trial:
 
     def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones weak at first, after some Gauss-Newton steps."""
-        weak = encoded(FAINT | self._runs.preset.stated_constants, terms)
+        weak = encoded(NEGLIGIBLE | self._runs.preset.stated_constants, terms)
         rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
         columns = [
             before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), weak[row])

@@ -40,9 +40,9 @@ from motorprior.identification.training_data.windows import (
     STIFFNESS,
     SUPPLY,
     TARGET,
+    TEMPERATURE_SCALE,
     TORQUE,
     VEL,
-    WARMER,
     TrainingData,
 )
 
@@ -168,7 +168,7 @@ class Segment:
     @property
     def conditions(self) -> np.ndarray:
         """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
-        return self.rows[0, [SUPPLY, WARMER]]
+        return self.rows[0, [SUPPLY, TEMPERATURE_SCALE]]
 
 
 class WindowRuns:

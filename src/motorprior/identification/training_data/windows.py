@@ -52,7 +52,7 @@ _REMEDIES = {
     "torque": "record the channel, or use preset rollout, which learns from positions",
 }
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
-SUPPLY, WARMER, STIFFNESS = range(KD + 1, KD + 4)
+SUPPLY, TEMPERATURE_SCALE, STIFFNESS = range(KD + 1, KD + 4)
 CHANNELS = STIFFNESS + 1
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
