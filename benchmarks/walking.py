@@ -231,7 +231,7 @@ def top_speeds(settings: Settings, stage: Stage) -> list[Result]:
     commands varies in training.
     """
     slowest, usual = stage.robot.require_legs().forward
-    robot = stage.robot.told((slowest, TOP * usual))
+    robot = stage.robot.with_speed_range((slowest, TOP * usual))
     stage = replace(stage, robot=robot)
     walk = WalkConfig(Walk.episode_steps, commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
     oracle = fast_policy(settings, stage, lambda: twin_of(robot, stage.fleet, walk))

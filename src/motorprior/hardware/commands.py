@@ -178,8 +178,8 @@ def _require(name: str, value: float | None, low: float, high: float, or_equal: 
 
 
 def _require_gains(gains: Gains, limits: SafetyLimits) -> None:
-    _require("kp", gains.kp, 0.0, limits.highest_kp)
-    _require("kd", gains.kd, 0.0, limits.highest_kd)
+    _require("kp", gains.kp, 0.0, limits.max_kp)
+    _require("kd", gains.kd, 0.0, limits.max_kd)
     _require("max_current", gains.max_current, 0.0, limits.max_current)
 
 

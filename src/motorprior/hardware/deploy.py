@@ -49,8 +49,8 @@ def gains_for(
     """
     wire = robot.require_wire()
     for name, unit, given, of_policy, of_robot, highest in (
-        ("kp", "A/rad", kp, policy.kp, wire.kp, wire.safety.highest_kp),
-        ("kd", "A·s/rad", kd, policy.kd, wire.kd, wire.safety.highest_kd),
+        ("kp", "A/rad", kp, policy.kp, wire.kp, wire.safety.max_kp),
+        ("kd", "A·s/rad", kd, policy.kd, wire.kd, wire.safety.max_kd),
     ):
         wanted = of_policy / wire.torque_constant
         if given is None and np.abs(wanted / of_robot - 1.0).max() > _GAIN_TOLERANCE:

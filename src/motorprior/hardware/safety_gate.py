@@ -35,8 +35,8 @@ class SafetyGate:
     """
 
     def __init__(self, robot: Robot, limits: SafetyLimits, kp: float, kd: float, max_current: float):
-        _require_gain("kp", kp, limits.highest_kp, "A/rad")
-        _require_gain("kd", kd, limits.highest_kd, "A·s/rad")
+        _require_gain("kp", kp, limits.max_kp, "A/rad")
+        _require_gain("kd", kd, limits.max_kd, "A·s/rad")
         _require_gain("max_current", max_current, limits.max_current, "A")
         self._wire, self._lower, self._upper = robot.require_wire(), robot.lower, robot.upper
         # A late step may make up for at most two periods: a target must not jump after a pause.
