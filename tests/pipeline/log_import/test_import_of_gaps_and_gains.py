@@ -1,4 +1,4 @@
-"""What `logs import` refuses before it writes, what it tells, and what it makes of gaps and gains."""
+"""`logs import`: gaps, gains, messages, and errors before it writes."""
 
 import io
 from dataclasses import replace
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_files import JOINTS, write_csv, write_lerobot, write_parquet
+from third_party_files import JOINTS, write_csv, write_lerobot, write_parquet
 
 from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.checks import check_log
@@ -30,7 +30,7 @@ joints.a = {}
 
 
 def imported(config: LogsImport) -> str:
-    """What was said."""
+    """The messages."""
     said = io.StringIO()
     import_logs(config, Lines(said))
     return said.getvalue()
@@ -68,7 +68,7 @@ def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path, monkey
 
 def test_loads_of_a_held_base_need_its_robot(tmp_path: Path):
     path, columns = write_swing(tmp_path)
-    with pytest.raises(ConfigError, match="the model of their robot, and none was given -> give robot") as refusal:
+    with pytest.raises(ConfigError, match="no robot was given -> give robot") as refusal:
         import_logs(LogsImport((path,), tmp_path / "out", columns=columns, suspended=True))
     assert refusal.value.argument == "robot" and not (tmp_path / "out").exists()
 
@@ -94,7 +94,7 @@ def test_no_motion_is_invented_in_a_gap(tmp_path: Path):
     config = LogsImport((path,), tmp_path / "out", columns=columns, fit_load=True)
     found: list[MotorLog] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(raw_logs, "write_with_unknown_loads", lambda logs, *_: found.extend(logs.values()))
+        patch.setattr(raw_logs, "write_with_fitted_loads", lambda logs, *_: found.extend(logs.values()))
         imported(config)
     (log,) = found
     assert np.abs(log.joint_pos).max() < 0.85 and len(log.segment_slices()) == 2
@@ -106,7 +106,7 @@ def test_several_gains_need_an_order_and_are_told(tmp_path: Path):
     config = LogsImport(
         (write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"), kp=(20.0, 16.0)
     )
-    with pytest.raises(ConfigError, match="the joints pan, lift are not in the order of a given robot") as refusal:
+    with pytest.raises(ConfigError, match="the joints pan, lift are not in a robot's order") as refusal:
         import_logs(config)
     assert refusal.value.argument == "kp" and "[joints.pan] kp = " in str(refusal.value.remedy)
     assert "kp: " not in imported(replace(config, kp=(20.0,))), "one is of all"
@@ -118,7 +118,7 @@ def test_several_gains_need_an_order_and_are_told(tmp_path: Path):
     stated = read_parquet(tmp_path / "out" / "walk.parquet").stated_kp
     assert stated is not None and tuple(stated[0]) == gains
     write_log(tmp_path / "walk.parquet", replace(_of_pupper(), joint_names=PUPPER.joint_names[::-1]))
-    with pytest.raises(ConfigError, match="are not in the order of a given robot"):
+    with pytest.raises(ConfigError, match="are not in a robot's order"):
         import_logs(LogsImport((tmp_path / "walk.parquet",), tmp_path / "out", kp=gains, robot=PUPPER.name))
     with pytest.raises(ConfigError, match="kp: 2 gains for 12 joints"):
         import_logs(LogsImport((tmp_path / "walk.parquet",), tmp_path / "out", kp=(1.0, 2.0)))
@@ -142,7 +142,7 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
         "utf-8",
     )
     said = imported(LogsImport((path,), tmp_path / "out", columns=str(tmp_path / "map.toml")))
-    assert "does not say its units" not in said
+    assert "does not contain its units" not in said
     log, degrees = read_parquet(tmp_path / "out" / "dataset.parquet"), read_log(path)
     assert log.joint_names == JOINTS and len(log.segment_slices()) == 2
     np.testing.assert_allclose(log.joint_pos[:, 0], degrees.joint_pos[:, 0])
@@ -151,10 +151,9 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
 
 def test_what_was_imported_is_told_in_degrees(tmp_path: Path):
     config = LogsImport((write_csv(tmp_path),), tmp_path / "out", columns=str(tmp_path / "columns.toml"))
-    line, states = imported(config).splitlines()
+    line, _ = imported(config).splitlines()
     log = read_parquet(tmp_path / "out" / "log.parquet")
     low, high = np.rad2deg([log.joint_pos.min(), log.joint_pos.max()])
     assert line == f"{tmp_path / 'out' / 'log.parquet'}: {summary(log)}"
     assert "40 rows, 0.78 s, 50 Hz, 2 joints (pan, lift), commands from" in line
     assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
-    assert states == f"{tmp_path / 'out' / 'log.parquet'}: states no gain, register, condition or posture"
