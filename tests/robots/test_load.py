@@ -20,6 +20,7 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
+EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 ARM = """<mujoco><worldbody><body name="base"><geom size="0.1" mass="1"/>
   <body name="upper" pos="0 0 0.1"><joint name="shoulder" axis="0 1 0" range="-90 90" armature="0.5"
       frictionloss="0.3"/>
@@ -222,20 +223,9 @@ def test_published_models_load(shared_data: Path, tmp_path: Path, name: str, joi
     source = shared_data / "robots" / f"{name}.xml"
     if not source.is_file():
         pytest.skip(f"no {name}.xml in {shared_data}")
-    (tmp_path / source.name).write_bytes(source.read_bytes())
-    base = "free" if name == "go2" else "fixed"
-    pose = "[0.0, 0.9, -1.8]" if name == "go2" else "0.0"
-    legs = "".join(
-        f'[legs.{leg}]\njoints = ["{leg}_hip_joint", "{leg}_thigh_joint", "{leg}_calf_joint"]\nfoot = "{leg}"\n'
-        f"phase = {phase}\n"
-        for leg, phase in (("FL", 0.5), ("FR", 0.0), ("RL", 0.0), ("RR", 0.5))
-    )
-    toml = (
-        f'name = "{name}"\nmotor = "m"\nmodel = "{name}.xml"\nactuators = "remove"\nbase = "{base}"\n'
-        f"nominal_pose = {pose}\nkp = 20\nkd = 0.5\ntorque_limit = 20\n{legs if name == 'go2' else ''}"
-    )
-    (tmp_path / "robot.toml").write_text(toml, encoding="utf-8")
-    robot = load_robot(tmp_path / "robot.toml")
+    for path in (source, EXAMPLES / f"{name}.toml"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    robot = load_robot(tmp_path / f"{name}.toml")
     assert robot.num_joints == joints
     played = replay(World(WorldConfig.of(robot)), IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
                     np.tile(robot.nominal_pose, (50, 1)))  # fmt: skip

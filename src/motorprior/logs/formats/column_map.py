@@ -1,33 +1,17 @@
-"""Column maps: short TOML files that state what the columns of a third-party table mean, with units and signs.
+"""Column maps: short TOML files that state what the columns of a third-party table mean (docs/your-motors.md).
 
     motor = "Feetech STS3215"
     time = "t_ms"
     position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
     joint_pos = "present_{joint}"
-    posture = "suspended"                   # one of POSTURES for all rows; or a column of such words
-    supply_voltage = 7.4                    # of all motors [V]; or a column, for all joints or with {joint}
-    motor_temperature = "temp_{joint}"      # °C; or a number
 
     [units]
     time = "ms"
-    angle = "tick"
-    ticks_per_turn = 4096
-    voltage = "dV"
-
-    [firmware]                              # registers of all motors, where known
-    profile_acceleration = 39               # rad/s²; profile_speed [rad/s], dead_zone [rad]
 
     [joints.1]
-    name = "shoulder_pan"                   # of the robot's joint, if the columns have another name
-    sign = -1
-    zero = 0.05                             # the joint's angle [rad] at column value 0
-    kp = 20                                 # gains during the log, in units.gain: N·m/rad or firmware
-    kd = 0.5
+    name = "shoulder_pan"                   # of the robot's joint
 
-``{name}`` in a column's name stands for the joint's name. An angle is sign·unit·value + zero, a velocity or torque
-sign·unit·value. ``action[{joint}]`` is an element of a list column. A joint may have its own units, or ``scale`` [rad
-per unit of its columns], and a table per channel ``[joints.1.joint_pos]``; a velocity has the sign of the angle.
-``rate`` [Hz] replaces ``time`` where no column holds the time.
+An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle.
 """
 
 from __future__ import annotations

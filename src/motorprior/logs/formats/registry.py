@@ -46,13 +46,13 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     """
     path = Path(path)
     if columns is not None:
-        known = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
-        if robot is not None and known.robot not in ("", robot.name):
+        column_map = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
+        if robot is not None and column_map.robot not in ("", robot.name):
             raise ConfigError(
-                f"robot {robot.name!r}, but the column map {known.source} is for {known.robot!r}", where=path,
-                remedy=f"give {known.robot!r} as robot, or correct robot in the map", argument="robot",
+                f"robot {robot.name!r}, but the column map {column_map.source} is for {column_map.robot!r}", where=path,
+                remedy=f"give {column_map.robot!r} as robot, or correct robot in the map", argument="robot",
             )  # fmt: skip
-        return read_mapped_log(path, known, _source(path, known), robot)
+        return read_mapped_log(path, column_map, _source(path, column_map), robot)
     for reader in READERS:
         if reader.takes(path):
             return reader.read(path, robot)
@@ -88,8 +88,8 @@ def unit_assumption(path: Path, columns: ColumnMap | str | Path | None = None) -
 
 def _ending(name: str) -> str:
     """The format's ending of a file's name, or empty."""
-    known = {*TABLES, *(ending for reader in READERS for ending in reader.endings)}
-    return max((ending for ending in known if name.endswith(ending)), key=len, default="")
+    endings = {*TABLES, *(ending for reader in READERS for ending in reader.endings)}
+    return max((ending for ending in endings if name.endswith(ending)), key=len, default="")
 
 
 def _not_a_log(folder: Path) -> LogError:

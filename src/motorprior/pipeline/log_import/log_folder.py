@@ -50,12 +50,12 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         LogError: no log, or none that can be read; gives the reason for the first.
         ArtifactError: a bad column map.
     """
-    known = None if columns is None else load_column_map(columns)
+    column_map = None if columns is None else load_column_map(columns)
     if path.is_file() or (path.is_dir() and any(reader.takes(path) for reader in READERS)):
-        return LogFolder({recording_name(path): read_log(path, robot, known)}, (path,))
+        return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
     entries = sorted(path.iterdir()) if path.is_dir() else []
-    if known is not None and entries:
-        return _readable(path, [entry for entry in entries if entry.name.endswith(TABLES)], robot, known)
+    if column_map is not None and entries:
+        return _readable(path, [entry for entry in entries if entry.name.endswith(TABLES)], robot, column_map)
     if found := [entry for entry in entries if entry.suffix == ".parquet"]:
         return LogFolder({recording_name(entry): read_log(entry, robot) for entry in found}, tuple(found))
     if robot is not None and (found := [entry for entry in entries if short_name(entry)]):
