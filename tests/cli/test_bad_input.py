@@ -193,18 +193,6 @@ def test_a_broken_policy_is_refused(refused: Command, tmp_path: Path, walk: Path
     refused("transfer", copy, "--out", tmp_path / "out", words=words)
 
 
-# Folders.
-
-
-def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, one_error: Command, pupper_logs: Path):
-    log, out = pupper_logs / "env_real_tiny_log.csv", tmp_path / "out"
-    no_room = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))"  # [bytes per file]
-    result = in_a_process("logs", "import", log, "--out", out, first=no_room)
-    assert result.returncode == 2
-    one_error(result.stderr, (str(out / "env_real_tiny_log.parquet"), "free space"))
-    assert not [path for path in out.rglob("*") if path.name != ".lock"]
-
-
 def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_path: Path, prior: Path):
     walk = tmp_path / "walk"
     walk.mkdir()

@@ -15,11 +15,10 @@ def test_a_good_log_passes_unchanged(full_log):
         np.testing.assert_array_equal(getattr(log, name), value)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_not_finite_is_named(make_log, bad):
+def test_a_value_that_is_not_finite_is_named(make_log):
     log = make_log()
-    log.joint_vel[17, 1] = bad
-    with pytest.raises(LogError, match=rf"some\.csv: row 17, joint_vel/right is {bad}"):
+    log.joint_vel[17, 1] = -np.inf
+    with pytest.raises(LogError, match=r"some\.csv: row 17, joint_vel/right is -inf, not a finite number"):
         checked(log, where="some.csv")
 
 

@@ -1,4 +1,4 @@
-"""The two usual errors of a log: a bad value in a row, and a missing column."""
+"""The usual errors of a log: a bad value in a row, a missing column, time that does not increase."""
 
 from __future__ import annotations
 
@@ -38,3 +38,18 @@ def require_finite(values: np.ndarray, columns: list[str], where: Where) -> None
     if not finite.all():
         row, column = np.argwhere(~finite)[0].tolist()
         raise bad_value(row, columns[column], values[row, column], NUMBER, where)
+
+
+def require_increasing(time: np.ndarray, where: Where, first_row: int = 0) -> None:
+    """Reject times (T,) [s] that do not increase.
+
+    Raises:
+        LogError: names the row, counted from ``first_row``, and both values.
+    """
+    stuck = np.diff(time) <= 0.0
+    if stuck.any():
+        row = 1 + int(np.argmax(stuck))
+        before, now = float(time[row - 1]), float(time[row])
+        problem = f"row {first_row + row}, time {'repeats' if before == now else 'runs backwards'}"
+        remedy = "sort the rows and drop duplicates, or begin a segment where the clock restarted"
+        raise LogError(f"{problem}: {now!r} s after {before!r} s, it must increase", where=where, remedy=remedy)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError, spelled
-from motorprior.logs.log_errors import Where, bad_value, require_finite
+from motorprior.logs.log_errors import Where, bad_value, require_finite, require_increasing
 from motorprior.logs.motor_log import (
     BASE_AXES,
     CODES,
@@ -49,7 +49,8 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
         columns = [column_name(name, index, log.joint_names) for index in range(table.shape[1])]
         require_finite(table, columns, where)
     _check_segments(log, where)
-    _check_time(log, where)
+    for part in log.segment_slices():  # one at a time, to save memory with long logs
+        require_increasing(log.time[part], where, part.start)
     _check_bounds(log, where)
     _check_gains_are_constant(log, where)
     return log
@@ -98,19 +99,6 @@ def _check_segments(log: MotorLog, where: Where) -> None:
             problem = f"row {part.start}: segment {index} starts again after it ended"
             raise LogError(problem, where=where, remedy="give each contiguous recording its own index")
         seen.add(index)
-
-
-def _check_time(log: MotorLog, where: Where) -> None:
-    for part in log.segment_slices():  # one at a time, to save memory with long logs
-        stuck = np.diff(log.time[part]) <= 0.0
-        if stuck.any():
-            row = part.start + 1 + int(np.argmax(stuck))
-            before, now = float(log.time[row - 1]), float(log.time[row])
-            kind = "repeats" if before == now else "runs backwards"
-            raise LogError(
-                f"row {row}, time {kind}: {now!r} s after {before!r} s, it must increase", where=where,
-                remedy="sort the rows and drop duplicates, or start a new segment where the clock restarted",
-            )  # fmt: skip
 
 
 def _check_bounds(log: MotorLog, where: Where) -> None:

@@ -193,20 +193,6 @@ def test_a_bad_map_is_rejected(tmp_path: Path, old: str, new: str, said: str):
     assert said in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("column", "row", "value"), [("pos_1", 7, "abc"), ("goal_2", 0, ""), ("vel_1", 9, "nan"), ("episode", 3, "3.5")]
-)
-def test_a_bad_cell_is_refused(tmp_path: Path, columns: dict[str, np.ndarray], column: str, row: int, value: str):
-    path = write(tmp_path / "log.csv", columns)
-    lines = path.read_text().splitlines()
-    cells = lines[row + 1].split(",")
-    cells[list(columns).index(column)] = value
-    lines[row + 1] = ",".join(cells)
-    path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(LogError, match=r"log\.csv"):
-        read_log(path, columns=a_map(tmp_path, TICKS))
-
-
 def test_a_column_that_is_missing_or_twice_is_refused(tmp_path: Path, columns: dict[str, np.ndarray]):
     known = a_map(tmp_path, TICKS)
     some = {name: values for name, values in columns.items() if name != "pos_2"}

@@ -14,7 +14,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.csv_table import read_number_table
 from motorprior.logs.formats.log_reader import LogReader, require_given
-from motorprior.logs.log_errors import require_finite
+from motorprior.logs.log_errors import require_finite, require_increasing
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
@@ -71,10 +71,7 @@ def read_robot_run(
     columns = run_columns(robot.joint_names, with_current="joint_current/" in _first_line(path))
     table = read_number_table(path, columns, may_be_cut=True)
     require_finite(table, list(columns), path)
-    if (stuck := np.flatnonzero(np.diff(table[:, 0]) <= 0.0)).size:
-        before, now = table[stuck[0] : stuck[0] + 2, 0]
-        problem = f"row {stuck[0] + 1}: time {now:.3f} s does not increase after {before:.3f} s"
-        raise LogError(problem, where=path, remedy="delete the row, or copy the file again from the robot")
+    require_increasing(table[:, 0], path)
     breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
     breaks |= np.diff(table[:, 1], prepend=0.0) != 0.0
     segment = np.cumsum(breaks)

@@ -21,7 +21,7 @@ from motorprior.logs.formats.csv_table import COPY_AGAIN, csv_head, csv_table
 from motorprior.logs.formats.log_reader import FOLDER, LogReader
 from motorprior.logs.formats.mapped_table import read_mapped_log, robot_of_joints
 from motorprior.logs.formats.table_columns import present, unreadable
-from motorprior.logs.log_errors import require_finite
+from motorprior.logs.log_errors import require_finite, require_increasing
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
@@ -71,9 +71,7 @@ def _merged(path: Path, names: list[str]) -> dict[str, np.ndarray]:
     joints = _joint_list(path)
     since, (targets,) = _table(path / CONTROL, ["positions"], len(joints))
     time, (angles, speeds) = _table(path / STATE, ["positions", "velocities"], len(joints))
-    if np.any(stuck := np.diff(since) <= 0.0):
-        row = 1 + int(np.argmax(stuck))
-        raise LogError(f"row {row}, time does not increase", where=path / CONTROL, remedy="sort the rows")
+    require_increasing(MICROSECOND * since, path / CONTROL)
     begun = time >= since[0]
     in_force = np.searchsorted(since, time[begun], side="right") - 1
     series = {"q_des": targets[in_force], "q": angles[begun], "dq": speeds[begun]}
