@@ -182,7 +182,7 @@ def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], 
     return Leg(name, indices, table["foot"], float(table["phase"]), thigh, shank, radius, rest)
 
 
-def _clocks(table: dict[str, Any], where: str) -> dict[str, float]:
+def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
     clocks = {key: float(table.get(key, default)) for key, default in _CLOCKS.items()}
     for key in ("physics_dt", "twin_physics_dt"):
         steps = clocks["control_dt"] / clocks[key]

@@ -89,5 +89,5 @@ def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, mo
     told = json.loads((out / "loads.json").read_text())
     assert told["logs"] == ["swing.parquet", "again.parquet"] and told["joints"]["left"]["inertia_kg_m2"] == INERTIA[0]
     lines = said.getvalue().splitlines()
-    assert any("joint left: inertia 0.005 kg·m², (×/÷ 1.11, 1 σ); weight 0.4 ± 0.01" in line for line in lines)
+    assert any("joint left: inertia 0.005 kg·m² (×/÷ 1.11, 1 σ); weight 0.4 ± 0.01" in line for line in lines)
     assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]
