@@ -66,7 +66,7 @@ def _load_text(name: str, load: FittedLoad, motion: float) -> str:
     across = np.array([-along[1], along[0]])
     weight_std, across_std = (float(np.sqrt(unit @ load.gravity_covariance @ unit)) for unit in (along, across))
     angle, angle_std = float(np.arctan2(-cosine, sine)), across_std / max(weight, 1e-12)
-    gravity = f"weight {weight:.2g} ± {weight_std:.1g} N·m, hangs at {angle:.2f} ± {angle_std:.1g} rad"
+    gravity = f"weight {weight:.2g} ± {weight_std:.1g} N·m, equilibrium at {angle:.2f} ± {angle_std:.1g} rad"
     if weight < 2.0 * weight_std or angle_std > 1.0:
         gravity = f"weight below {weight + 2.0 * weight_std:.1g} N·m"
     text = (
