@@ -219,7 +219,7 @@ def top_speeds(settings: Settings, environments: Environments) -> list[Result]:
     and commands.
     """
     slowest, usual = environments.robot.require_legs().forward
-    robot = environments.robot.told((slowest, TOP * usual))
+    robot = environments.robot.with_speed_range((slowest, TOP * usual))
     environments = replace(environments, robot=robot)
     walk = WalkConfig(Walk.episode_steps, commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
     oracle = fast_policy(settings, environments, lambda: twin_of(robot, environments.fleet, walk))

@@ -29,10 +29,10 @@ def written(folder: Path, joints: tuple[str, ...] = JOINTS, size: float = 0.3) -
 @pytest.mark.parametrize("command", [("check",), ("import", "--out", "out")])
 def test_a_table_without_a_map_is_told_to_bring_one(refused: Command, tmp_path: Path, command: tuple):
     table, _ = written(tmp_path)
-    words = ("mine.csv: a table of no known format", "'cmd_FR_hip'", "with --columns, a map.toml", "your-motors.md")
+    words = ("mine.csv: a table of unknown format", "'cmd_FR_hip'", "with --columns", "your-motors.md")
     refused("logs", *command, table, words=words)
     pq.write_table(pa.table({"t": [0.0, 1.0]}), tmp_path / "mine.parquet")
-    refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns, a map.toml", "your-motors.md"))
+    refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns", "your-motors.md"))
     table.write_text("\n".join(table.read_text().splitlines()[1:]))
     refused("logs", *command, table, words=("mine.csv: no header", "begin it with names"))
 

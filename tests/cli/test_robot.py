@@ -39,7 +39,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorprior: Callable, tmp_path: Path):
-    """The paper's remedy for the distribution shift: torque from the current, recorded while the policy walks."""
     walk, policy = tmp_path / "walk", policy_file(tmp_path / "policy.safetensors")
     robot = ("--virtual", "--robot.no-homing", "--robot.currents")
     done = motorprior("deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk)
@@ -78,16 +77,12 @@ def test_the_doctor_checks_a_virtual_robot(motorprior: Callable):
     ("command", "words"),
     [
         ("deploy {policy} --port a --virtual", ("--port a and --virtual",)),
-        ("deploy {policy} --robot.seed 3", ("without --virtual",)),
         ("deploy {policy} --port /dev/ttyNONE --yes", ("no port", "/dev/ttyNONE")),
         ("deploy {policy} --port /dev/null", ("no terminal to confirm at", "--yes")),
-        ("deploy {policy} --port /dev/null --yes", ("/dev/null", "no serial port")),
         ("deploy no.safetensors --virtual --yes", ("no such file",)),
         ("deploy {other_gains} --port /dev/null --yes", ("kp = 22.2", "give kp 22.2")),
         ("deploy {slow} --port /dev/null --yes", ("0.02 s", "0.01 s")),
         ("deploy {policy} --port /dev/null --yes --forward 2", ("--forward 2", "at most 0.5")),
-        ("deploy {policy} --virtual --robot.fleet none --yes", ("no fleet 'none'", "pupper_v2")),
-        ("record --port /dev/null --yes --joint tail", ("--joint 'tail'", "FR_abduction")),
         ("record --port /dev/null --yes --amplitude 3", ("--amplitude 3", "at most 1.5")),
         ("record --port /dev/null --yes --out {used}", ("run.csv", "exists already")),
     ],

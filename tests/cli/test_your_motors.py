@@ -98,18 +98,6 @@ def expanded(words: list[str]) -> list[str]:
     return found
 
 
-def test_a_loop_on_the_page_leaves_out_the_log_that_it_judges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs" / "go2").mkdir(parents=True)
-    for number in range(3):
-        (tmp_path / "runs" / "go2" / f"traj_{number}.parquet").touch()
-    identify, judge = ([*expanded(words)] for words in commands("your-motors.md") if "without_0" in " ".join(words))
-    others = [f"runs/go2/traj_{number}.parquet" for number in (1, 2)]
-    assert identify[1:3] == others and identify[identify.index("--out") + 1] == "runs/go2/without_0"
-    known = judge.index("--fitted-on")
-    assert judge[2] == "runs/go2/traj_0.parquet" and judge[known + 1 : known + 3] == others
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["your-motors.md", "logs.md"])
 def test_every_command_of_the_page_runs(folder: Path, page: str):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_files import write_bam, write_lerobot, write_sage
+from third_party_files import write_bam, write_lerobot, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.formats import registry
@@ -76,7 +76,7 @@ def test_a_format_without_names_needs_a_robot(reader: LogReader, tmp_path: Path)
     if reader.name not in NAMELESS:
         np.testing.assert_array_equal(read_log(path).joint_pos, read_log(path, ROBOT).joint_pos)
     else:
-        with pytest.raises(ConfigError, match="of which robot") as refusal:
+        with pytest.raises(ConfigError, match="does not name its robot") as refusal:
             read_log(path)
         assert refusal.value.argument == "robot" and refusal.value.where == path
 

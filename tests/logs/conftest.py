@@ -36,7 +36,7 @@ def make_log() -> Callable[..., MotorLog]:
 
 @pytest.fixture
 def rich_log() -> MotorLog:
-    """A bench log that nothing is wrong with: 12 s of 2 joints that follow sums of sines 50 ms late, on known loads."""
+    """A good bench log: 12 s of 2 joints that follow sums of sines 50 ms late, on known loads."""
     time = 0.01 * np.arange(1200)
     ways = (0.3, 0.4), (0.15, 1.1), (0.06, 2.7)  # rad, Hz
 

@@ -1,4 +1,4 @@
-"""A log that breaks a rule is refused with its row, column and value."""
+"""A bad log is rejected with row, column and value."""
 
 import numpy as np
 import pytest
@@ -15,11 +15,10 @@ def test_a_good_log_passes_unchanged(full_log):
         np.testing.assert_array_equal(getattr(log, name), value)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_not_finite_is_named(make_log, bad):
+def test_a_value_that_is_not_finite_is_named(make_log):
     log = make_log()
-    log.joint_vel[17, 1] = bad
-    with pytest.raises(LogError, match=rf"some\.csv: row 17, joint_vel/right is {bad}"):
+    log.joint_vel[17, 1] = -np.inf
+    with pytest.raises(LogError, match=r"some\.csv: row 17, joint_vel/right is -inf, not a finite number"):
         checked(log, where="some.csv")
 
 
@@ -43,22 +42,19 @@ def test_time_may_restart_with_a_segment(make_log):
     [
         ({"joint_names": ("one",)}, r"position_target has shape \(200, 2\), expected \(200, 1\)"),
         ({"joint_names": ("a", "a")}, "repeat"),
-        ({"joint_names": ()}, "empty"),
-        ({"joint_pos": np.zeros((199, 2))}, r"joint_pos has shape \(199, 2\), expected \(200, 2\)"),
         ({"joint_torque": np.zeros(200)}, r"joint_torque has shape \(200,\)"),
-        ({"base_orientation": np.zeros((200, 3))}, r"base_orientation has shape \(200, 3\)"),
         ({"time": np.zeros((100, 2))}, "time has shape"),
-        ({"segment": np.zeros(200)}, "segment is not an array of numbers"),
+        ({"segment": np.zeros(200)}, "segment is an array of float64"),
         ({"segment": np.repeat([0, 1, 0], [80, 80, 40])}, "row 160: segment 0 starts again"),
         ({"segment": np.repeat([0, 7], [199, 1])}, "segment 7 has 1 rows"),
-        ({"posture": np.zeros(200)}, "posture is not an array of numbers"),
-        ({"posture": np.zeros(199, int)}, r"posture has shape \(199,\)"),
-        ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture 4 is unknown"),
+        ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture is 4, not the index"),
         ({"joint_pos": [["x", "y"]] * 200}, "joint_pos is not an array of numbers"),
         ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0.0"),
+        ({"supply_voltage": np.full((200, 2), 1e4)}, "row 0, supply_voltage/left is 10000.0, not from 0.1 to 2000 V"),
+        ({"stated_kp": np.zeros((200, 2))}, "not a positive gain"),
     ],
 )
-def test_what_does_not_fit_is_refused(make_log, changes, problem):
+def test_bad_channels_are_rejected(make_log, changes, problem):
     with pytest.raises(LogError, match=problem):
         checked(make_log(**changes))
 
@@ -75,7 +71,7 @@ def test_logs_of_another_firmware_are_not_joined(make_log):
     assert joined([*logs[:2], make_log(firmware={"profile_speed": 3.01})]).firmware == {"profile_speed": 3.0}
     with pytest.raises(LogError, match=r"firmware\.profile_speed 4 and 3 -> import all with"):
         joined(logs)
-    with pytest.raises(LogError, match=r"firmware\.profile_speed is stated by some of the logs only"):
+    with pytest.raises(LogError, match=r"only some of the logs have firmware\.profile_speed"):
         joined([logs[0], make_log()])
 
 

@@ -1,4 +1,4 @@
-"""A held command stays held, a straight line stays straight, and repeats go."""
+"""Commands are held, lines stay straight, repeated rows are dropped."""
 
 import numpy as np
 import pytest
@@ -58,4 +58,4 @@ def test_a_gap_too_long_to_fill_is_named_with_its_row_and_its_file(make_log):
     with pytest.raises(LogError) as error:
         resample(log, 0.002)
     assert str(error.value.where) == "somewhere/mine.csv"
-    assert "row 120 comes 1e+09 s after" in error.value.problem and "segment" in str(error.value.remedy)
+    assert "1e+09 s, before row 120" in error.value.problem and "segment" in str(error.value.remedy)

@@ -1,4 +1,4 @@
-"""A robot is loaded from a TOML beside its model; what does not fit is refused with joint, file and remedy."""
+"""A robot is loaded from a TOML next to its model; a bad one is rejected with joint, file and remedy."""
 
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
+EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 ARM = """<mujoco><worldbody><body name="base"><geom size="0.1" mass="1"/>
   <body name="upper" pos="0 0 0.1"><joint name="shoulder" axis="0 1 0" range="-90 90" armature="0.5"
       frictionloss="0.3"/>
@@ -112,8 +113,7 @@ def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: R
     ("turned", "into", "words"),
     [
         ('_h" axis="0 1 0"', '_h" axis="0 -1 0"', "foot 'FR' is"),
-        ('_k" axis="0 1 0" range="-160 0"', '_k" axis="0 -1 0" range="-160 160"', "foot 'FR' is"),
-        ('_a" axis="1 0 0"', '_a" axis="-1 0 0"', "foot 'FR' goes right as 'FR_a' grows"),
+        ('_a" axis="1 0 0"', '_a" axis="-1 0 0"', "foot 'FR' moves right as 'FR_a' grows"),
         ('pos="0 0 -0.2" mass="0.02"', 'pos="0.2 0 0" mass="0.02"', "foot 'FR' is"),
     ],
 )
@@ -157,20 +157,16 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     [
         (("[0.1, -0.2]", "[0.1, -0.2, 0.3]"), "nominal_pose has 3 numbers.*give 1 or 2 numbers"),
         (("[0.1, -0.2]", "[0.1, -9.0]"), "nominal_pose -9 rad of joint 'elbow' is outside its limits"),
-        (("kp = 20.0", "kp = -1"), "kp -1 of joint 'shoulder' is not above 0"),
-        (("kp = 20.0", 'kp = "stiff"'), "kp = 'stiff' is not a number, or a list of numbers"),
+        (("kp = 20.0", "kp = -1"), "kp = -1 is not a finite number from 1e-09"),
         (("kp = 20.0", "kP = 20.0"), r"unknown keys \['kP'\] and missing keys \['kp'\].*the keys are"),
         (("arm.xml", "leg.xml"), "leg.xml: no such model file"),
-        (("fixed", "flying"), "base = 'flying' is not free or fixed"),
         (('"fixed"', '"free"'), "arm.xml: its base is free, but the model has no free joint"),
         (('name = "arm"', 'name = "arm"\njoints = ["shoulder", "wrist"]'), "no joint 'wrist'.*shoulder, elbow"),
-        (('name = "arm"', 'name = "arm"\njoints = ["shoulder"]'), "joint 'elbow' of the model is not in.*weld it"),
         (('name = "arm"', 'name = "arm"\njoints = ["elbow", "shoulder"]'), "another order.*list them as"),
         (("name", "name = 1\nname"), "not valid TOML"),
         (('"arm"', f'"{DEFAULT_ROBOT}"'), "name '.*' is a shipped robot's"),
-        (('"arm"', '"an arm"'), "name 'an arm' .* other characters"),
         (("kp = 20.0", "kp = 20.0\nphysics_dt = 0.003"), "physics_dt 0.003 s does not divide control_dt 0.01 s"),
-        (("kp = 20.0", "kp = 20.0\nload_inertia = [2.0, 1.0]"), r"load_inertia \[2.0, 1.0\] is no range"),
+        (("kp = 20.0", "kp = 20.0\nload_inertia = [2.0, 1.0]"), r"load_inertia = \[2.0, 1.0\] is not \[min, max\]"),
     ],
 )
 def test_a_description_that_does_not_fit_is_refused_with_key_and_remedy(tmp_path: Path, change, words: str):
@@ -188,8 +184,7 @@ ACTUATOR = '<actuator><motor name="pull" joint="elbow"/></actuator></mujoco>'
     [
         ((' range="-120 120"', ""), "joint 'elbow' has no limits.*give it range"),
         (("</mujoco>", ACTUATOR), "1 actuators of its own, the first is 'pull'.*delete the <actuator> section"),
-        (('name="elbow"', ""), r"joint number 1 \(''\) is no hinge with a name"),
-        (('name="elbow"', 'type="slide" name="elbow"'), r"joint number 1 \('elbow'\) is no hinge"),
+        (('name="elbow"', 'type="slide" name="elbow"'), r"joint number 1 \('elbow'\) is not a hinge"),
         (("</worldbody>", '<body><geom size="0.1"/></body></worldbody>'), "the world holds 2 bodies"),
         (("<mujoco>", "<mujoco><nonsense/>"), "MuJoCo cannot read it"),
     ],
@@ -228,20 +223,9 @@ def test_published_models_load(shared_data: Path, tmp_path: Path, name: str, joi
     source = shared_data / "robots" / f"{name}.xml"
     if not source.is_file():
         pytest.skip(f"no {name}.xml in {shared_data}")
-    (tmp_path / source.name).write_bytes(source.read_bytes())
-    base = "free" if name == "go2" else "fixed"
-    pose = "[0.0, 0.9, -1.8]" if name == "go2" else "0.0"
-    legs = "".join(
-        f'[legs.{leg}]\njoints = ["{leg}_hip_joint", "{leg}_thigh_joint", "{leg}_calf_joint"]\nfoot = "{leg}"\n'
-        f"phase = {phase}\n"
-        for leg, phase in (("FL", 0.5), ("FR", 0.0), ("RL", 0.0), ("RR", 0.5))
-    )
-    toml = (
-        f'name = "{name}"\nmotor = "m"\nmodel = "{name}.xml"\nactuators = "remove"\nbase = "{base}"\n'
-        f"nominal_pose = {pose}\nkp = 20\nkd = 0.5\ntorque_limit = 20\n{legs if name == 'go2' else ''}"
-    )
-    (tmp_path / "robot.toml").write_text(toml, encoding="utf-8")
-    robot = load_robot(tmp_path / "robot.toml")
+    for path in (source, EXAMPLES / f"{name}.toml"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    robot = load_robot(tmp_path / f"{name}.toml")
     assert robot.num_joints == joints
     played = replay(World(WorldConfig.of(robot)), IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
                     np.tile(robot.nominal_pose, (50, 1)))  # fmt: skip

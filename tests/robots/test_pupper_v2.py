@@ -10,7 +10,7 @@ import pytest
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.simulation.build_model import FLOOR, build_model
+from motorprior.simulation.build_model import build_model
 
 
 @pytest.fixture(scope="module")
@@ -109,13 +109,6 @@ def test_the_legs_mirror_each_other(model):
     pose[[1, 3]] = pose[[0, 2]] * [-1, 1, 1]
     where = feet(model, pose.ravel())
     np.testing.assert_allclose(where[[1, 3]], where[[0, 2]] * [1, -1, 1], atol=1e-9)
-
-
-def test_only_the_feet_can_touch_and_only_the_floor(model):
-    pairs = zip(model.pair_geom1, model.pair_geom2, strict=True)
-    names = {frozenset((model.geom(a).name, model.geom(b).name)) for a, b in pairs}
-    assert names == {frozenset((FLOOR, f"{leg}_foot")) for leg in spec.LEGS}
-    assert not model.geom_contype.any() and not model.geom_conaffinity.any()
 
 
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):

@@ -91,7 +91,7 @@ def gains_for(
         ConfigError: the policy was trained with other gains, and none were given.
     """
     wire = robot.require_wire()
-    maxima = {"kp": wire.safety.highest_kp, "kd": wire.safety.highest_kd}
+    maxima = {"kp": wire.safety.max_kp, "kd": wire.safety.max_kd}
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
         trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
         if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:

@@ -34,7 +34,7 @@ class Gains:
 
     def check(self, limits: SafetyLimits) -> None:
         """Raise ConfigError unless every value is positive and within the limits."""
-        maxima = {"kp": limits.highest_kp, "kd": limits.highest_kd, "max_current": limits.max_current}
+        maxima = {"kp": limits.max_kp, "kd": limits.max_kd, "max_current": limits.max_current}
         for name, maximum in maxima.items():
             if not 0.0 < (value := getattr(self, name)) <= maximum:  # also NaN
                 problem = f"{name} {value:g} is out of range"

@@ -107,8 +107,8 @@ def body_of(robot: Robot, gait: str = "trot") -> Body:
         fastest=size.forward[1],
         yaw_rate=size.yaw_rate,
         residual=size.residual,
-        lowest=robot.lowest,
-        highest=robot.highest,
+        lowest=robot.min_base_height,
+        highest=robot.max_base_height,
         reference_torque=robot.reference_torque,
     )
 

@@ -78,7 +78,7 @@ class Commands:
                 remedy="give slower turns, or more in [gait] of the robot's file", argument="commands.yaw_rate",
             )  # fmt: skip
         low, high = self.forward or (slowest, fastest)
-        return robot.told((min(slowest, low), max(fastest, high)))
+        return robot.with_speed_range((min(slowest, low), max(fastest, high)))
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""

@@ -228,7 +228,7 @@ class Policy:
 
     def commanded(self, robot: Robot) -> Robot:
         """The robot, told the speeds of this policy."""
-        return robot.told(self.forward)
+        return robot.with_speed_range(self.forward)
 
     def require_gait(self, gait: str, where: str | Path | None = None) -> None:
         """Refuse a policy of another gait.

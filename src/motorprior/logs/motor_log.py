@@ -11,6 +11,7 @@ import numpy as np
 
 from motorprior.bounds import is_number
 
+# Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
     "position_target": "rad",
     "joint_pos": "rad",
@@ -24,25 +25,17 @@ JOINT_SERIES = {
     "supply_voltage": "V",
     "motor_temperature": "degC",
 }
-"""Channels of shape (T, J) and their unit, as it is spelled in column names."""
-
+CODES = ("segment", "posture")  # integer channels of shape (T,)
 BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
+# Firmware registers and their bounds: speed [rad/s] and acceleration [rad/s²] of the profile, dead zone [rad]; 0 is off
 FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
-"""Registers of a servo's firmware that a log may state, and their bounds: the largest speed [rad/s] and acceleration
-[rad/s²] of its profile, and the error [rad] that it does not act on. 0: off."""
+# Operating conditions and their bounds
 CONDITIONS = {"supply_voltage": (0.1, 2000.0), "motor_temperature": (-60.0, 300.0)}
-"""Channels of what motors work under, and their bounds [V], [°C]."""
 CONDITION_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
-_ALIKE = 0.01
-"""Share by which two statements of a register may differ: one may be rounded."""
-POSTURES = ("standing", "suspended", "fixed", "fallen")
-"""Of a robot: on its feet; base held in the air, feet free; bolted down; on its side or back. The channel `posture`
-holds the place of one of them in this list."""
-CODES = ("segment", "posture")
-"""Channels of shape (T,) that are whole numbers."""
+POSTURES = ("standing", "suspended", "fixed", "fallen")  # the channel `posture` holds indices of this tuple
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
     "load_inertia * joint_acc = joint_torque + external_torque"
@@ -53,35 +46,34 @@ SIGN_CONVENTION = (
 class MotorLog:
     """One or more contiguous recordings of T rows and J joints.
 
-    Construction checks nothing; `validity.checked` does. A row holds the command in force and the measurements
-    made at its time. With a known load (bench): load_inertia·q̈ = joint_torque + external_torque.
+    Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
+    force. With a known load, load_inertia·q̈ = joint_torque + external_torque.
 
     Attributes:
         time: (T,) [s], strictly increasing within a segment.
         position_target: (T, J) commanded angle [rad].
         joint_pos: (T, J) measured angle [rad].
         joint_names: J names, in column order.
-        robot: robot or bench the joints belong to.
+        robot: name of the robot or bench.
         motor: motor model.
-        source: where the log comes from.
-        joint_vel: (T, J) [rad/s], or None.
-        joint_torque: (T, J) torque of the motor on the joint [N·m], or None.
-        load_inertia: (T, J) inertia of the known load, at the joint [kg·m²], or None.
-        external_torque: (T, J) torque of everything but the motor on the joint [N·m], or None.
-        load_stiffness: (T, J) change of external_torque with the joint's own angle, as that of gravity, at the recorded
-            angle [N·m/rad], or None. A simulated joint gets external_torque + load_stiffness·(its angle - joint_pos).
-        segment: (T,) index of the contiguous recording a row belongs to, or None for a single one.
-        base_orientation: (T, 2) roll and pitch of the robot's base [rad], or None.
-        posture: (T,) how the robot's base was held in a row, see POSTURES, or None where nobody said.
-        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", to which the gear's play and wind-up
-            are invisible (angles at the output shaft, too).
-        stated_kp: (T, J) proportional gain that the motor was told, constant within a segment, or None.
-        stated_kd: (T, J) the same for the derivative gain, which acts on the velocity; only with stated_kp.
-        supply_voltage: (T, J) at the motor [V], or None.
-        motor_temperature: (T, J) [°C], or None.
-        gain_unit: of the stated gains: "N·m/rad" (and N·m·s/rad), which are then the motor's, or "firmware", units of
-            its own, of which the motor's gains are unknown multiples.
-        firmware: registers of FIRMWARE that all these motors were told, where somebody knows them.
+        source: file of the recording.
+        joint_vel: (T, J) [rad/s].
+        joint_torque: (T, J) torque of the motor on the joint [N·m].
+        load_inertia: (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²].
+        external_torque: (T, J) torque on the joint by everything except the motor [N·m].
+        load_stiffness: (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle
+            [N·m/rad]. A simulated joint gets external_torque + load_stiffness·(simulated angle - joint_pos).
+        segment: (T,) index of the contiguous recording; None for a single one.
+        base_orientation: (T, 2) roll and pitch of the base [rad].
+        posture: (T,) how the base was supported, an index of POSTURES.
+        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not see backlash and
+            elasticity of the gear (angles are at the output shaft in both cases).
+        stated_kp: (T, J) logged proportional gain, constant within a segment.
+        stated_kd: (T, J) logged derivative gain, acting on the velocity; only with stated_kp.
+        supply_voltage: (T, J) at the motor [V].
+        motor_temperature: (T, J) [°C].
+        gain_unit: of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor.
+        firmware: known registers of FIRMWARE, equal for all motors.
     """
 
     time: np.ndarray
@@ -119,7 +111,7 @@ class MotorLog:
 
     @property
     def duration(self) -> float:
-        """Recorded time [s]: the sum over segments, without the pauses between them."""
+        """Recorded time [s], summed over segments."""
         return float(sum(self.time[part][-1] - self.time[part][0] for part in self.segment_slices()))
 
     @property
@@ -136,7 +128,7 @@ class MotorLog:
         return [slice(first, last) for first, last in pairwise(bounds)]
 
     def segments(self) -> Iterator[MotorLog]:
-        """One log per contiguous recording; each keeps its `segment` index."""
+        """One log per segment."""
         for part in self.segment_slices():
             yield self.rows(part)
 
@@ -152,56 +144,52 @@ class MotorLog:
 
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
-    """Every array that the log holds, by field name."""
+    """The arrays of the log by field name."""
     values = {each.name: getattr(log, each.name) for each in fields(log)}
     return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
 def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
-    """Row and length [s] of every step from the previous row of the same segment.
-
-    Returns:
-        ``rows`` (S,), the later row of each pair, and ``steps`` (S,) [s].
-    """
+    """Rows (S,) that follow a row of the same segment, and the time steps (S,) to them [s]."""
     parts = log.segment_slices()
     rows = np.concatenate([np.arange(part.start + 1, part.stop) for part in parts])
     return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
 
 
 def stated_gain_rows(log: MotorLog) -> np.ndarray | None:
-    """(2, T, J) stated kp and kd, kd equal to kp where it is not stated; None if none are."""
+    """(2, T, J) logged kp and kd; kd equals kp if it is not logged. None without gains."""
     if log.stated_kp is None:
         return None
     return np.stack([log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd])
 
 
 def stated_gains_of(log: MotorLog) -> np.ndarray | None:
-    """(2, J) medians of `stated_gain_rows` over segments, or None."""
+    """(2, J) medians of `stated_gain_rows` over segments, or None without gains."""
     rows = stated_gain_rows(log)
     return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
 
 
 def segment_means(log: MotorLog, channel: str) -> np.ndarray:
-    """(S, J) means over the rows of each segment of a channel (T, J) that the log has."""
+    """(S, J) means of a channel (T, J) over each segment."""
     values = getattr(log, channel)
     return np.array([values[part].mean(axis=0) for part in log.segment_slices()])
 
 
 def is_register(name: str, value: object) -> bool:
-    """Whether a register of FIRMWARE can hold this value, which 0 is where it is off."""
+    """Whether a value of a FIRMWARE register is valid; 0 is off."""
     return is_number(value, 0.0, 0.0) or is_number(value, *FIRMWARE[name])
 
 
 def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:
-    """The first register that both state otherwise, with both values, or None."""
+    """The first register in which both differ by more than 1 %, with both values, or None."""
     for name in sorted(one.keys() & other.keys()):
-        if abs(one[name] - other[name]) > _ALIKE * max(one[name], other[name]):
+        if abs(one[name] - other[name]) > 0.01 * max(one[name], other[name]):
             return f"firmware.{name} {one[name]:g} and {other[name]:g}"
     return None
 
 
 def log_digest(log: MotorLog) -> str:
-    """SHA-256 of all that the log holds."""
+    """SHA-256 of all fields."""
     whole = hashlib.sha256()
     for each in fields(log):
         value = getattr(log, each.name)
@@ -212,7 +200,7 @@ def log_digest(log: MotorLog) -> str:
 
 
 def motion_digest(log: MotorLog) -> str:
-    """SHA-256 of commands and angles: the same of one recording whatever its name and whatever loads it was given."""
+    """SHA-256 of commands and angles; it does not depend on names, source and loads."""
     whole = hashlib.sha256(repr(log.joint_pos.shape).encode())
     for value in (log.position_target, log.joint_pos):
         whole.update(np.ascontiguousarray(value).tobytes())
@@ -220,7 +208,7 @@ def motion_digest(log: MotorLog) -> str:
 
 
 def column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
-    """The name a user reads for one column of a channel, e.g. ``joint_pos/FR_hip``."""
+    """Display name of a column, e.g. ``joint_pos/FR_hip``."""
     if channel in JOINT_SERIES:
         return f"{channel}/{joint_names[column]}"
     return f"{channel}/{BASE_AXES[column]}" if channel == "base_orientation" else channel

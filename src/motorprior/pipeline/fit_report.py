@@ -8,7 +8,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.identification.presets import Preset
 from motorprior.logs.doctor.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import MotorLog, segment_means
-from motorprior.logs.stated import range_in_words
+from motorprior.logs.settings_text import range_text
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it imports JAX
@@ -52,15 +52,15 @@ def other_conditions(recipe: Preset, log: MotorLog) -> list[str]:
         known = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
             if known:
-                taken = range_in_words(name, usual, usual)
+                taken = range_text(name, usual, usual)
                 found.append(f"note: the log states no {name}: taken as the prior's usual one, {taken}")
             continue
         means, beyond = segment_means(log, name), least_difference(name, usual)
         if means.min() < least - beyond or means.max() > most + beyond:
             effect = "is extrapolated" if known else "is not known: what is found holds under these alone"
             found.append(
-                f"warning: {name} is {range_in_words(name, means.min(), means.max())}, in the prior's logs "
-                f"{range_in_words(name, least, most)}; what such a difference does {effect} -> check its unit, or "
+                f"warning: {name} is {range_text(name, means.min(), means.max())}, in the prior's logs "
+                f"{range_text(name, least, most)}; what such a difference does {effect} -> check its unit, or "
                 "identify with logs of both"
             )
     return found

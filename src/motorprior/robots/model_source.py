@@ -1,25 +1,27 @@
-"""Where the MJCF of a robot comes from. It holds the robot alone: floor, contacts and clock are the simulation's."""
+"""The source of a robot's MJCF: generated, or a user's file. It holds the robot alone, without floor and contacts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
+# Turns of a rotor body per turn of its joint, where PyBullet models reflected inertia by a geared rotor. The real ratio
+# of 36 would couple the rotor to the motion of its link, by armature/36, which MuJoCo's armature does not. The error of
+# a lightly damped PD is 0.3 mrad with 1e3 and 0.02 mrad with 1e5; 1e6 is no better.
 ROTOR_GEAR_RATIO = 1e5
-"""Turns of a rotor per turn of its joint. Of the real 36 the same reflected inertia would couple to the motion of
-the link that carries the motor, by armature/36; MuJoCo's armature does not, so here it should not either: of a lightly
-damped PD 1e3 leaves 0.3 mrad, 1e5 0.02 mrad, and 1e6 no less."""
 
 
 @dataclass(frozen=True)
 class GeneratedModel:
-    """A model that this library writes.
+    """A model written by this library.
 
     Attributes:
         mjcf: returns the MJCF text; its only body in the world is the robot's base.
-        urdf: returns URDF text for engines that read no MJCF, from the joints' reflected inertias [kg·m²] and a shift
-            of the base's centre of mass [m]; None where there is none.
+        urdf: returns URDF text for engines that do not read MJCF, from the joints' reflected inertias [kg·m²] and a
+            shift of the base's centre of mass [m]; or None.
     """
 
     mjcf: Callable[[], str]
@@ -31,8 +33,8 @@ class ModelFile:
     """A user's MJCF or URDF.
 
     Attributes:
-        files: of the model: its own first, then what it includes and the meshes that it names.
-        sha256: digest of these files when the robot was loaded, see `model_files.files_digest`.
+        files: its own first, then included files and meshes.
+        sha256: `files_digest` of these files when the robot was loaded.
     """
 
     files: tuple[Path, ...]
@@ -40,5 +42,50 @@ class ModelFile:
 
     @property
     def path(self) -> Path:
-        """Of the model's own file."""
+        """The model's own file."""
         return self.files[0]
+
+
+def model_files(path: Path) -> tuple[Path, ...]:
+    """A model's file, and the existing files that it includes or names, at any depth."""
+    found: dict[Path, None] = {}
+    waiting = [path.resolve()]
+    while waiting:
+        file = waiting.pop(0)
+        if file in found:
+            continue
+        found[file] = None
+        for element, named in _named_files(file, path.resolve().parent):
+            if element in ("include", "model"):
+                waiting.append(named)
+            else:
+                found[named] = None
+    return tuple(found)
+
+
+def _named_files(file: Path, model_folder: Path) -> Iterator[tuple[str, Path]]:
+    """Elements of an XML file and the existing files that they name."""
+    try:
+        root = ElementTree.parse(file).getroot()
+    except (ElementTree.ParseError, OSError):  # MuJoCo's error is clearer
+        return
+    folders = {""} | {each.get(key, "") for each in root.iter("compiler") for key in ("meshdir", "assetdir")}
+    for element in root.iter():
+        text = element.get("file") or element.get("filename") or ""
+        name = Path(text.rpartition("://")[2])
+        if not name.name:
+            continue
+        for folder in (start / inner for start in (file.parent, model_folder) for inner in sorted(folders)):
+            for candidate in (folder / name, folder / name.name):  # MuJoCo may strip paths
+                if candidate.is_file():
+                    yield element.tag, candidate.resolve()
+
+
+def files_digest(files: Iterable[Path]) -> str:
+    """SHA-256 of the content of files, in this order.
+
+    Raises:
+        OSError: one cannot be read.
+    """
+    digests = "".join(hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
+    return hashlib.sha256(digests.encode()).hexdigest()

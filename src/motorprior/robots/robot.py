@@ -1,4 +1,4 @@
-"""Description of a robot as data: joints, legs, poses, model, clocks and wire."""
+"""The description of a robot: joints, legs, poses, model, clocks and wire."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
 
-GRAVITY = 9.81
-"""Gravitational acceleration [m/s²]."""
+GRAVITY = 9.81  # [m/s²]
 Encoder = Literal["joint", "rotor"]
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One driven joint; its motor's law is torque = clip(kp·error - kd·joint_vel, ±torque_limit).
+    """One driven joint with torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit).
 
     Attributes:
         name: of the hinge in the robot's model.
         lower: limit [rad].
         upper: limit [rad].
-        kp: nominal gain at the joint [N·m/rad]; error = position_target - joint_pos.
+        kp: nominal gain at the joint [N·m/rad].
         kd: nominal gain at the joint [N·m·s/rad].
         torque_limit: [N·m].
-        encoder: where angle and velocity are measured, on the "joint" or on the motor's "rotor", before the gear.
+        encoder: where angle and velocity are measured: on the "joint", or on the "rotor" before the gear.
     """
 
     name: str
@@ -44,17 +43,17 @@ class Joint:
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg of three joints: abduction about x, hip and knee about y; a growing hip angle carries the foot back.
+    """A leg of three joints: abduction about x, hip and knee about y; a growing hip angle moves the foot backwards.
 
     Attributes:
         name: of the leg.
-        joints: places of abduction, hip and knee among the robot's joints.
-        foot: the geom in the robot's model that touches the ground.
-        phase: of the leg within a trot's cycle, in [0, 1).
+        joints: indices of abduction, hip and knee in the robot's joints.
+        foot: the geom of the model that touches the ground.
+        phase: in the trot cycle, in [0, 1).
         thigh: from hip to knee axis [m].
         shank: from knee axis to the centre of the foot [m].
         foot_radius: [m].
-        rest: where the foot's centre is in the nominal pose, forward and left of the base's origin [m].
+        rest: foot's centre in the nominal pose, forward and left of the base's origin [m].
     """
 
     name: str
@@ -67,7 +66,7 @@ class Leg:
     rest: tuple[float, float]
 
     def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
-        """Foot's centre forward of and below the hip axis in the plane of the leg [m].
+        """Foot's centre forward of and below the hip axis, in the plane of the leg [m].
 
         forward = -(thigh·sin(hip) + shank·sin(hip + knee)), below = thigh·cos(hip) + shank·cos(hip + knee).
 
@@ -79,9 +78,7 @@ class Leg:
         return forward, self.thigh * math.cos(hip) + self.shank * math.cos(both)
 
     def drop(self, joint_pos: np.ndarray) -> float:
-        """Distance of the foot's lowest point below the hip axis [m] of an upright body.
-
-        below·cos(abduction) + foot_radius, see `reach`.
+        """Distance of the foot's lowest point below the hip axis, body upright [m]: below·cos(abduction) + foot_radius.
 
         Args:
             joint_pos: (joints,) of the robot [rad].
@@ -91,14 +88,14 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gait:
-    """Size and clock of a robot's gait, see `locomotion.trajectory_generator`.
+    """Size and frequency of a gait, see `locomotion.trajectory_generator`.
 
     Attributes:
-        frequency: of the steps of one leg before the policy modulates it [Hz].
+        frequency: of the steps of one leg, before modulation by the policy [Hz].
         swing_height: lift of a foot in swing [m].
-        forward: slowest (negative: backward) and fastest speed that is commanded [m/s].
-        yaw_rate: fastest turn that is commanded to either side [rad/s].
-        residual: largest correction of a joint target by the policy [rad].
+        forward: minimum (negative: backward) and maximum commanded speed [m/s].
+        yaw_rate: maximum commanded yaw rate, both directions [rad/s].
+        residual: maximum correction of a joint target by the policy [rad].
     """
 
     frequency: float
@@ -109,51 +106,42 @@ class Gait:
 
     @classmethod
     def of_size(cls, hip_height: float) -> Gait:
-        """The gait of a robot of this size; robots of equal Froude number v² / (g·h) move alike.
+        """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
-        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h); our choice. From hips
-        of 0.11 m on every robot has 3 Hz, measured on a Unitree Go2: its position-controlled legs are springs on which
-        the body swings at about 2 Hz, and steps of that frequency rock it. Smaller robots step faster, as Froude's
-        number says; none was measured.
+        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h).
 
         Args:
-            hip_height: h, of the hip axes over the ground in the nominal pose [m].
+            hip_height: h, of the hip axes above the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
+        # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps rock it
         frequency = max(3.0, 0.32 * math.sqrt(GRAVITY / hip_height))
         return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Everything that the library knows of one robot. Arrays are new copies in the order of ``joints``.
+    """A robot. Array properties are new copies in the order of ``joints``.
 
     Attributes:
         name: short; priors, policies and logs carry it.
         motor: name of the motors.
         joints: in the order of the model; they are the model's last coordinates.
-        base: "free" where the body moves in space, "fixed" where it is mounted.
+        base: "free" or "fixed".
         model: MJCF, generated or a file.
-        num_links: moving bodies of the model, the base of a free robot among them.
+        num_links: moving bodies of the model, including a free base.
         nominal: joint angles of the standing or resting pose [rad].
         legs: none for an arm.
-        gait: size and clock of its gait; None without legs.
-        unlike: what in its legs is not as `Leg` says, so that it cannot walk; nothing if nothing is.
-        weight: of the whole robot [N]; 0 where it is not known and does not matter.
-        standing_height: of the base over the ground in the nominal pose [m].
-        lowest: height of the base below which a walking robot has fallen [m].
-        highest: height of the base above which the simulation has failed [m].
-        suspended_height: of the base of a robot that hangs in the air [m].
-        reference_torque: load of a joint that the walking reward's torque penalty counts as 1 [N·m].
-        foot_friction: sliding friction of the feet [-].
-        load_inertia: least and most inertia that one of its motors carries [kg·m²], from a bare last link to the
-            standing robot; a bench draws its loads between them.
-        files: of a user's robot, its description and those of its model.
-        fleets: (name, path) of the shipped populations of its motors, the default first.
-        physics_dt: MuJoCo's step in training [s].
-        control_dt: period of the policy [s].
-        twin_physics_dt: MuJoCo's step of the twin [s].
-        wire: how a host talks to the real robot; None where this library cannot.
+        gait: None without legs.
+        leg_mismatch: how a leg differs from the conventions of `Leg`, so that the robot cannot walk; empty if none
+        does. weight: of the whole robot [N]; 0 if unknown. standing_height: of the base above the ground in the nominal
+        pose [m]. min_base_height: below it a walking robot has fallen [m]. max_base_height: above it the simulation has
+        failed [m]. suspended_height: of the base of a suspended robot [m]. reference_torque: joint torque with penalty
+        1 in the walking reward [N·m]. foot_friction: sliding friction of the feet [-]. load_inertia: minimum and
+        maximum load inertia of one motor [kg·m²]; a bench samples between them. files: the description and model files
+        of a user's robot. fleets: (name, path) of the shipped fleets of its motors, the default first. physics_dt:
+        MuJoCo's step in training [s]. control_dt: period of the policy [s]. twin_physics_dt: MuJoCo's step with
+        physical motors [s]. wire: protocol constants of the real robot; None if not supported.
     """
 
     name: str
@@ -165,11 +153,11 @@ class Robot:
     nominal: tuple[float, ...]
     legs: tuple[Leg, ...] = ()
     gait: Gait | None = None
-    unlike: str = ""
+    leg_mismatch: str = ""
     weight: float = 0.0
     standing_height: float = 0.0
-    lowest: float = 0.0
-    highest: float = 1e3
+    min_base_height: float = 0.0
+    max_base_height: float = 1e3
     suspended_height: float = 0.0
     reference_torque: float = 1.0
     foot_friction: float = 0.6
@@ -202,7 +190,7 @@ class Robot:
         return np.array([(joint.lower, joint.upper) for joint in self.joints])
 
     def limits_of(self, joint_names: Sequence[str]) -> np.ndarray:
-        """(J, 2) lower and upper limit of some joints by name [rad]; NaN of those that it does not have."""
+        """(J, 2) lower and upper limits of joints by name [rad]; NaN for unknown joints."""
         known = {joint.name: (joint.lower, joint.upper) for joint in self.joints}
         return np.array([known.get(name, (math.nan, math.nan)) for name in joint_names])
 
@@ -218,29 +206,24 @@ class Robot:
 
     @property
     def encoder(self) -> Encoder:
-        """Where this robot's logs are measured."""
+        """Place of the encoders."""
         return self.joints[0].encoder
 
     @property
     def default_fleet(self) -> str:
-        """Name of the shipped population of its motors.
+        """Name of the shipped fleet of its motors.
 
         Raises:
             ConfigError: none is shipped.
         """
         if not self.fleets:
-            raise ConfigError(
-                f"robot {self.name!r} comes without motors", remedy="give the .toml file of some as fleet",
-                argument="fleet",
-            )  # fmt: skip
+            problem = f"no fleet is shipped for robot {self.name!r}"
+            raise ConfigError(problem, remedy="give a .toml file as fleet", argument="fleet")
         return self.fleets[0][0]
 
-    def physics_step(self, longest: float) -> float:
-        """Physics step [s] for motors that allow at most ``longest`` [s].
-
-        The robot's own for motors that allow any; otherwise ``twin_physics_dt``, or ``longest`` if that is shorter.
-        """
-        return self.physics_dt if math.isinf(longest) else min(longest, self.twin_physics_dt)
+    def physics_step(self, max_step: float) -> float:
+        """Physics step [s] for motors that need steps of at most ``max_step`` [s]; inf allows ``physics_dt``."""
+        return self.physics_dt if math.isinf(max_step) else min(max_step, self.twin_physics_dt)
 
     def require_legs(self) -> Gait:
         """The gait of a robot that can walk.
@@ -251,17 +234,17 @@ class Robot:
         if self.gait is None or not self.legs or self.base != "free":
             raise ConfigError(
                 f"robot {self.name!r} cannot walk: it has {len(self.legs)} legs and a {self.base} base",
-                remedy="give a robot with a free base and a table [legs] in its file",
+                remedy="give a robot with a free base and tables [legs.…]",
             )
-        if self.unlike:
+        if self.leg_mismatch:
             raise ConfigError(
-                f"robot {self.name!r} cannot walk: {self.unlike}",
-                remedy="turn the joints' axes and zeros in its model as docs/your-robot.md says",
+                f"robot {self.name!r} cannot walk: {self.leg_mismatch}",
+                remedy="change the joints' axes and zeros in its model to the conventions of docs/your-robot.md",
             )
         return self.gait
 
-    def told(self, forward: tuple[float, float]) -> Robot:
-        """The same robot, told speeds within this range [m/s] instead of its usual one.
+    def with_speed_range(self, forward: tuple[float, float]) -> Robot:
+        """The same robot with another range of commanded speeds [m/s].
 
         Raises:
             ConfigError: it cannot walk.
@@ -269,11 +252,11 @@ class Robot:
         return replace(self, gait=replace(self.require_legs(), forward=forward))
 
     def require_wire(self) -> Wire:
-        """The wire of the real robot.
+        """The protocol constants of the real robot.
 
         Raises:
-            ConfigError: this library cannot talk to that robot.
+            ConfigError: the robot's protocol is not supported.
         """
         if self.wire is None:
-            raise ConfigError(f"robot {self.name!r} has no wire that motorprior speaks", remedy="use a shipped robot")
+            raise ConfigError(f"the protocol of robot {self.name!r} is not supported", remedy="use a shipped robot")
         return self.wire

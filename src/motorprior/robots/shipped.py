@@ -1,4 +1,4 @@
-"""The robots that come with the library, and the one that is meant when none is named."""
+"""The robots of the package; the first is the default."""
 
 from __future__ import annotations
 

@@ -16,8 +16,7 @@ from typing import Any
 import mujoco
 
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.robots.model_files import files_digest
-from motorprior.robots.model_source import GeneratedModel
+from motorprior.robots.model_source import GeneratedModel, files_digest
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.robots.user_model import cannot_read
 

@@ -14,7 +14,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, stated_gain_rows, stated_gains_of
 from motorprior.logs.resampling import drop_repeats, resample
-from motorprior.logs.stated import gains_in_words
+from motorprior.logs.settings_text import gain_texts
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
 from motorprior.simulation.playback import replay
@@ -49,7 +49,7 @@ def with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
 
 def logged_gains_note(log: MotorLog) -> str:
     """A note to the user on a log's gains and whether simulated motors use them; empty if it states none."""
-    gains = " and ".join(gains_in_words(log))
+    gains = " and ".join(gain_texts(log))
     if not gains:
         return ""
     if not logged_constants(log):

@@ -1,4 +1,4 @@
-"""Anybody's table becomes a motor log by a map of its columns, or one error says what does not fit."""
+"""A third-party table becomes a motor log by a column map, or one error names what does not fit."""
 
 import gzip
 from pathlib import Path
@@ -93,7 +93,7 @@ def test_units_signs_and_zeros_are_those_of_the_map(tmp_path: Path, columns: dic
     assert log.segment.tolist() == columns["episode"].tolist()
 
 
-def test_gains_of_the_map_are_stated_for_every_row(tmp_path: Path, columns: dict[str, np.ndarray]):
+def test_gains_of_the_map_hold_for_every_row(tmp_path: Path, columns: dict[str, np.ndarray]):
     text = TICKS.replace('name = "pan"', 'name = "pan"\nkp = 32\nkd = 0').replace(
         "sign = -1", "sign = -1\nkp = 16\nkd = 2"
     )
@@ -157,7 +157,7 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("said", "of_robot", "expected"), [("rotor", "joint", "rotor"), ("", "rotor", "rotor")])
-def test_angles_are_measured_where_the_map_says_or_else_the_robot(
+def test_the_encoder_is_that_of_the_map_or_else_of_the_robot(
     tmp_path: Path, columns: dict[str, np.ndarray], said: str, of_robot: str, expected: str
 ):
     path = write(tmp_path / "log.csv", columns)
@@ -172,46 +172,25 @@ def test_angles_are_measured_where_the_map_says_or_else_the_robot(
     [
         ('motor = "servo"', "", "missing keys"),
         ('time = "t"', 'time = "t"\nspeed = "v"', "speed"),
+        ('time = "t"', "", "neither time"),
         ("goal_{joint}", "goal", "lacks {joint}"),
         ("a = {}", "a = {sign = 2}", "sign = 2"),
-        ("a = {}", "a = {sign = 0}", "sign = 0"),
         ("a = {}", 'a = {name = "b"}', "two joints are named 'b'"),
-        ("a = {}\nb = {}", "", "no table"),
         ("[joints]", '[units]\nangle = "tick"\n[joints]', "ticks_per_turn"),
+        ("[joints]", "[units]\nticks_per_turn = 4096\n[joints]", "ticks_per_turn"),
         ("[joints]", '[units]\nangle = "grad"\n[joints]', "angle = 'grad'"),
         ("[joints]", "[joints", "not valid TOML"),
         ("a = {}", "a = {kp = 3}", "joint 'b' lacks kp"),
-        ("a = {}\nb = {}", "a = {kd = 3}\nb = {kd = 1}", "kd without kp"),
         ("a = {}", "a = {kp = 0}", "kp = 0"),
-        ("a = {}", "a = {kp = 0x" + 5000 * "f" + "}", "kp = a whole number of 20000 bits"),
-        ("a = {}", f"{201 * 'a'} = {{}}", "is not a text of 1 to 200 letters"),
-        ("goal_{joint}", 30 * "goal_{joint}", "is not a text of 1 to 200 letters"),
-        ("a = {}", "\n".join(f"j{k} = {{}}" for k in range(1000)), "1001 joints, more than 1000"),
-        ("a = {}", 'a = {name = ""}', "name = '' is not a text of 1 to 200 letters"),
         ("goal_{joint}", "pos_{joint}", "position_target and joint_pos are both 'pos_{joint}'"),
-        ('motor = "servo"', 'motor = "servo"\njoint = "who"', "a row per joint and time is not read -> pivot it"),
-        ("goal_{joint}", "goal", "a table with a row per joint and time: pivot it"),
+        ('motor = "servo"', 'motor = "servo"\njoint = "who"', "pivot it"),
     ],
 )
-def test_a_map_that_is_not_understood_is_refused(tmp_path: Path, old: str, new: str, said: str):
+def test_a_bad_map_is_rejected(tmp_path: Path, old: str, new: str, said: str):
     assert old in PLAIN
     with pytest.raises(ArtifactError, match=r"columns\.toml") as error:
         load_column_map(a_map(tmp_path, PLAIN.replace(old, new)))
     assert said in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("column", "row", "value"), [("pos_1", 7, "abc"), ("goal_2", 0, ""), ("vel_1", 9, "nan"), ("episode", 3, "3.5")]
-)
-def test_a_bad_cell_is_refused(tmp_path: Path, columns: dict[str, np.ndarray], column: str, row: int, value: str):
-    path = write(tmp_path / "log.csv", columns)
-    lines = path.read_text().splitlines()
-    cells = lines[row + 1].split(",")
-    cells[list(columns).index(column)] = value
-    lines[row + 1] = ",".join(cells)
-    path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(LogError, match=r"log\.csv"):
-        read_log(path, columns=a_map(tmp_path, TICKS))
 
 
 def test_a_column_that_is_missing_or_twice_is_refused(tmp_path: Path, columns: dict[str, np.ndarray]):

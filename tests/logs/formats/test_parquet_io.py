@@ -64,23 +64,14 @@ def test_a_truncated_file_is_refused(written, share):
 @pytest.mark.parametrize(
     ("header", "problem"),
     [
-        ({"schema_version": 1}, "log schema version 1, this motorprior reads 3"),
-        ({"schema_version": None}, "log schema version None"),
+        ({"schema_version": 1}, "schema_version = 1 is not 3"),
         ({"motor": None}, r"missing keys \['motor'\]"),
         ({"colour": "red"}, r"unknown keys \['colour'\]"),
         ({"units": {"time": "ms"}}, "units"),
-        ({"units": {"time": "s"}}, "units .* expected"),
-        ({"units": "SI"}, "units 'SI', expected"),
         ({"sign_convention": "the other one"}, "sign_convention"),
-        ({"channels": ["joint_pos"]}, r"channels lack \['position_target'\]"),
-        ({"channels": ["joint_pos", "position_target", "smell"]}, "channels .* not understood"),
-        ({"joint_names": ["left"]}, "unknown columns"),
-        ({"joint_names": "left"}, "joint_names 'left' is not understood"),
-        ({"robot": 3}, "robot 3 is not text"),
-        ({"encoder": None}, r"missing keys \['encoder'\]"),
+        ({"channels": ["joint_pos"]}, "channels"),
+        ({"joint_names": ["left"]}, "unknown column"),
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
-        ({"firmware": [39]}, r"firmware \[39\] is no table"),
-        ({"firmware": {"speed": 1}}, "firmware 'speed'"),
         ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not 0"),
     ],
 )
@@ -93,8 +84,7 @@ def test_a_header_that_does_not_fit_is_refused(written, header, problem):
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda table: table.drop_columns(["joint_pos_rad/left"]), "missing columns .*joint_pos_rad/left"),
-        (lambda table: table.append_column("extra", table["time_s"]), r"unknown columns \['extra'\]"),
+        (lambda table: table.drop_columns(["joint_pos_rad/left"]), "no column .joint_pos_rad/left"),
         (
             lambda table: table.set_column(0, "time_s", table["time_s"].cast("float32")),
             "column time_s is float",

@@ -1,4 +1,4 @@
-"""How the robot's base was held: one word for all rows, or a column of words; or one error says what is wrong."""
+"""Postures of the base: one for all rows, or a column of words."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,10 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from foreign_files import ROWS as FEW
-from foreign_files import write_csv, write_parquet, write_pt
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from third_party_files import ROWS as FEW
+from third_party_files import write_csv, write_parquet, write_pt
 
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
@@ -62,6 +62,7 @@ def test_a_posture_holds_for_all_rows(tmp_path: Path, write: Callable[[Path], Pa
     assert log.posture is not None and log.posture.tolist() == [POSTURES.index(posture)] * FEW
 
 
+@settings(deadline=None)
 @given(words=st.lists(st.sampled_from(POSTURES), min_size=2, max_size=40), space=st.sampled_from(["", " ", "\t "]))
 def test_words_of_a_column_are_the_postures_of_its_rows(
     tmp_path_factory: pytest.TempPathFactory, words: list[str], space: str
@@ -78,9 +79,7 @@ def test_words_of_a_column_are_the_postures_of_its_rows(
     ("row", "cell", "said"),
     [
         (0, "lying", "row 0, held is 'lying', not a posture"),
-        (2500, "Hung", "row 2500, held is 'Hung', not a posture"),
-        (7, "", "row 7, held is '', not a posture"),
-        (9, "1", "row 9, held is '1', not a posture"),
+        (2500, "Suspended", "row 2500, held is 'Suspended', not a posture"),
     ],
 )
 def test_a_cell_without_a_posture_is_named(tmp_path: Path, name: str, row: int, cell: str, said: str):
@@ -94,7 +93,6 @@ def test_a_cell_without_a_posture_is_named(tmp_path: Path, name: str, row: int, 
 
 @given(lengths=st.lists(st.integers(5, 40), min_size=1, max_size=5), seed=st.integers(0, 99))
 def test_every_row_of_a_grid_has_the_posture_of_the_last_row_before_it(lengths: list[int], seed: int):
-    """Gaps between the stretches, a posture that changes anywhere, and the file besides."""
     rng, count = np.random.default_rng(seed), sum(lengths)
     time = np.cumsum(rng.uniform(0.009, 0.011, count)) + np.repeat(np.arange(len(lengths)), lengths)
     codes = rng.integers(len(POSTURES), size=count)

@@ -37,12 +37,6 @@ def test_a_list_that_is_too_short_is_named_by_its_row(tmp_path: Path, name: str,
         list(table_columns(tmp_path / "x.parquet", [name]))
 
 
-def test_a_cell_without_a_list_is_empty(tmp_path: Path):
-    pq.write_table(pa.table({"x": pa.array([[1.0], None])}), tmp_path / "x.parquet")
-    with pytest.raises(LogError, match=r"row 1, x\[0\] is empty"):
-        list(table_columns(tmp_path / "x.parquet", ["x[0]"], lengths={"x": 1}))
-
-
 @pytest.mark.parametrize(
     ("text", "remedy"),
     [

@@ -1,22 +1,20 @@
-"""`logs import` takes every format by its look, and puts any of them on a grid."""
+"""`logs import` recognises every format and can put it on a grid."""
 
 import io
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 from swinging_bars import INERTIA, swing, write_table
+from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.pipeline.log_import import raw_logs
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
 from motorprior.pipeline.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -43,7 +41,7 @@ def test_any_format_comes_on_a_grid(tmp_path: Path):
     np.testing.assert_allclose(log.joint_pos[:, 0], np.interp(log.time, TIME, ANGLE[:, 0]), atol=1e-12)
 
 
-def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
+def test_given_registers_are_used_and_checked(tmp_path: Path):
     path = write_bam(tmp_path)
     import_logs(LogsImport((path,), tmp_path / "out", profile_acceleration=39.0, dead_zone=0.002))
     told = read_parquet(tmp_path / "out" / "swing.parquet").firmware
@@ -52,34 +50,22 @@ def test_registers_of_the_firmware_may_be_told_and_are_checked(tmp_path: Path):
         import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
 
 
-@pytest.mark.parametrize(("base", "held"), [("free", "suspended"), ("fixed", "fixed")])
-@pytest.mark.parametrize("stated", POSTURES)
 @pytest.mark.parametrize("row", [0, 30, ROWS - 1])
-def test_a_base_that_was_not_held_in_some_row_has_no_loads_of_one_that_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, base: str, held: str, stated: str, row: int
-):
-    monkeypatch.setattr(raw_logs, "load_robot", lambda name: replace(PUPPER_V2, base=base))
-    taken_in: list[MotorLog] = []
-    monkeypatch.setattr(raw_logs, "with_loads_on_grid", lambda log, *_: taken_in.append(log) or log)
-    codes = np.full(ROWS, POSTURES.index(held))
-    codes[row] = POSTURES.index(stated)
+def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Path, row: int):
+    codes = np.full(ROWS, POSTURES.index("suspended"))
+    codes[row] = POSTURES.index("standing")
     angle = np.tile(ANGLE[:, :1], (1, PUPPER_V2.num_joints))
     log = MotorLog(
         time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER_V2.joint_names, robot=PUPPER_V2.name,
         motor=PUPPER_V2.motor, source="a test", posture=codes,
     )  # fmt: skip
     write_log(tmp_path / "log.parquet", log)
-    config = LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True)
-    if stated == held:
-        import_logs(config)
-        assert len(taken_in) == 1
-        return
-    with pytest.raises(ConfigError, match=f"row {row} states the posture {stated}, .* has to be {held}") as error:
-        import_logs(config)
-    assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet" and not taken_in
+    with pytest.raises(ConfigError, match=f"row {row} .*standing") as error:
+        import_logs(LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True))
+    assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet"
 
 
-def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: Path, monkeypatch):
+def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
     """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
     bars = swing(2.0)
     table, columns = write_table(bars, tmp_path)
@@ -103,5 +89,5 @@ def test_a_load_that_nobody_weighed_is_fitted_to_all_tables_and_told(tmp_path: P
     told = json.loads((out / "loads.json").read_text())
     assert told["logs"] == ["swing.parquet", "again.parquet"] and told["joints"]["left"]["inertia_kg_m2"] == INERTIA[0]
     lines = said.getvalue().splitlines()
-    assert any("joint left: inertia 0.005 kg·m², times or over 1.11; weight 0.4 ± 0.01" in line for line in lines)
+    assert any("joint left: inertia 0.005 kg·m² (×/÷ 1.11, 1 σ); weight 0.4 ± 0.01" in line for line in lines)
     assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]

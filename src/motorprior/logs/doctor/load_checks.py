@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.stated import stated_in_words
+from motorprior.logs.settings_text import settings_text
 
 
 def load_given(log: MotorLog) -> list[Finding]:
@@ -22,7 +22,7 @@ def load_given(log: MotorLog) -> list[Finding]:
 
 def stated(log: MotorLog) -> list[Finding]:
     """The gains, registers and postures that the log states: whoever fits motors to it takes them as given."""
-    if told := stated_in_words(log):
+    if told := settings_text(log):
         return [Finding("info", "stated", 1.0, None, f"the log states {told}", row=0)]
     remedy = f"state what you know by options of `motorprior logs import`, for every kind of file, or {IN_MAP}"
     return [Finding("info", "stated", 0.0, None, "the log states no gain, register or posture", remedy, row=0)]

@@ -10,7 +10,7 @@ from motorprior.logs.doctor.command_lag import MAX_LAG
 from motorprior.logs.doctor.findings import Finding
 from motorprior.logs.doctor.joint_checks import excited_joints
 from motorprior.logs.doctor.sensor_checks import encoder_step
-from motorprior.logs.held_runs import Runs, runs_of, unchanged_runs
+from motorprior.logs.mask_runs import Runs, runs_of, unchanged_runs
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 from motorprior.signals import rms
 

@@ -1,7 +1,4 @@
-"""Messages of a ROS 2 bag in MCAP: a .mcap file, or the folder of METADATA and such a file of ``ros2 bag record``.
-
-Needs the extra ``ros``.
-"""
+"""Messages of a ROS 2 bag in MCAP: a .mcap file, or a folder of ``ros2 bag record``. Needs the extra ``ros``."""
 
 from __future__ import annotations
 
@@ -10,23 +7,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, listed
 
-METADATA = "metadata.yaml"
 NANOSECOND = 1e-9
 _RECOVER = "repair it with `mcap recover`, or copy it again from its source"
-_SHOWN = 8
-"""Topics that an error names."""
 
 
 def is_bag(path: Path) -> bool:
-    """Whether it is a bag, whatever its messages: a .mcap file, or a folder as ``ros2 bag record`` writes it.
+    """Whether a path is a .mcap file, or the folder of a bag with a single file.
 
-    Not that of a bag of several .mcap files, each of which is a recording: it is a folder of logs.
+    The folder of a bag with several .mcap files is a folder of logs.
     """
     if not path.is_dir():
         return path.suffix == ".mcap" and path.is_file()
-    found = _files(path) if (path / METADATA).is_file() else []
+    found = _files(path) if (path / "metadata.yaml").is_file() else []
     return len(found) == 1 or any(file.suffix != ".mcap" for file in found)
 
 
@@ -51,56 +45,42 @@ class Bag:
         self.types = {channel.topic: kinds.get(channel.schema_id, "no type") for channel in summary.channels.values()}
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time of recording [ns] and content of every message of these topics, in order of time."""
+        """Topic, recording time [ns] and content of every message of these topics, in order of time."""
         for found in self._reader.iter_decoded_messages(topics=list(topics), log_time_order=True):
             yield found.channel.topic, found.message.log_time, found.decoded_message
 
-    def topics_but(self, kind: str = "") -> str:
-        """Its topics of other types than this one, for an error; empty if it has none."""
-        found = [f"{topic} ({other})" for topic, other in sorted(self.types.items()) if other != kind]
-        return ", ".join(found[:_SHOWN]) + (", …" if len(found) > _SHOWN else "")
+    def topics_text(self) -> str:
+        """Its topics with their types, for an error."""
+        return listed([f"{topic} ({kind})" for topic, kind in sorted(self.types.items())], 8) or "none"
 
 
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Bag]:
-    """The bag of a .mcap file, or of the folder that holds one beside METADATA.
+    """Open a .mcap file, or the one in the folder of a bag.
 
     Raises:
-        LogError: the extra `ros` is not installed; a folder of a bag in another storage; a damaged file, also one that
-            turns out to be damaged while it is read.
+        LogError: the extra `ros` is not installed, another storage than MCAP, or a damaged file, at opening or reading.
     """
-    path = _only_file(path)
+    if path.is_dir():
+        found = sorted(_files(path), key=lambda file: file.suffix == ".mcap")
+        path = found[0]
+        if path.suffix != ".mcap":
+            remedy = "convert it to MCAP with `ros2 bag convert` (storage_id: mcap)"
+            raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path.parent, remedy=remedy)
     try:
         import mcap.reader  # noqa: F401  # pyright: ignore[reportMissingImports]
         import mcap_ros2.decoder  # noqa: F401  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise LogError(
-            "ROS 2 bags need the libraries mcap and mcap-ros2-support", where=path,
-            remedy='pip install "motorprior[ros]"',
-        ) from error  # fmt: skip
+        problem = "ROS 2 bags need the libraries mcap and mcap-ros2-support"
+        raise LogError(problem, where=path, remedy='pip install "motorprior[ros]"') from error
     try:
         with open(path, "rb") as file:
             yield Bag(file, path)
     except LogError:
         raise
-    except Exception as error:  # a decoder of damaged bytes may end in anything
+    except Exception as error:  # decoders of damaged bytes raise many types
         raise LogError(f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER) from error
 
 
 def _files(folder: Path) -> list[Path]:
     return sorted(entry for entry in folder.iterdir() if entry.suffix in (".mcap", ".db3"))
-
-
-def _only_file(path: Path) -> Path:
-    """The .mcap file of a bag's folder, or the path itself if it is none.
-
-    Raises:
-        LogError: a bag of another storage.
-    """
-    if not path.is_dir():
-        return path
-    found = _files(path)
-    if other := [file.name for file in found if file.suffix != ".mcap"]:
-        remedy = "turn it into MCAP with `ros2 bag convert` (storage_id: mcap)"
-        raise LogError(f"a bag that is not stored as MCAP: {other[0]}", where=path, remedy=remedy)
-    return found[0]

@@ -1,7 +1,7 @@
-"""Tables of text, plain or gzip, read by pyarrow: the one way to read a CSV file.
+"""Read CSV files, plain or gzip, with pyarrow.
 
-Cells are separated by commas, semicolons or tabs, as in the first line. Numbers have a decimal point or, between
-semicolons or tabs, a decimal comma in the whole file.
+The separator is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons or tabs,
+all may have a decimal comma.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError
 from motorprior.files import read_bytes, require_file
+from motorprior.logs.log_errors import bad_value
 
 COPY_AGAIN = "copy or record it again"
-SAVE_AS = "save it as UTF-8, cells between commas, semicolons or tabs, numbers like -1.5e-3"
+SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
 _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
 
 
 @dataclass(frozen=True)
 class CsvHead:
-    """Names of the columns, and the separator of cells."""
+    """Column names and separator."""
 
     names: tuple[str, ...]
     delimiter: str
 
 
 def csv_head(path: Path) -> CsvHead:
-    """Names in the first line.
+    """Parse the first line.
 
     Raises:
         LogError: missing, damaged, empty or not UTF-8.
@@ -49,23 +50,21 @@ def csv_head(path: Path) -> CsvHead:
 
 
 def csv_table(path: Path, wanted: Sequence[str], texts: Collection[str] = (), may_be_cut: bool = False) -> Any:
-    """Arrow table of some columns, float64 or, of ``texts``, strings.
+    """Arrow table of some columns: float64, or strings for ``texts``.
 
     Args:
         path: ``.csv``, or gzip if the name ends in ``.gz``.
-        wanted: names of columns.
-        texts: those that are not numbers.
+        wanted: column names.
+        texts: columns of strings.
         may_be_cut: the writer may have been killed; drop a last line without line end.
 
     Raises:
-        LogError: as `csv_head`; a row with too few or too many cells, or a cell that is not a number (row from 0,
-            column, value).
+        LogError: as `csv_head`; a row with a wrong number of cells, or a cell that is not a number.
     """
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
-    data = read_bytes(path, error=LogError)
-    first, _, body = data.partition(b"\n")
+    first, _, body = read_bytes(path, error=LogError).partition(b"\n")
     head = _head(first, path)
     if may_be_cut:
         body = body[: body.rfind(b"\n") + 1]
@@ -93,7 +92,7 @@ def csv_table(path: Path, wanted: Sequence[str], texts: Collection[str] = (), ma
 
 
 def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = False) -> np.ndarray:
-    """A CSV file with exactly these columns, (rows, columns) float64; NaN and infinity pass.
+    """Read a CSV file with exactly these columns as (rows, columns) float64; NaN and infinity are allowed.
 
     Raises:
         LogError: as `csv_table`; other columns, or no rows.
@@ -106,7 +105,7 @@ def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = Fal
         raise LogError(problem, where=path, remedy="restore the header line")
     table = csv_table(path, names, may_be_cut=may_be_cut)
     if not table.num_rows:
-        raise LogError("no rows after the header", where=path, remedy=COPY_AGAIN)
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     return np.column_stack([column.to_numpy() for column in table.columns])
 
 
@@ -116,25 +115,20 @@ def _head(line: bytes, path: Path) -> CsvHead:
     except UnicodeDecodeError as error:
         raise LogError(f"not UTF-8 ({error})", where=path, remedy=SAVE_AS) from error
     if not text or "\0" in text or "\r" in text:
-        problem = "its first line is empty, binary or ends with CR alone"
-        raise LogError(problem, where=path, remedy=SAVE_AS)
+        raise LogError("its first line is empty, binary or ends with CR alone", where=path, remedy=SAVE_AS)
     delimiter = max(",;\t", key=re.sub(r'"[^"]*"', "", text).count)
     names = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
     return CsvHead(tuple(name.strip() for name in names), delimiter)
 
 
 def _raise_bad_row(body: bytes, head: CsvHead, numbers: Sequence[str], path: Path) -> None:
-    """Raise the error of the first row with another number of cells, or with a cell that is not a number."""
-    columns = [(head.names.index(name), name) for name in numbers]
+    """Raise the error of the first row with a wrong number of cells, or with a cell that is not a number."""
     rows = csv.reader(io.StringIO(body.decode("utf-8", errors="replace")), delimiter=head.delimiter)
     for row, cells in enumerate(cells for cells in rows if cells):
-        problem = ""
         if len(cells) != len(head.names):
-            problem = f" has {len(cells)} cells, expected {len(head.names)}"
-        for index, name in columns if not problem else ():
-            cell = cells[index].strip()
+            problem = f"row {row} has {len(cells)} cells, expected {len(head.names)}"
+            raise LogError(problem, where=path, remedy="correct the row; " + SAVE_AS)
+        for name in numbers:
+            cell = cells[head.names.index(name)].strip()
             if not _NUMBER.fullmatch(cell if head.delimiter == "," else cell.replace(",", ".")):
-                problem = f", {name} is {shown(cell)}, not a number"
-                break
-        if problem:
-            raise LogError(f"row {row}{problem}", where=path, remedy="correct the row; " + SAVE_AS)
+                raise bad_value(row, name, cell, "a number", path, "correct the row; " + SAVE_AS)

@@ -1,4 +1,4 @@
-"""What a reader of log files says about itself."""
+"""The interface of a log reader."""
 
 from __future__ import annotations
 
@@ -11,32 +11,30 @@ from motorprior.files import require_file
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-FOLDER = "/"
-"""The ending of a folder's name."""
-SAY_COLUMNS = "with columns, a map.toml that says what its names mean (docs/your-motors.md)"
-"""What to do about a table of no known format."""
+FOLDER = "/"  # the ending of a folder's name
+GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
 
 
 @dataclass(frozen=True)
 class LogReader:
-    """A file format that becomes a `MotorLog`; its own file makes one.
+    """A log format.
 
     Attributes:
         name: of the format, for messages.
-        endings: of the names of its files, each with its dot, or FOLDER.
-        recognises: (path) whether a file with such an ending is one; a LogError if it cannot be read.
-        read: (path, robot) its log; a LogError if it is damaged. The robot is None where none was given.
-        taken_for_granted: a sentence for the user about what such files do not say; empty if there is nothing.
+        endings: of its file names, each with its dot, or FOLDER.
+        recognises: (path) whether a file with such an ending has this format; LogError if it cannot be read.
+        read: (path, robot or None) the log; LogError if it is damaged.
+        assumption: a sentence for the user about facts that the format does not contain; empty if none.
     """
 
     name: str
     endings: tuple[str, ...]
     recognises: Callable[[Path], bool]
     read: Callable[[Path, Robot | None], MotorLog]
-    taken_for_granted: str = ""
+    assumption: str = ""
 
     def takes(self, path: Path) -> bool:
-        """Whether a path is in this format.
+        """Whether a path has this format.
 
         Raises:
             LogError: it cannot be read.
@@ -50,11 +48,11 @@ class LogReader:
 
 
 def require_given(robot: Robot | None, path: Path) -> Robot:
-    """The robot, which a file that does not name its joints is nothing without.
+    """The robot of a format that does not name its joints.
 
     Raises:
         ConfigError: none was given.
     """
     if robot is None:
-        raise ConfigError("it does not say of which robot it is", where=path, remedy="give robot", argument="robot")
+        raise ConfigError("the log does not name its robot", where=path, remedy="give robot", argument="robot")
     return robot

@@ -1,7 +1,7 @@
-"""Logs of a legged robot in the format of jietan/puppersim (Apache-2.0) become `MotorLog`s.
+"""Logs of a legged robot in the format of jietan/puppersim (Apache-2.0).
 
-Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``, ``IMU``,
-``MotorAngle``, ``action``) and CSV, plain or gzip (``.csv``, ``.csv.gz``). Angles are in rad, time in s.
+Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``, ``IMU``, ``MotorAngle``,
+``action``) and CSV, plain or gzip. Angles are in rad, time in s.
 """
 
 from __future__ import annotations
@@ -12,97 +12,69 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, listed
 from motorprior.files import load_pickle, numpy_names, read_bytes
 from motorprior.logs.doctor.checks import require_plausible_angles
 from motorprior.logs.formats.csv_table import csv_head, read_number_table
-from motorprior.logs.formats.log_reader import SAY_COLUMNS, LogReader, require_given
+from motorprior.logs.formats.log_reader import GIVE_COLUMNS, LogReader, require_given
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
 CSV_SUFFIXES = (".csv.gz", ".csv")
-PICKLE_SUFFIXES = (".txt",)
-
+PICKLE_SUFFIX = ".txt"
+MAX_PICKLE = 100_000_000
 _IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
 _COLUMN = re.compile(rf"t_s|q(_des)?_\d+|{'|'.join(_IMU)}", re.ASCII)
 _NUMBER = re.compile(r"[-+.,\d]*(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
-MAX_PICKLE = 100_000_000
-_NAMED = 8
-"""Columns of an unknown table that are named."""
 
 
 def csv_columns(num_joints: int) -> tuple[str, ...]:
-    """Names of the columns: time, targets, angles, IMU."""
+    """Column names: time, targets, angles, IMU."""
     targets, angles = (tuple(f"{name}_{joint}" for joint in range(num_joints)) for name in ("q_des", "q"))
     return ("t_s", *targets, *angles, *_IMU)
 
 
-def _pickle_widths(num_joints: int) -> dict[str, int]:
-    """Lists in an original pickle, in the order of the columns, and the numbers in each of their rows."""
-    return {"t": 1, "action": num_joints, "MotorAngle": num_joints, "IMU": len(_IMU)}
-
-
 def read_puppersim_log(path: str | Path, robot: Robot) -> MotorLog:
-    """Read one recording of ``robot``, ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
+    """Read one recording of ``robot``: ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
 
-    The first two IMU columns are taken as roll and pitch; their order is an assumption about the source.
-    The rates of the IMU are dropped. There is no velocity and no torque in these logs.
+    The first two IMU columns are assumed to be roll and pitch. The logs hold no velocity and no torque.
 
     Raises:
-        LogError: wrong name or columns, truncated, not numbers, not finite, or time that does not increase;
-            names file, row, column and value.
+        LogError: wrong columns, truncated, not numbers, not finite, or time that does not increase; names file, row,
+            column and value.
     """
     path, joints = Path(path), robot.num_joints
-    if path.name.endswith(CSV_SUFFIXES):
-        table = read_number_table(path, csv_columns(joints))
-    elif path.name.endswith(PICKLE_SUFFIXES):
-        table = _pickle_table(path, _pickle_widths(joints))
+    if path.name.endswith(PICKLE_SUFFIX):
+        table = _pickle_table(path, {"t": 1, "action": joints, "MotorAngle": joints, "IMU": len(_IMU)})
     else:
-        raise LogError(
-            f"unknown kind of file, expected one of {(*CSV_SUFFIXES, *PICKLE_SUFFIXES)}",
-            where=path,
-            remedy=GET_LOGS,
-        )
+        table = read_number_table(path, csv_columns(joints))
     time, position_target, joint_pos, imu = np.split(table, [1, 1 + joints, 1 + 2 * joints], axis=1)
     log = MotorLog(
-        time=time[:, 0],
-        position_target=position_target,
-        joint_pos=joint_pos,
-        base_orientation=imu[:, :2],
-        joint_names=robot.joint_names,
-        robot=robot.name,
-        motor=robot.motor,
-        source=str(path),
-        encoder=robot.encoder,
-    )
+        time=time[:, 0], position_target=position_target, joint_pos=joint_pos, base_orientation=imu[:, :2],
+        joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=str(path), encoder=robot.encoder,
+    )  # fmt: skip
     return checked(log, where=path)
 
 
 def read_puppersim_logs(directory: str | Path, robot: Robot) -> dict[str, MotorLog]:
-    """Read every recording of ``robot`` in a folder, by short name: ``0116``, ``bf``, ``lr``, ``1_joint``.
-
-    Replays in simulation (``*_sim_*``) and other files are left out.
+    """Read every recording of a real robot in a folder, by short name: ``0116``, ``bf``, ``lr``, ``1_joint``.
 
     Raises:
-        LogError: no such folder, no log in it, two files of one name, or a log that cannot be read or whose
-            angles no joint can have.
+        LogError: no such folder, no log in it, two files of one name, or a log that cannot be read or whose angles are
+            implausible.
     """
     directory = Path(directory)
     if not directory.is_dir():
         raise LogError("no such folder", where=directory, remedy=GET_LOGS)
     paths: dict[str, Path] = {}
     for path in sorted(directory.iterdir()):
-        name = short_name(path)
-        if name is None:
+        if (name := short_name(path)) is None:
             continue
         if name in paths:
-            raise LogError(
-                f"{paths[name].name} and {path.name} are both log {name!r}",
-                where=directory,
-                remedy="keep one",
-            )
+            problem = f"{paths[name].name} and {path.name} are both log {name!r}"
+            raise LogError(problem, where=directory, remedy="keep one")
         paths[name] = path
     if not paths:
         raise LogError("no log of a real robot (env_*real_*) in this folder", where=directory, remedy=GET_LOGS)
@@ -113,29 +85,28 @@ def read_puppersim_logs(directory: str | Path, robot: Robot) -> dict[str, MotorL
 
 
 def short_name(path: Path) -> str | None:
-    """``env_log_real_0116.csv.gz`` -> ``0116``; None where the file is no log of the real robot."""
-    suffixes = [end for end in (*CSV_SUFFIXES, *PICKLE_SUFFIXES) if path.name.endswith(end)]
-    if not suffixes or not path.is_file():
+    """``env_log_real_0116.csv.gz`` -> ``0116``; None if the file is not a log of the real robot."""
+    suffix = next((end for end in (*CSV_SUFFIXES, PICKLE_SUFFIX) if path.name.endswith(end)), None)
+    if suffix is None or not path.is_file():
         return None
-    words = path.name.removesuffix(suffixes[0]).split("_")
+    words = path.name.removesuffix(suffix).split("_")
     if words[0] != "env" or "real" not in words:
         return None
     return "_".join(word for word in words[1:] if word not in ("log", "real")) or None
 
 
 def _pickle_table(path: Path, widths: dict[str, int]) -> np.ndarray:
-    """The columns of the CSV, shape (T, 1 + 2·J + 4), from an original pickle."""
+    """The columns of the CSV, (T, 1 + 2·J + 4), from an original pickle with lists of these widths."""
     try:
         content = load_pickle(read_bytes(path, MAX_PICKLE, LogError), numpy_names())
     except LogError as error:
         raise LogError(error.problem, where=path, remedy=error.remedy) from error
     if not isinstance(content, dict) or not widths.keys() <= content.keys():
         raise LogError(f"expected a dict of {list(widths)}", where=path, remedy=GET_LOGS)
-    columns = {key: _column_block(content[key], key, width, path) for key, width in widths.items()}
-    lengths = {key: len(block) for key, block in columns.items()}
-    if len(set(lengths.values())) != 1:
-        raise LogError(f"lists of unequal length {lengths}", where=path, remedy=GET_LOGS)
-    return np.concatenate(list(columns.values()), axis=1)
+    columns = [_column_block(content[key], key, width, path) for key, width in widths.items()]
+    if len({len(block) for block in columns}) != 1:
+        raise LogError(f"lists of unequal length {[len(block) for block in columns]}", where=path, remedy=GET_LOGS)
+    return np.concatenate(columns, axis=1)
 
 
 def _column_block(rows: Any, key: str, width: int, path: Path) -> np.ndarray:
@@ -145,38 +116,24 @@ def _column_block(rows: Any, key: str, width: int, path: Path) -> np.ndarray:
     block = np.empty((len(rows), width))
     for index, row in enumerate(rows):
         try:
-            cells = np.ravel(row)
-            if cells.dtype.kind not in "fiu" or len(cells) != width:
-                raise ValueError
-            block[index] = cells
-        except ValueError:
-            problem = f"row {index}, {key} is {str(row)[:80]}, expected {width} numbers"
+            block[index] = np.ravel(row).reshape(width)
+        except (TypeError, ValueError):
+            problem = f"row {index}, {key} is {str(row)[:80]}, not {width} numbers"
             raise LogError(problem, where=path, remedy=GET_LOGS) from None
     return block
 
 
-def _require_known_columns(path: Path) -> None:
-    """Refuse a table of somebody's own, before it is taken for a damaged log of this format.
-
-    Raises:
-        LogError: fewer than half of its columns have names of this format, or it cannot be read.
-    """
-    names = csv_head(path).names
-    if 2 * sum(_COLUMN.fullmatch(name) is not None for name in names) >= len(names):
-        return
-    found = ", ".join(map(ascii, names[:_NAMED])) + (", …" if len(names) > _NAMED else "")
-    if all(_NUMBER.fullmatch(name) for name in names):
-        raise LogError(f"no header: its first line is {found[:200]}", where=path, remedy="begin it with names")
-    raise LogError(
-        f"a table of no known format; its first line is {found[:200]}", where=path, remedy=f"read it {SAY_COLUMNS}",
-        argument="columns",
-    )  # fmt: skip
-
-
 def _read(path: Path, robot: Robot | None) -> MotorLog:
     if path.name.endswith(CSV_SUFFIXES):
-        _require_known_columns(path)
+        names = csv_head(path).names
+        # a third-party table is not a damaged log of this format
+        if 2 * sum(_COLUMN.fullmatch(name) is not None for name in names) < len(names):
+            found = listed(list(map(ascii, names)), 8)[:200]
+            if all(_NUMBER.fullmatch(name) for name in names):
+                raise LogError(f"no header: its first line is {found}", where=path, remedy="begin it with names")
+            problem = f"a table of unknown format; its first line is {found}"
+            raise LogError(problem, where=path, remedy=f"read it {GIVE_COLUMNS}", argument="columns")
     return read_puppersim_log(path, require_given(robot, path))
 
 
-PUPPERSIM = LogReader("log of jietan/puppersim", (*CSV_SUFFIXES, *PICKLE_SUFFIXES), lambda path: True, _read)
+PUPPERSIM = LogReader("log of jietan/puppersim", (*CSV_SUFFIXES, PICKLE_SUFFIX), lambda path: True, _read)

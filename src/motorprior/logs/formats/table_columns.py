@@ -1,14 +1,14 @@
-"""Columns of tables, CSV (plain or gzip) or Parquet: only the requested ones, as numbers.
+"""Read named columns of CSV (plain or gzip) and Parquet tables as numbers.
 
-``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the first row, names of postures become
-indices in `motor_log.POSTURES`.
+``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the first row; names of postures become
+indices of `motor_log.POSTURES`.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +17,18 @@ import numpy as np
 from motorprior.exceptions import LogError, shown
 from motorprior.files import MAX_FILE, require_file
 from motorprior.logs.formats.csv_table import COPY_AGAIN, csv_head, csv_table
+from motorprior.logs.log_errors import CORRECT, bad_value, missing_column
 from motorprior.logs.motor_log import POSTURES
 
-CORRECT = "correct the column map, or the file"
 POSTURE_NAMES = f"{', '.join(POSTURES[:-1])} or {POSTURES[-1]}"
-CORRECT_POSTURE = f"use {POSTURE_NAMES} in each row, or state one of them for all rows as posture in the column map"
+_CORRECT_POSTURE = f"use {POSTURE_NAMES} in each row, or give one of them for all rows as posture in the column map"
 _CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
-_BEGINS_LIKE_A_STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]|$)", re.ASCII)
+_STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]|$)", re.ASCII)
 
 
 def table_columns(
-    path: Path,
-    names: list[str],
-    time: str | None = None,
-    lengths: Mapping[str, int] | None = None,
-    posture: str | None = None,
+    path: Path, names: list[str], time: str | None = None, posture: str | None = None
 ) -> dict[str, np.ndarray]:
     """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps, int64 for postures.
 
@@ -40,12 +36,11 @@ def table_columns(
         path: the table.
         names: of columns, or of elements of list columns.
         time: the column that may hold time stamps.
-        lengths: list column -> length of each of its lists.
         posture: the column that holds names of `motor_log.POSTURES`.
 
     Raises:
-        LogError: missing or damaged file, missing column, or a cell that is empty or of another kind; names file, row
-            and column.
+        LogError: missing or damaged file, missing column, or a cell that is empty or not a number; names file, row and
+            column.
     """
     import pyarrow as pa
 
@@ -54,65 +49,54 @@ def table_columns(
         table = _table(path, names, time, posture).combine_chunks()
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         raise unreadable(path, error) from error
-
-    def column(name: str) -> Any:
-        found = table.column(name)
-        found = found.chunk(0) if found.num_chunks else pa.array([], found.type)
-        return found.dictionary_decode() if pa.types.is_dictionary(found.type) else found
-
-    for name, length in (lengths or {}).items():
-        _require_length(column(name), name, length, path)
     found: dict[str, np.ndarray] = {}
     for name in names:
-        owner = name if name in table.column_names else _owner(name, ())
+        owner, index = (name, None) if name in table.column_names else element_of(name)
+        column = table.column(owner)
+        column = column.chunk(0) if column.num_chunks else pa.array([], column.type)
+        column = column.dictionary_decode() if pa.types.is_dictionary(column.type) else column
         if name == posture:
-            found[name] = _posture_codes(column(owner), name, path)
-        elif name == time and _may_be_stamps(column(owner).type):
-            found[name] = _since_first(column(owner), name, path)
+            found[name] = _posture_codes(column, name, path)
+        elif name == time and _may_be_stamps(column.type):
+            found[name] = _since_first(column, name, path)
         else:
-            found[name] = _numbers(column(owner), name, owner, path)
+            found[name] = _numbers(column if index is None else _elements(column, name, index, path), name, path)
     return found
 
 
 def unreadable(path: Path, error: Exception) -> LogError:
-    """The error of a library as one line."""
-    said = (str(error) or type(error).__name__).splitlines()[0][:300]
-    return LogError(f"cannot be read ({said})", where=path, remedy=COPY_AGAIN)
+    """A library's error in one line."""
+    reason = (str(error) or type(error).__name__).splitlines()[0][:300]
+    return LogError(f"cannot be read ({reason})", where=path, remedy=COPY_AGAIN)
 
 
-def element_of(name: str) -> tuple[str, int] | None:
-    """``x[2]`` -> ("x", 2); None for a plain name."""
+def element_of(name: str) -> tuple[str, int | None]:
+    """``x[2]`` -> ("x", 2), ``x`` -> ("x", None)."""
     found = _ELEMENT.fullmatch(name)
-    return (found[1], int(found[2])) if found else None
+    return (found[1], int(found[2])) if found else (name, None)
 
 
 def present(have: list[str], names: list[str], path: Path, posture: str | None = None) -> list[str]:
-    """Columns of the file that hold these names, each once."""
+    """The columns of the file that hold these names, each once.
+
+    Raises:
+        LogError: a column is missing, or occurs twice.
+    """
     counted = Counter(have)
-    found = dict.fromkeys(name if name == posture else _owner(name, counted) for name in names)
+    found = dict.fromkeys(name if name in counted or name == posture else element_of(name)[0] for name in names)
     for name in found:
-        if counted[name] != 1:
-            problem = "more than one column" if counted[name] else "no column"
-            problem = f"posture is not {POSTURE_NAMES}, and {problem}" if name == posture else problem
-            columns = ", ".join(map(ascii, have[:8])) + (", …" if len(have) > 8 else "")
-            remedy = CORRECT_POSTURE if name == posture else _header_remedy(have) or CORRECT
-            raise LogError(f"{problem} {name[:80]!r}; it has {columns[:300]}", where=path, remedy=remedy)
+        if counted[name] > 1:
+            raise LogError(f"more than one column {shown(name, 80)}", where=path, remedy=CORRECT)
+        if not counted[name]:
+            remedy = CORRECT
+            if name == posture:
+                remedy = f"give posture in the column map as {POSTURE_NAMES}, or as the name of a column"
+            elif have and have[0].startswith(("#", "%")):
+                remedy = "its first line is a comment: remove comment lines, and the sign before the names"
+            elif len(have) == 1 and len(have[0].split()) > 1:
+                remedy = "its columns are separated by blanks: separate them by commas, semicolons or tabs"
+            raise missing_column("column", name, have, path, remedy)
     return list(found)
-
-
-def _header_remedy(names: list[str]) -> str:
-    """Remedy for a first line that names no columns; empty otherwise."""
-    if names and names[0].startswith(("#", "%")):
-        return "its first line is a comment: remove comment lines, and the sign before the names"
-    if len(names) == 1 and len(names[0].split()) > 1:
-        return "its columns are separated by blanks: separate them by commas, semicolons or tabs"
-    return ""
-
-
-def _owner(name: str, have: Any) -> str:
-    """The column with this name, or the list column of which it is an element."""
-    element = element_of(name)
-    return element[0] if element and name not in have else name
 
 
 def _table(path: Path, names: list[str], time: str | None, posture: str | None) -> Any:
@@ -122,11 +106,11 @@ def _table(path: Path, names: list[str], time: str | None, posture: str | None) 
     texts = [posture] if posture else []
     if time in wanted:
         cells = csv_table(path, [time], texts=[time]).column(time)
-        texts += [time] if len(cells) and _BEGINS_LIKE_A_STAMP.match(cells[0].as_py().strip()) else []
+        texts += [time] if len(cells) and _STAMP.match(cells[0].as_py().strip()) else []
     return csv_table(path, wanted, texts=texts)
 
 
-def parquet_table(path: Path, wanted: Any) -> Any:
+def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:
     """Arrow table of the columns ``wanted(names of all columns)`` of a Parquet file.
 
     Raises:
@@ -146,15 +130,23 @@ def parquet_table(path: Path, wanted: Any) -> Any:
         raise LogError(f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN) from error
 
 
-def _numbers(column: Any, name: str, owner: str, path: Path) -> np.ndarray:
-    import pyarrow as pa
+def _elements(column: Any, name: str, index: int, path: Path) -> Any:
+    """Element ``index`` of each list; empty cells stay empty."""
     import pyarrow.compute as pc
 
     cells: Any = pc
-    if owner != name:
-        index = int(name[name.rindex("[") + 1 : -1])
-        _require_length(column, name, index + 1, path, at_least=True)
-        column = cells.list_element(column, index)
+    if "list" not in str(column.type):
+        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
+    lengths = np.asarray(cells.fill_null(cells.list_value_length(column), index + 1))
+    if (short := np.flatnonzero(lengths <= index)).size:
+        problem = f"row {short[0]}, {name}: its list has {lengths[short[0]]} numbers"
+        raise LogError(problem, where=path, remedy=CORRECT)
+    return cells.list_element(column, index)
+
+
+def _numbers(column: Any, name: str, path: Path) -> np.ndarray:
+    import pyarrow as pa
+
     _require_no_empty(column, name, path)
     if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
         raise LogError(f"{name} is {column.type}, not numbers", where=path, remedy=CORRECT)
@@ -167,32 +159,19 @@ def _require_no_empty(column: Any, name: str, path: Path, remedy: str = CORRECT)
         raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=remedy)
 
 
-def _require_length(column: Any, name: str, length: int, path: Path, at_least: bool = False) -> None:
-    import pyarrow.compute as pc
-
-    cells: Any = pc
-    if "list" not in str(column.type):
-        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
-    lengths = np.asarray(cells.fill_null(cells.list_value_length(column), length))  # empty cells are an error later
-    if bad := np.flatnonzero(lengths < length if at_least else lengths != length).tolist():
-        problem = f"row {bad[0]}, {name}: its list has {lengths[bad[0]]} numbers, expected {length}"
-        raise LogError(problem, where=path, remedy=CORRECT)
-
-
 def _posture_codes(column: Any, name: str, path: Path) -> np.ndarray:
-    """(rows,) indices in `motor_log.POSTURES`."""
+    """(rows,) indices of `motor_log.POSTURES`."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     cells: Any = pc
     if not pa.types.is_string(column.type) and not pa.types.is_large_string(column.type):
-        raise LogError(f"{name} is {column.type}, not names of postures", where=path, remedy=CORRECT_POSTURE)
-    _require_no_empty(column, name, path, CORRECT_POSTURE)
+        raise LogError(f"{name} is {column.type}, not names of postures", where=path, remedy=_CORRECT_POSTURE)
+    _require_no_empty(column, name, path, _CORRECT_POSTURE)
     words = cells.utf8_trim_whitespace(column)
     codes = cells.index_in(words, value_set=pa.array(POSTURES, words.type))
     if unknown := np.flatnonzero(~np.asarray(codes.is_valid())).tolist():
-        problem = f"row {unknown[0]}, {name[:80]} is {shown(column[unknown[0]].as_py())}, not a posture"
-        raise LogError(problem, where=path, remedy=CORRECT_POSTURE)
+        raise bad_value(unknown[0], name, column[unknown[0]].as_py(), "a posture", path, _CORRECT_POSTURE)
     return np.asarray(codes.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
@@ -217,16 +196,14 @@ def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
         stamps = _parsed(column, with_zone)
         if stamps is None:
             row = next(row for row in range(len(column)) if _parsed(column[row : row + 1], with_zone) is None)
-            problem = f"row {row}, {name} is {shown(column[row].as_py())}"
-            if _parsed(column[row : row + 1], not with_zone) is not None:
-                problem += f", {'without' if with_zone else 'with'} a time zone, unlike the first row"
-            raise LogError(problem, where=path, remedy=_CORRECT_TIME)
+            expected = f"a time stamp {'with' if with_zone else 'without'} a time zone"
+            raise bad_value(row, name, column[row].as_py(), expected, path, _CORRECT_TIME)
     counts = np.asarray(stamps.cast(pa.int64()).to_numpy(zero_copy_only=False))
     return (counts - counts[:1]).astype("timedelta64[ns]")
 
 
 def _parsed(texts: Any, with_zone: bool) -> Any:
-    """Texts as time stamps; None if one is not, or has another kind of time zone."""
+    """Texts as time stamps; None if one is not, or differs in having a time zone."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

@@ -1,6 +1,6 @@
-"""Files of tensors (``.pt`` of torch.save), read without PyTorch.
+"""Read files of tensors (``.pt`` of torch.save) without PyTorch.
 
-Such a file is a zip of a pickle, which holds names, types and shapes, and of raw numbers.
+Such a file is a zip of a pickle, with names, types and shapes, and of raw numbers.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import numpy as np
 from motorprior.exceptions import LogError, shown
 from motorprior.files import load_pickle, numpy_names, require_file
 from motorprior.logs.formats.csv_table import COPY_AGAIN
-from motorprior.logs.formats.table_columns import CORRECT, element_of, unreadable
+from motorprior.logs.formats.table_columns import element_of, unreadable
+from motorprior.logs.log_errors import CORRECT, missing_column
 
 MAX_BYTES = 500_000_000
 _TYPES = {
@@ -30,7 +31,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Tensor:
-    """Where the numbers of a tensor are: the file ``data/KEY`` of so many numbers, first index, sizes, strides."""
+    """A view of the ``count`` numbers in the file ``data/KEY``; offset and strides count numbers."""
 
     code: str
     key: str
@@ -41,32 +42,21 @@ class Tensor:
 
 
 def tensor_columns(path: Path, names: list[str]) -> dict[str, np.ndarray]:
-    """Columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` column 2 of a tensor (T, J).
+    """Read columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` is column 2 of a tensor (T, J).
 
     Raises:
-        LogError: not a complete file of tensors, a pickle that asks for anything else, a missing key, or tensors of
-            other shapes; names the key.
+        LogError: not a complete file of tensors, a pickle with disallowed content, a missing key or a wrong shape.
     """
-    owners = {name: element_of(name) or (name, None) for name in names}
-    tensors = read_tensors(path, {owner for owner, _ in owners.values()})
+    owners = {name: element_of(name) for name in names}
+    with _opened(path) as (archive, folder, content):
+        if missing := sorted({owner for owner, _ in owners.values()} - content.keys()):
+            raise missing_column("tensor", missing[0], content, path)
+        tensors = {key: _array(archive, folder, key, content[key], path) for key, _ in owners.values()}
     return {name: _column(tensors[owner], owner, index, path) for name, (owner, index) in owners.items()}
 
 
-def read_tensors(path: Path, keys: set[str]) -> dict[str, np.ndarray]:
-    """Some tensors (or numpy arrays) of a file by key, float64.
-
-    Raises:
-        LogError: as `tensor_columns`.
-    """
-    with _opened(path) as (archive, folder, content):
-        if missing := sorted(keys - content.keys()):
-            known = ", ".join(map(shown, list(content)[:8]))
-            raise LogError(f"no tensor {missing[0]!r}; it has {known}", where=path, remedy=CORRECT)
-        return {key: _array(archive, folder, key, content[key], path) for key in sorted(keys)}
-
-
 def describe_tensors(path: Path) -> str:
-    """Keys of a file of tensors, with the shapes of those that are tensors.
+    """Keys of a file of tensors, with shapes.
 
     Raises:
         LogError: as `tensor_columns`.
@@ -85,15 +75,16 @@ def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, str, dict[Any, Any]]]
     try:
         with zipfile.ZipFile(path) as archive:
             found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
-            if len(found) != 1:
-                raise LogError("not a file of tensors of torch.save", where=path, remedy="save a dict of tensors")
-            content = load_pickle(_stored(archive, found[0], path), numpy_names() | _torch_names(), _storage)
+            # torch.save does not compress, a zip bomb does
+            if len(found) != 1 or any(each.compress_type != zipfile.ZIP_STORED for each in archive.infolist()):
+                raise LogError("not a file of torch.save", where=path, remedy="save a dict of tensors")
+            content = load_pickle(archive.read(found[0]), numpy_names() | _torch_names(), _storage)
             if not isinstance(content, dict):
                 raise LogError(f"it holds a {type(content).__name__}", where=path, remedy="save a dict of tensors")
             yield archive, found[0].removesuffix("data.pkl"), content
     except LogError as error:
         raise error if error.where else LogError(error.problem, where=path, remedy=error.remedy) from error
-    except Exception as error:  # a damaged zip may end in anything
+    except Exception as error:  # damaged zip files raise many types
         raise unreadable(path, error) from error
 
 
@@ -109,18 +100,11 @@ def _torch_names() -> dict[tuple[str, str], Any]:
 
 
 def _storage(reference: Any) -> tuple[str, str, int]:
-    """Type, key and count of what the pickle refers to: ("storage", type, key, device, count)."""
+    """Type, key and count of a persistent id ("storage", type, key, device, count)."""
     _, code, key, _, count = reference
     if code == "bfloat16":
         raise LogError("it holds numbers of type bfloat16", remedy="save them as float32, by tensor.float()")
     return code, key, count
-
-
-def _stored(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
-    """An entry, which torch.save stores without compression."""
-    if archive.getinfo(name).compress_type != zipfile.ZIP_STORED:
-        raise LogError(f"{name[:60]!r} is compressed", where=path, remedy="save it with torch.save")
-    return archive.read(name)
 
 
 def _array(archive: zipfile.ZipFile, folder: str, key: str, value: Any, path: Path) -> np.ndarray:
@@ -129,9 +113,9 @@ def _array(archive: zipfile.ZipFile, folder: str, key: str, value: Any, path: Pa
     if not isinstance(value, Tensor):
         raise LogError(f"{key!r} is a {type(value).__name__}, not a tensor", where=path, remedy=CORRECT)
     name = folder + "byteorder"
-    order = ">" if name in archive.namelist() and _stored(archive, name, path).strip() == b"big" else "<"
+    order = ">" if name in archive.namelist() and archive.read(name).strip() == b"big" else "<"
     kind = np.dtype(order + value.code)
-    raw = _stored(archive, f"{folder}data/{value.key}", path)
+    raw = archive.read(f"{folder}data/{value.key}")
     last = value.offset + sum((length - 1) * step for length, step in zip(value.size, value.stride, strict=True))
     # as_strided reads any memory, so the tensor must lie within its numbers
     negative = min((value.offset, *value.size, *value.stride)) < 0

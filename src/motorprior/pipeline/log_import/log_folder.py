@@ -1,4 +1,4 @@
-"""Every log of a folder, whatever its format."""
+"""Read every log of a folder, in any format."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class LogFolder:
-    """What a folder holds.
+    """The logs of a folder.
 
     Attributes:
         logs: by short name, sorted.
-        paths: that they were read from.
-        left_out: of every file that looked like a log and is none, its name and why; a line each.
+        paths: of the logs.
+        left_out: "NAME: reason" for each file that looks like a log but cannot be read.
     """
 
     logs: dict[str, MotorLog]
@@ -31,32 +31,31 @@ class LogFolder:
 
     @property
     def files(self) -> list[Path]:
-        """The paths, of those that are folders all that is in them; of a LeRobot dataset what is read of it."""
+        """All files of the logs, without the videos of LeRobot datasets."""
         return [file for path in self.paths for file in _files(path)]
 
 
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
-    """A log, or every log of a folder.
+    """Read a log, or every log of a folder.
 
-    Of a folder without a column map: its motor logs (.parquet) if it has any, or else its raw logs of jietan/puppersim,
-    replays in simulation left out, or else all that a reader takes; the last may fail for some files, not for all. With
-    a map: all tables that it fits.
+    With a column map: all tables that it fits. Without: the folder's motor logs (.parquet); if it has none, its logs of
+    jietan/puppersim, without replays in simulation; if none, all files that a reader takes.
 
     Args:
         path: file or folder.
-        robot: that was recorded; formats that name their joints need none.
+        robot: the recorded robot; not needed for formats that name their joints.
         columns: name or file of a column map.
 
     Raises:
-        LogError: nothing there, or no log that can be read; says what was wrong with the first.
-        ArtifactError: a column map that cannot be used.
+        LogError: no log, or none that can be read; gives the reason for the first.
+        ArtifactError: a bad column map.
     """
-    known = None if columns is None else load_column_map(columns)
+    column_map = None if columns is None else load_column_map(columns)
     if path.is_file() or (path.is_dir() and any(reader.takes(path) for reader in READERS)):
-        return LogFolder({recording_name(path): read_log(path, robot, known)}, (path,))
+        return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
     entries = sorted(path.iterdir()) if path.is_dir() else []
-    if known is not None and entries:
-        return _readable(path, [entry for entry in entries if entry.name.endswith(TABLES)], robot, known)
+    if column_map is not None and entries:
+        return _readable(path, [entry for entry in entries if entry.name.endswith(TABLES)], robot, column_map)
     if found := [entry for entry in entries if entry.suffix == ".parquet"]:
         return LogFolder({recording_name(entry): read_log(entry, robot) for entry in found}, tuple(found))
     if robot is not None and (found := [entry for entry in entries if short_name(entry)]):
@@ -64,9 +63,9 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
     if found := [entry for entry in entries if any(reader.takes(entry) for reader in READERS)]:
         return _readable(path, found, robot, None)
     if tensors := [entry for entry in entries if entry.suffix == ".pt"]:
-        read_log(tensors[0], robot)  # which says what they are and which maps there are
+        read_log(tensors[0], robot)  # its error lists the tensors and the shipped maps
     if robot is not None and robot.name == DEFAULT_ROBOT:
-        read_puppersim_logs(path, robot)  # which says where logs are found
+        read_puppersim_logs(path, robot)  # its error states where to find logs
     raise LogError("no log in it", where=path, remedy="give a log, or a folder of logs (docs/logs.md)")
 
 
@@ -80,31 +79,24 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
     logs: dict[str, MotorLog] = {}
     taken: list[Path] = []
     left_out: list[str] = []
-    asks_for_columns = False
+    needs_columns = not paths
     for path in paths:
+        name = recording_name(path)
         try:
-            log = read_log(path, robot, columns)
+            if name in logs:
+                raise LogError(f"there is another log {name!r}")
+            logs[name] = read_log(path, robot, columns)
+            taken.append(path)
         except (LogError, ConfigError, ArtifactError) as error:
             left_out.append(f"{path.name}: {error.problem}")
-            asks_for_columns |= error.argument == "columns"
-            continue
-        name = recording_name(path)
-        if name in logs:
-            left_out.append(f"{path.name}: there is another log {name!r}")
-            continue
-        logs[name] = log
-        taken.append(path)
+            needs_columns |= error.argument == "columns"
     if logs:
         return LogFolder(logs, tuple(taken), tuple(left_out))
-    first = f"; {left_out[0]}" if left_out else ""
-    raise LogError(
-        f"no log in it can be read{first}", where=folder, remedy=_remedy(asks_for_columns or not left_out),
-        argument="columns" if asks_for_columns else None,
-    )  # fmt: skip
-
-
-def _remedy(asks_for_columns: bool) -> str:
-    if not asks_for_columns:
-        return "mend or leave out what is wrong with them: `motorprior logs check` says more of each"
-    maps = ", ".join(shipped_maps())
-    return f"give columns, what the names in its tables mean: one of {maps}, or your .toml file; or give the robot"
+    remedy = "run `motorprior logs check` on each file"
+    if needs_columns:
+        remedy = (
+            f"give columns, a column map: one of {', '.join(shipped_maps())}, or your .toml file; or give the robot"
+        )
+    reason = f"; {left_out[0]}" if left_out else ""
+    argument = "columns" if needs_columns else None
+    raise LogError(f"no log in it can be read{reason}", where=folder, remedy=remedy, argument=argument)

@@ -14,7 +14,7 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
-from motorprior.logs.formats.registry import taken_for_granted
+from motorprior.logs.formats.registry import unit_assumption
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder
@@ -177,7 +177,7 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
             if len(folder.logs) == 1:
                 raise
             told = f"left out {error}"
-        lines += [f"{name}: {line}" for line in (taken_for_granted(path, config.columns), told) if line]
+        lines += [f"{name}: {line}" for line in (unit_assumption(path, config.columns), told) if line]
     if not logs:
         raise LogError("every log has gaps all over", where=config.logs, remedy="give logs of a steady clock")
     return logs, tuple(lines)

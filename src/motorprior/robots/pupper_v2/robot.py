@@ -15,19 +15,6 @@ from motorprior.robots.wire import SafetyLimits, Wire
 
 _FLEETS = Path(__file__).parent / "fleets"
 _PHASES = {"FR": 0.0, "FL": 0.5, "RR": 0.5, "RL": 0.0}
-_OUTWARD = spec.HIP_OFFSET[1] + spec.KNEE_OFFSET[1] + spec.FOOT_OFFSET[1]
-"""From the abduction axis to the plane of the foot [m]."""
-_WIRE = Wire(
-    kp=spec.WIRE_KP,
-    kd=spec.WIRE_KD,
-    max_current=spec.MAX_CURRENT,
-    torque_constant=spec.TORQUE_CONSTANT,
-    signs=tuple(spec.JOINT_SIGNS.tolist()),
-    encoder_counts=spec.ENCODER_COUNTS,
-    crouch=tuple(spec.CROUCH_POSE.tolist()),
-    folded=tuple(spec.FOLDED_POSE.tolist()),
-    safety=SafetyLimits(),
-)
 
 
 def _joint(index: int) -> Joint:
@@ -44,6 +31,10 @@ def _joint(index: int) -> Joint:
 
 def _leg(index: int) -> Leg:
     name, first = spec.LEGS[index], len(spec.JOINTS_PER_LEG) * index
+    _, hip, knee = spec.NOMINAL_POSE[:3]
+    reach = -(spec.THIGH_LENGTH * np.sin(hip) + spec.SHANK_LENGTH * np.sin(hip + knee))
+    forward = spec.abduction_origin(name)[0] + spec.HIP_OFFSET[0] + reach
+    outward = spec.HIP_OFFSET[1] + spec.KNEE_OFFSET[1] + spec.FOOT_OFFSET[1]
     return Leg(
         name=name,
         joints=(first, first + 1, first + 2),
@@ -52,16 +43,8 @@ def _leg(index: int) -> Leg:
         thigh=spec.THIGH_LENGTH,
         shank=spec.SHANK_LENGTH,
         foot_radius=spec.FOOT_RADIUS,
-        rest=_rest(name),
+        rest=(round(float(forward), 9), round(spec.SIDE[name] * (spec.ABDUCTION_Y + outward), 9)),
     )
-
-
-def _rest(leg: str) -> tuple[float, float]:
-    """Where a foot's centre is in the nominal pose, forward and left of the chassis' origin [m]."""
-    _, hip, knee = spec.NOMINAL_POSE[:3]
-    reach = -(spec.THIGH_LENGTH * np.sin(hip) + spec.SHANK_LENGTH * np.sin(hip + knee))
-    forward = spec.abduction_origin(leg)[0] + spec.HIP_OFFSET[0] + reach
-    return round(float(forward), 9), round(spec.SIDE[leg] * (spec.ABDUCTION_Y + _OUTWARD), 9)
 
 
 _LEGS = tuple(_leg(index) for index in range(len(spec.LEGS)))
@@ -77,8 +60,8 @@ PUPPER_V2 = Robot(
     gait=Gait(frequency=2.1, swing_height=0.03, forward=(-0.2, 0.5)),
     weight=round(GRAVITY * spec.MASS, 9),
     standing_height=round(_LEGS[0].drop(spec.NOMINAL_POSE), 9),
-    lowest=0.05,
-    highest=0.6,
+    min_base_height=0.05,
+    max_base_height=0.6,
     suspended_height=0.4,
     reference_torque=1.0,
     foot_friction=spec.FOOT_FRICTION,
@@ -88,6 +71,15 @@ PUPPER_V2 = Robot(
     physics_dt=spec.PHYSICS_DT,
     control_dt=spec.CONTROL_DT,
     twin_physics_dt=spec.TWIN_PHYSICS_DT,
-    wire=_WIRE,
+    wire=Wire(
+        kp=spec.WIRE_KP,
+        kd=spec.WIRE_KD,
+        max_current=spec.MAX_CURRENT,
+        torque_constant=spec.TORQUE_CONSTANT,
+        signs=tuple(spec.JOINT_SIGNS.tolist()),
+        encoder_counts=spec.ENCODER_COUNTS,
+        crouch=tuple(spec.CROUCH_POSE.tolist()),
+        folded=tuple(spec.FOLDED_POSE.tolist()),
+        safety=SafetyLimits(),
+    ),
 )
-"""The shipped robot."""

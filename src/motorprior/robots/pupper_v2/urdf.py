@@ -12,10 +12,8 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import _vector
 from motorprior.robots.pupper_v2.spec import Link
 
-NO_LOAD_SPEED = 52.0
-"""Speed limit [rad/s] of the joints: about 500 rpm at 24 V; assumption."""
-ROTOR_MASS = 1e-6
-"""[kg]; the rotors' masses are in the links already."""
+NO_LOAD_SPEED = 52.0  # speed limit of the joints [rad/s]: about 500 rpm at 24 V; assumption
+ROTOR_MASS = 1e-6  # [kg]; the links include the rotors' masses
 
 
 def _link(name: str, link: Link, leg: str | None, collision: str) -> str:
@@ -78,18 +76,18 @@ def _leg(leg: str, armature: np.ndarray) -> str:
 def urdf(armature: np.ndarray | None = None, com_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
     """URDF of the robot with the masses, inertias and limits of spec.py.
 
-    URDF knows no reflected inertia. Where ``armature`` is positive the joint gets a second one beside it, on the
-    same parent and about the same axis, named ``<leg>_<joint>_rotor``, whose link is the motor's rotor: inertia
-    armature / ratio², to be geared ratio:1 to the joint. Its kinetic energy is ½·armature·(joint_vel + ω/ratio)²,
-    with the parent's own rotation ω; for a high ratio that is MuJoCo's ½·armature·joint_vel².
+    URDF has no reflected inertia. For positive ``armature`` the joint gets a second one, ``<leg>_<joint>_rotor``, on
+    the same parent and axis, whose link is the rotor: inertia armature/ratio², to be geared ratio:1 to the joint. Its
+    kinetic energy is ½·armature·(joint_vel + ω/ratio)², with the parent's rotation ω; for a high ratio that is MuJoCo's
+    ½·armature·joint_vel².
 
     Args:
-        armature: (12,) [kg·m²]; none if not given.
+        armature: (12,) [kg·m²]; zero if not given.
         com_shift: added to the chassis' centre of mass [m].
     """
     size, plain = _vector(spec.CHASSIS_BOX_SIZE), spec.CHASSIS
-    body = Link(plain.mass, (plain.com[0] + com_shift[0], plain.com[1] + com_shift[1], plain.com[2] + com_shift[2]),
-                plain.inertia)  # fmt: skip
+    com = (plain.com[0] + com_shift[0], plain.com[1] + com_shift[1], plain.com[2] + com_shift[2])
+    body = Link(plain.mass, com, plain.inertia)
     chassis = _link("chassis", body, None, _collision(f'<box size="{size}"/>', spec.CHASSIS_BOX_CENTER))
     rotors = np.zeros(spec.NUM_JOINTS) if armature is None else armature
     legs = "".join(_leg(leg, rotors) for leg in spec.LEGS)
