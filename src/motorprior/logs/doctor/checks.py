@@ -12,14 +12,11 @@ from motorprior.logs.doctor.load import Gravity, gravity_signs
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 
+# The checks of jumps and motion need a correct clock and correct units; the checks of motion need angles without jumps.
 BASIC = (clock.rate, clock.gaps, clock.repeats, units.speeds, units.ranges)
-"""Of the whole log; the others need a correct clock and correct units."""
 MOTION = (excitation.excitation, saturation.dead, response.copied, response.velocity, load.load)
-"""Of the whole log, if there are no jumps."""
-OF_A_JOINT = (
-    response.tracking, response.proportion, saturation.saturation, excitation.coverage, load.torque_sign,
-)  # fmt: skip
-"""Of the window in which the command of a joint travels farthest."""
+# In the window in which the command of a joint travels farthest.
+OF_A_JOINT = (response.tracking, response.proportion, saturation.saturation, excitation.coverage, load.torque_sign)
 
 
 def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gravity | None = None) -> LogReport:

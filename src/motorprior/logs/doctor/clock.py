@@ -12,8 +12,6 @@ from motorprior.logs.resampling import repeated_rows
 RATES = (5.0, 2e4)  # of motor logs [Hz]; outside them the time has another unit
 GAP_FACTOR = 5.0
 MAX_JITTER = 0.5
-MAX_REPEATED = 0.05
-MAX_STALE = 0.4  # of one joint; joints that are read in turn repeat every second angle
 
 
 def rate(log: MotorLog) -> list[Finding]:
@@ -31,10 +29,8 @@ def rate(log: MotorLog) -> list[Finding]:
     if jitter > MAX_JITTER:
         row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
         message = f"time steps vary by {jitter:.2f} of their median {1e3 * median:.3g} ms, more than {MAX_JITTER}"
-        remedy = (
-            "import with --period, which resamples the log; if these are times of arrival, record the robot's time, "
-        )
-        remedy += f"or replace the time by rate = … {IN_MAP}"
+        remedy = "import with --period, which resamples the log; if these are times of arrival, record the robot's "
+        remedy += f"time, or replace the time by rate = … {IN_MAP}"
         found.append(Finding("warning", "jitter", jitter, message, remedy, row=row))
     return found
 
@@ -56,10 +52,8 @@ def gaps(log: MotorLog) -> list[Finding]:
         return []
     steps = log.time[rows] - log.time[rows - 1]
     longest, first = int(np.argmax(steps)), int(rows[0])
-    message = (
-        f"{len(rows)} gaps longer than {GAP_FACTOR:g} median time steps, the first before row {first}, "
-        f"the longest {1e3 * steps[longest]:.3g} ms before row {rows[longest]}"
-    )
+    message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the first before row {first}, the longest "
+    message += f"{1e3 * steps[longest]:.3g} ms before row {rows[longest]}"
     remedy = "find out why rows are lost; `motorprior logs import` begins a segment after each gap"
     return [Finding("warning", "gaps", float(steps[longest]), message, remedy, row=first)]
 
@@ -72,12 +66,12 @@ def repeats(log: MotorLog) -> list[Finding]:
     whole, moved = repeated_rows(log), [_displacements(angle) for angle in log.joint_pos.T]
     found = []
     for joint in (None, *log.joint_names):
-        repeated, way, bound = whole, np.max(moved, axis=0), MAX_REPEATED
+        repeated, way, bound = whole, np.max(moved, axis=0), 0.05
         if joint is not None:
             column = log.joint_names.index(joint)
-            repeated, way, bound = repeated_rows(log.joint(column)) & ~whole, moved[column], MAX_STALE
+            repeated, way, bound = repeated_rows(log.joint(column)) & ~whole, moved[column], 0.4
         fast = way >= np.percentile(way[way > 0.0], 75) if way.any() else way > 0.0
-        if fast.mean() < 0.05 or min(share := float(repeated[fast].mean()), repeated.mean()) <= bound:
+        if fast.sum() < 20 or min(share := float(repeated[fast].mean()), repeated.mean()) <= bound:
             continue
         fresh = float(np.median(time_steps(log.rows(~repeated))[1]))
         message = (

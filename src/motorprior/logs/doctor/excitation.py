@@ -13,7 +13,6 @@ EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves
 RATIOS = (0.1, 3.0)  # of the motion to its command; outside them it failed, or has another unit
 MIN_REVERSALS = 4
 OCTAVES = 0.125 * 2.0 ** np.arange(9)  # edges [Hz]
-MIN_OCTAVES = 3
 MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
 
 
@@ -100,7 +99,7 @@ def coverage(window: MotorLog) -> list[Finding]:
     strong = np.flatnonzero(amplitude > max(2e-3, 0.05 * amplitude.max()))
     moved = ", ".join(f"{1e3 * amplitude[k]:.0f} mrad at {OCTAVES[k]:g}-{OCTAVES[k + 1]:g} Hz" for k in strong)
     message = f"{joint} moves by {moved or 'less than 2 mrad'}: {len(strong)} octaves"
-    if len(strong) >= MIN_OCTAVES:
+    if len(strong) >= 3:
         return [Finding("info", "coverage", len(strong), message, joint=joint)]
-    message, remedy = f"{message}, fewer than {MIN_OCTAVES}", "record steps, chirps or sums of sines as well"
+    message, remedy = f"{message}, fewer than 3", "record steps, chirps or sums of sines as well"
     return [Finding("warning", "coverage", len(strong), message, remedy, joint)]

@@ -7,8 +7,6 @@ from typing import Literal
 
 IN_MAP = "in a column map (docs/your-motors.md)"
 
-Severity = Literal["error", "warning", "info"]
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -24,7 +22,7 @@ class Finding:
         row: first row concerned, counted from 0, or None.
     """
 
-    severity: Severity
+    severity: Literal["error", "warning", "info"]
     check: str
     value: float
     message: str

@@ -65,7 +65,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     medians = np.median([moves[:-2], moves[1:-1], moves[2:]], axis=0)
     usual = float(np.sort(np.append(np.zeros(6), np.abs(medians)))[-6])
     bound = max(3.0 * usual, min(10.0 * encoder_step(angle), 0.3), 10.0 * period, 0.03)
-    lag, places, back = 1 + int(MAX_LAG / log.period), np.flatnonzero(np.abs(steps) > bound), 0
+    lag, places, back = 1 + int(MAX_LAG / log.period), np.flatnonzero(np.abs(steps) > bound)[:10_000], 0
     for number, place in enumerate(places.tolist()):
         row, size = int(rows[place]), abs(float(steps[place]))
         later = places[number + 1 : number + 1 + READINGS]

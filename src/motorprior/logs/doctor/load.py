@@ -15,14 +15,11 @@ from motorprior.signals import rms
 
 Gravity = Callable[[np.ndarray], np.ndarray]
 """Torque of gravity on every joint (N, J) [N·m], at angles (N, J) [rad]."""
-BLOCK = 0.05  # accelerations are second differences of means over this time [s]
 SLOPES = (0.7, 1.4)  # of the load's torque over joint_torque
-MIN_CORRELATION = 0.7
-STEADY_SPEEDS = (0.03, 0.5)  # [rad/s]; static friction may act either way
 MAX_OFFSET = 0.01  # between angle and command [rad]; without it, the offset would replace gravity that hardly changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
 MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
-MIN_ROWS, MAX_ROWS = 20, 500  # of steady motion
+MIN_ROWS = 20  # of steady motion
 
 
 def torque_sign(window: MotorLog) -> list[Finding]:
@@ -68,7 +65,7 @@ def load(log: MotorLog) -> list[Finding]:
         fit = lsq_linear(np.stack([torque, friction, speed], axis=1), needed, ([-np.inf] * 3, [np.inf, 0.0, 0.0]))
         slope = float(fit.x[0])
         correlation = float(np.sign(slope) * np.sqrt(max(0.0, 1.0 - 2.0 * fit.cost / np.sum(needed**2))))
-        if correlation < MIN_CORRELATION:
+        if correlation < 0.7:
             message = f"joint_torque/{joint} does not explain its load's motion: correlation {correlation:.2f}"
             remedy = f"check load, clocks and sign; correct the sign in the file, or {IN_MAP}; leave out a torque "
             remedy += "computed from a current if gear friction takes most of it"
@@ -83,10 +80,10 @@ def load(log: MotorLog) -> list[Finding]:
 def _blocks(part: MotorLog) -> np.ndarray:
     """(5, N) torque [N·m], friction [-], speed [rad/s], needed torque [N·m] and its noise [N·m] of one joint's segment.
 
-    Second differences of block means weigh accelerations nearly as (1, 10, 1)/12 weighs block means (Numerov).
+    By means over blocks of 0.05 s. Their second differences weigh accelerations nearly as (1, 10, 1)/12 weighs blocks.
     """
     assert part.joint_torque is not None and part.load_inertia is not None and part.external_torque is not None
-    length = max(1, round(BLOCK / part.period)) if part.num_rows > 1 else 1
+    length = max(1, round(0.05 / part.period)) if part.num_rows > 1 else 1
     count = part.num_rows // length
     if count < 3 or part.num_rows < 10:
         return np.zeros((5, 0))
@@ -139,8 +136,9 @@ def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
     )
     remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
     remedy += f"{IN_MAP} by sign and zero, or in the model"
-    joint = names if len(joints) == 1 else None
-    return [Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint, 0)]
+    return [
+        Finding("warning", "gravity", 1.0 - square / given, message, remedy, names if len(joints) == 1 else None, 0)
+    ]
 
 
 def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -150,10 +148,10 @@ def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     rows = rows[:: max(1, len(rows) // 20_000)]
     time = (log.time[rows + half] - log.time[rows - half])[:, None]
     speed, commanded = ((x[rows + half] - x[rows - half]) / time for x in (log.joint_pos, log.position_target))
-    moves = (np.abs(speed) > STEADY_SPEEDS[0]) & (np.abs(speed) < STEADY_SPEEDS[1])
+    moves = (np.abs(speed) > 0.03) & (np.abs(speed) < 0.5)  # [rad/s]; static friction may act either way
     steady = moves & (np.abs(speed - commanded) < 0.05)
     some = np.flatnonzero(steady.any(axis=1))
-    some = some[np.linspace(0, len(some) - 1, min(len(some), MAX_ROWS)).astype(int)]
+    some = some[np.linspace(0, len(some) - 1, min(len(some), 500)).astype(int)]
     angle = log.joint_pos[rows[some]]
     return angle, log.position_target[rows[some]] - angle, speed[some], steady[some]
 

@@ -9,7 +9,6 @@ from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.jumps import MAX_LAG
 from motorprior.logs.motor_log import MotorLog
 
-MAX_LEAD, MAX_SEARCHED = 0.25, 0.5  # range of lags that is searched [s]
 MIN_CORRELATION = 0.5
 SLOPES = (0.6, 1.5)  # of slow angle per command; outside them other units
 STRAIGHT = (0.9975, 0.95)  # correlation above which units explain a small, a large slope: loads and dead bands bend it
@@ -23,8 +22,8 @@ def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
         r for k = -lead, …, lag; lead; and k >= 0 of the first positive and of the first negative peak.
     """
     command, angle = window.position_target[:, 0], window.joint_pos[:, 0]
-    lag = min(int(MAX_SEARCHED / window.period), len(angle) // 2)
-    lead = min(max(1, int(MAX_LEAD / window.period)), len(angle) // 4)
+    lag = min(int(0.5 / window.period), len(angle) // 2)  # 0.5 s later
+    lead = min(max(1, int(0.25 / window.period)), len(angle) // 4)  # to 0.25 s earlier
     later = angle[lag : len(angle) - lead] - angle[lag : len(angle) - lead].mean()
     r = np.zeros(lead + lag + 1)
     for index in range(len(r)):
@@ -98,10 +97,8 @@ def proportion(window: MotorLog) -> list[Finding]:
         found.append(Finding("warning", "offset", offset, message, remedy, joint))
     length = max(1, round(0.5 / window.period))
     count = (window.num_rows - late) // length
-    command, angle = (
-        values[: count * length].reshape(count, length)
-        for values in (window.position_target[:, 0], window.joint_pos[late:, 0])
-    )
+    command = window.position_target[: count * length].reshape(count, length)
+    angle = window.joint_pos[late : late + count * length].reshape(count, length)
     slow = command.std(axis=1) <= 0.5 * np.std(window.position_target)
     command, angle = command[slow].mean(axis=1), angle[slow].mean(axis=1)
     if len(command) < 8 or np.std(command) < 0.02 or np.std(angle) == 0.0:
@@ -153,11 +150,8 @@ def velocity(log: MotorLog) -> list[Finding]:
         if VELOCITY_SLOPES[0] <= slope <= VELOCITY_SLOPES[1]:
             found.append(Finding("info", "velocity", slope, message, joint=joint, row=0))
             continue
-        remedy = f'check its unit and gear; convert it in the file, or {IN_MAP}: velocity = "deg/s" or "rpm"'
-        if abs(correlation) < MIN_CORRELATION:
-            remedy = f"check the joint order; or leave joint_vel out of the file, or {IN_MAP}"
-        elif slope < 0.0:
-            remedy = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_vel]"
+        remedy = f"check its joint order, gear, sign and unit; correct it in the file, or {IN_MAP}: sign = -1 in "
+        remedy += '[joints.….joint_vel], velocity = "deg/s" or "rpm"; or leave it out'
         message += f", outside {VELOCITY_SLOPES[0]} to {VELOCITY_SLOPES[1]} (correlation {correlation:.2f})"
         wrong = abs(correlation) > MIN_CORRELATION and (slope < 0.0 or slope > 5.0)  # sign, or deg/s, rpm
         severity = "error" if wrong else "warning"

@@ -68,8 +68,7 @@ def speeds(log: MotorLog) -> list[Finding]:
         places = rows[np.flatnonzero(lasting > MAX_SPEED)]
         if len(places) > 5:
             message = f"joint_pos/{joint} moves at up to {lasting.max():.4g} rad/s, faster than {MAX_SPEED:g} rad/s"
-            remedy = f"{_DEGREES}; or the unit of the time"
-            found.append(Finding("error", "units", float(lasting.max()), message, remedy, joint, int(places[0])))
+            found.append(Finding("error", "units", float(lasting.max()), message, _DEGREES, joint, int(places[0])))
         speed = np.abs(np.zeros(1) if log.joint_vel is None else log.joint_vel[:, column])
         if speed.max() > MAX_SPEED:
             fast, row = float(np.mean(speed > MAX_SPEED)), int(np.argmax(speed > MAX_SPEED))
@@ -93,11 +92,10 @@ def outside_limits(log: MotorLog, limits: np.ndarray) -> list[Finding]:
     for channel in ANGLES:
         for joint, angle, (low, high) in zip(log.joint_names, getattr(log, channel).T, limits, strict=True):
             row = int(np.argmax(np.maximum(low - angle, angle - high)))
-            if not (angle[row] < low or angle[row] > high):
-                continue
-            message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, outside {low:.4g} to {high:.4g} rad"
-            remedy = f"check the encoder's zero, sign and joint order; correct them in the file, or {IN_MAP}"
-            found.append(Finding("warning", "limits", float(angle[row]), message, remedy, joint, row))
+            if angle[row] < low or angle[row] > high:
+                message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, outside {low:.4g} to {high:.4g} rad"
+                remedy = f"check the encoder's zero, sign and joint order; correct them in the file, or {IN_MAP}"
+                found.append(Finding("warning", "limits", float(angle[row]), message, remedy, joint, row))
     return found
 
 
