@@ -136,9 +136,8 @@ def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
     )
     remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
     remedy += f"{IN_MAP} by sign and zero, or in the model"
-    return [
-        Finding("warning", "gravity", 1.0 - square / given, message, remedy, names if len(joints) == 1 else None, 0)
-    ]
+    joint = names if len(joints) == 1 else None
+    return [Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint, 0)]
 
 
 def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
