@@ -41,7 +41,7 @@ from motorprior.identification.judging.log_fidelity import (
     within_a_turn,
 )
 from motorprior.identification.presets import PRESETS, Preset
-from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.formats.puppersim import short_name
 from motorprior.logs.formats.registry import read_log

@@ -18,15 +18,14 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True)
 class LogsCheck:
-    """Log doctor: clock, repeats, units, range, jumps, sensors, delay, signs, saturation, coverage, load, gravity."""
+    """Check logs (log doctor): clock, units, limits, jumps, excitation, tracking, saturation, load, gravity."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
     """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""
     columns: str | None = None
-    """What the columns of a table mean: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    """Column map of a table: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     robot: str | None = None
-    """Robot: a shipped one by name, or the .toml file of your own; logs that do not name their joints are the shipped
-    one's if none is given."""
+    """Robot: a shipped one by name, or your .toml file. Default for logs without joint names: the shipped robot."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ def run_logs_check(config: LogsCheck) -> None:
     """Print every finding.
 
     Raises:
-        LogError: after all logs are checked, if one of them is not usable.
+        LogError: after all logs are checked, if one has errors.
     """
     from motorprior.simulation.suspended_load import gravity_of_held
 

@@ -45,7 +45,7 @@ from motorprior.identification.training_data.windows import (
     training_data,
     with_window_that_fits,
 )
-from motorprior.logs.doctor.joint_checks import joints_at_rest
+from motorprior.logs.doctor.excitation import joints_at_rest
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.identification.presets import Preset
-from motorprior.logs.doctor.joint_checks import joints_at_rest
+from motorprior.logs.doctor.excitation import joints_at_rest
 from motorprior.logs.motor_log import MotorLog, segment_means
 from motorprior.logs.settings_text import range_text
 from motorprior.pipeline.progress import Progress

@@ -11,7 +11,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import LogError
-from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, stated_gain_rows, stated_gains_of
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.logs.settings_text import gain_texts

@@ -14,7 +14,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError, listed
 from motorprior.files import load_pickle, numpy_names, read_bytes
-from motorprior.logs.doctor.checks import require_plausible_angles
+from motorprior.logs.doctor.units import require_plausible_angles
 from motorprior.logs.formats.csv_table import csv_head, read_number_table
 from motorprior.logs.formats.log_reader import GIVE_COLUMNS, LogReader, require_given
 from motorprior.logs.motor_log import MotorLog

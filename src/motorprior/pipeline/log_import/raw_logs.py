@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
-from motorprior.logs.doctor.gravity_checks import signs
+from motorprior.logs.doctor.load import gravity_signs
 from motorprior.logs.formats.column_map import KD, KP, load_column_map
 from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.formats.registry import read_log, unit_assumption
@@ -196,7 +196,7 @@ def _warn_of_signs(path: Path, log: MotorLog, robot: Robot, progress: Progress) 
     from motorprior.simulation.suspended_load import gravity_of_held
 
     gravity = gravity_of_held(log, robot)
-    for finding in [] if gravity is None else signs(log, gravity):
+    for finding in [] if gravity is None else gravity_signs(log, gravity):
         progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from motorprior.bench.fleet import Fleet
-from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.motor_choice import nominal_pd
 from motorprior.pipeline.progress import Progress

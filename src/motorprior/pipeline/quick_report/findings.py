@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.real_motor_tables import CONSTANT, NAMES, Trace
 from motorprior.results import Result, Results

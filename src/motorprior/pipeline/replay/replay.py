@@ -14,7 +14,7 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.doctor.joint_checks import excited_joints
+from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder
 from motorprior.pipeline.motor_choice import gains_for, load_robot_fleet, nominal_pd

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.doctor.joint_checks import EXCITED_STD, excited_joints
+from motorprior.logs.doctor.excitation import EXCITED_STD, excited_joints
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels
 

@@ -14,7 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.doctor.joint_checks import joints_at_rest
+from motorprior.logs.doctor.excitation import joints_at_rest
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, other_firmware

@@ -69,14 +69,13 @@ def sagging() -> tuple[np.ndarray, np.ndarray]:
     return command, angle
 
 
-def test_a_turn_a_dead_band_a_spring_and_a_weight_are_no_end_stop():
+def test_reversals_dead_bands_and_weights_are_no_end_stop():
     slow = 0.3 * np.sin(2 * np.pi * 0.4 * TIME)
     dead_bands = [(slow, held_back(slow, 0.08)), (chirp(), held_back(chirp(0.05), 0.08))]
     for leg in (1.5, 2.0):  # of a triangle [s]: the lag that its correlation shows is long
         triangle = 0.5 * np.abs((TIME / leg) % 2.0 - 1.0) - 0.25
         dead_bands += [(triangle, held_back(triangle, band)) for band in (0.06, 0.1)]
-    spring = (chirp(), 0.15 * np.tanh(15.0 * chirp(0.1)))
-    for command, angle in [(chirp(), chirp(0.1)), *dead_bands, spring, sagging()]:
+    for command, angle in [(chirp(), chirp(0.1)), *dead_bands, sagging()]:
         assert not check_log(of(command, angle)).of("saturation")
 
 

@@ -1,0 +1,105 @@
+"""Which joints were commanded to move and did; checks of how they were excited."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motorprior.logs.doctor.clock import gap_rows
+from motorprior.logs.doctor.findings import IN_MAP, Finding
+from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.resampling import repeated_rows, resample
+
+EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
+RATIOS = (0.1, 3.0)  # of the motion to its command; outside them it failed, or has another unit
+MIN_REVERSALS = 4
+OCTAVES = 0.125 * 2.0 ** np.arange(9)  # edges [Hz]
+MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
+
+
+def excited_joints(log: MotorLog) -> np.ndarray:
+    """Indices of the joints whose command has a standard deviation above 1 mrad."""
+    return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
+
+
+def joints_at_rest(log: MotorLog) -> tuple[str, ...]:
+    """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
+    at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
+    return tuple(log.joint_names[column] for column in at_rest)
+
+
+def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
+    """The window without gaps in which the command of a joint travels farthest, of 20 000 rows at most.
+
+    Returns:
+        Its rows, and that joint alone on a uniform grid with the period of new readings; None if the command
+        moves in no window of 20 new readings.
+    """
+    best, found = 0.0, None
+    repeated, command = repeated_rows(log), log.position_target[:, column]
+    starts = {part.start for part in log.segment_slices()} | set(gap_rows(log).tolist())
+    for part in np.split(np.arange(log.num_rows), sorted(starts - {0})):
+        for rows in np.split(part, range(MAX_ROWS, len(part), MAX_ROWS)):
+            travel = float(np.abs(np.diff(command[rows])).sum())
+            moves = np.std(command[rows]) > EXCITED_STD
+            if moves and travel > best and np.sum(~repeated[rows]) > MIN_ROWS:
+                best, found = travel, slice(int(rows[0]), int(rows[-1]) + 1)
+    if found is None:
+        return None
+    period = np.median(time_steps(log.rows(found).rows(~repeated[found]))[1])
+    return found, resample(log.joint(column).rows(found), float(period))
+
+
+def excitation(log: MotorLog) -> list[Finding]:
+    """Joints that are not commanded, move far less or more than commanded, or reverse rarely."""
+    found, excited = [], excited_joints(log)
+    if not excited.size:
+        found.append(Finding("error", "excitation", 0.0, "no joint is excited", "record commands that move", row=0))
+    for column, joint in enumerate(log.joint_names):
+        command, angle = log.position_target[:, column], log.joint_pos[:, column]
+        ratio = float(np.std(angle) / max(np.std(command), 1e-12))
+        if column not in excited:
+            message = f"{joint} is not excited: standard deviation of its command {1e3 * np.std(command):.3f} mrad"
+            found.append(Finding("info", "excitation", float(np.std(command)), message, joint=joint, row=0))
+            continue
+        if not RATIOS[0] <= ratio <= RATIOS[1]:
+            message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
+            remedy = (
+                "check power, homing, joint order and units; if command and angle have different units, convert one "
+                f'in the file, or {IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
+            )
+            found.append(Finding("warning", "excitation", ratio, message, remedy, joint, 0))
+        count = sum(reversals(angle[part], 0.05 * float(np.ptp(angle))) for part in log.segment_slices())
+        if count < MIN_REVERSALS:
+            message = f"{joint}: {count} reversals, fewer than {MIN_REVERSALS}: friction and backlash need reversals"
+            found.append(Finding("warning", "reversals", count, message, "record motions back and forth", joint, 0))
+    return found
+
+
+def reversals(angle: np.ndarray, threshold: float) -> int:
+    """Number of reversals of an angle (T,) that exceed ``threshold`` [rad]."""
+    count, direction, extreme = -1, 0.0, float(angle[0])
+    for value in angle[:: max(1, len(angle) // 200_000)].tolist():
+        if direction and direction * (value - extreme) >= 0.0:
+            extreme = value
+        elif abs(value - extreme) > threshold:
+            count, direction, extreme = count + 1, value - extreme, value
+    return max(count, 0)
+
+
+def coverage(window: MotorLog) -> list[Finding]:
+    """Octaves of frequency in which a joint moves, with amplitudes: √2 RMS of the motion in each octave.
+
+    An octave counts if its amplitude exceeds 2 mrad and 5 % of the strongest octave's.
+    """
+    angle, joint = window.joint_pos[:, 0], window.joint_names[0]
+    hann = np.hanning(len(angle))
+    power = np.abs(np.fft.rfft(hann * (angle - angle.mean()))) ** 2 * 2.0 / (len(angle) * float(hann @ hann))
+    octave = np.digitize(np.fft.rfftfreq(len(angle), window.period), OCTAVES)
+    amplitude = np.sqrt(2.0 * np.bincount(octave, power, len(OCTAVES) + 1)[1:-1])
+    strong = np.flatnonzero(amplitude > max(2e-3, 0.05 * amplitude.max()))
+    moved = ", ".join(f"{1e3 * amplitude[k]:.0f} mrad at {OCTAVES[k]:g}-{OCTAVES[k + 1]:g} Hz" for k in strong)
+    message = f"{joint} moves by {moved or 'less than 2 mrad'}: {len(strong)} octaves"
+    if len(strong) >= 3:
+        return [Finding("info", "coverage", len(strong), message, joint=joint)]
+    message, remedy = f"{message}, fewer than 3", "record steps, chirps or sums of sines as well"
+    return [Finding("warning", "coverage", len(strong), message, remedy, joint)]

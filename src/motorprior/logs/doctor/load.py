@@ -1,0 +1,171 @@
+"""Checks of the load: joint_torque against a known load, and joint signs against the gravity of the robot's model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+
+from motorprior.logs.doctor.excitation import MIN_REVERSALS, excited_joints, reversals
+from motorprior.logs.doctor.findings import IN_MAP, Finding
+from motorprior.logs.doctor.jumps import encoder_step
+from motorprior.logs.motor_log import MotorLog
+from motorprior.signals import rms
+
+Gravity = Callable[[np.ndarray], np.ndarray]
+"""Torque of gravity on every joint (N, J) [N·m], at angles (N, J) [rad]."""
+SLOPES = (0.7, 1.4)  # of the load's torque over joint_torque
+MAX_OFFSET = 0.01  # between angle and command [rad]; without it, the offset would replace gravity that hardly changes
+MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
+MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
+MIN_ROWS = 20  # of steady motion
+
+
+def torque_sign(window: MotorLog) -> list[Finding]:
+    """Torques that never change sign (|current|), or push away from the command and take work out of the joint.
+
+    A weight that is held does not come down to zero torque. With a known load, `load` finds the sign.
+    """
+    if window.joint_torque is None or np.ptp(window.joint_torque) == 0.0:
+        return []
+    torque, angle, joint = window.joint_torque[:, 0], window.joint_pos[:, 0], window.joint_names[0]
+    low, high = np.percentile(np.abs(torque), [5, 95])
+    both_ways = reversals(angle, 0.05 * float(np.ptp(angle))) >= MIN_REVERSALS
+    if torque.min() * torque.max() >= 0.0 and low <= 0.1 * high and both_ways:
+        message = f"joint_torque/{joint} never changes sign while the joint moves back and forth"
+        remedy = f"it is the magnitude of a current: leave it out of the file, or {IN_MAP}"
+        return [Finding("warning", "unsigned_torque", float(low), message, remedy, joint)]
+    error, work = window.position_target[:, 0] - angle, 0.5 * (torque[1:] + torque[:-1]) * np.diff(angle)
+    share = float(work.sum() / max(np.abs(work).sum(), 1e-300))
+    correlation = float(np.corrcoef(torque, error)[0, 1]) if np.ptp(error) > 0.0 else 0.0
+    if window.load_inertia is not None or (correlation >= -0.5 and (share >= -0.3 or correlation > 0.0)):
+        return []
+    message = f"joint_torque/{joint} pushes away from the command: correlation {correlation:.2f} with the position "
+    message += f"error, {share:+.2f} of the work goes into the joint"
+    remedy = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
+    return [Finding("warning", "torque_sign", correlation, message, remedy, joint)]
+
+
+def load(log: MotorLog) -> list[Finding]:
+    """joint_torque against the torque that a known load needed, with friction of the gear.
+
+    load_inertia·q̈ - external_torque = slope·joint_torque + coulomb·tanh(q̇/0.05) + viscous·q̇,  coulomb, viscous <= 0
+    """
+    if log.joint_torque is None or log.load_inertia is None or log.external_torque is None:
+        return []
+    from scipy.optimize import lsq_linear  # takes half a second
+
+    found = []
+    for column in excited_joints(log):
+        joint, parts = log.joint_names[column], [_blocks(part.joint(column)) for part in log.segments()]
+        torque, friction, speed, needed, noise = np.concatenate(parts, axis=1)
+        if needed.size < 20 or not torque.any() or rms(noise) >= 0.3 * rms(needed):
+            continue
+        fit = lsq_linear(np.stack([torque, friction, speed], axis=1), needed, ([-np.inf] * 3, [np.inf, 0.0, 0.0]))
+        slope = float(fit.x[0])
+        correlation = float(np.sign(slope) * np.sqrt(max(0.0, 1.0 - 2.0 * fit.cost / np.sum(needed**2))))
+        if correlation < 0.7:
+            message = f"joint_torque/{joint} does not explain its load's motion: correlation {correlation:.2f}"
+            remedy = f"check load, clocks and sign; correct the sign in the file, or {IN_MAP}; leave out a torque "
+            remedy += "computed from a current if gear friction takes most of it"
+            found.append(Finding("warning", "load", correlation, message, remedy, joint, 0))
+        elif not SLOPES[0] <= slope <= SLOPES[1]:
+            message = f"the load of {joint} needed {slope:.2f} times its joint_torque, gear friction included"
+            remedy = f"check load_inertia, torque constant, gear and unit; convert in the file, or {IN_MAP} by torque"
+            found.append(Finding("warning", "load", slope, message, remedy, joint, 0))
+    return found
+
+
+def _blocks(part: MotorLog) -> np.ndarray:
+    """(5, N) torque [N·m], friction [-], speed [rad/s], needed torque [N·m] and its noise [N·m] of one joint's segment.
+
+    By means over blocks of 0.05 s. Their second differences weigh accelerations nearly as (1, 10, 1)/12 weighs blocks.
+    """
+    assert part.joint_torque is not None and part.load_inertia is not None and part.external_torque is not None
+    length = max(1, round(0.05 / part.period)) if part.num_rows > 1 else 1
+    count = part.num_rows // length
+    if count < 3 or part.num_rows < 10:
+        return np.zeros((5, 0))
+    angle, time = part.joint_pos[:, 0], length * part.period
+    speed = np.pad((angle[length:] - angle[:-length]) / time, (length // 2, length - length // 2), "edge")
+    series = part.joint_torque, np.tanh(speed / 0.05), speed, part.load_inertia, part.external_torque, angle
+    blocks = [values.reshape(-1)[: count * length].reshape(count, length).mean(axis=1) for values in series]
+    weights = np.array([1.0, 10.0, 1.0]) / 12.0
+    torque, friction, speed, inertia, external = (np.convolve(values, weights, "valid") for values in blocks[:-1])
+    noise = max(float(np.std(np.diff(angle, 4))) / np.sqrt(70.0), encoder_step(angle) / np.sqrt(12.0))
+    acceleration_noise = np.sqrt(6.0 / length) * noise / time**2
+    needed = inertia * np.diff(blocks[-1], 2) / time**2 - external
+    return np.stack([torque, friction, speed, needed, inertia * acceleration_noise])
+
+
+def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
+    """One or two joints whose reversal lets the model's gravity explain the position errors of steady motion better.
+
+    A position-controlled motor in slow, steady motion deflects by its torque over kp. Per joint,
+
+        position_target - joint_pos = -gravity/kp + friction·sign(speed) + lag·speed + offset,    kp >= 0
+
+    is fitted for the signs as given, and with one or two joints reversed. Vertical axes show no gravity.
+
+    Args:
+        log: of a robot whose base is fixed or suspended.
+        gravity: of its model.
+    """
+    angle, error, speed, steady = _steady_motion(log)
+    if steady.sum(axis=0).max(initial=0) < MIN_ROWS:
+        return []
+
+    def residual(*joints: int) -> float:
+        sign = np.where(np.isin(np.arange(log.num_joints), joints), -1.0, 1.0)
+        return _residual(sign * gravity(sign * angle), error, speed, steady)
+
+    given = residual()
+    if given < MIN_RMS**2:
+        return []
+    squares = {joints: residual(*joints) for size in (1, 2) for joints in combinations(range(log.num_joints), size)}
+    enough = min(squares.values()) + 0.05 * max(0.0, given - min(squares.values()))
+    joints, square = next((joints, square) for joints, square in squares.items() if square <= enough)  # one, or two
+    before, after = np.sqrt([given, square])
+    if square > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
+        return []
+    names = " and ".join(log.joint_names[column] for column in joints)
+    message = (
+        f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained, and "
+        f"{1e3 * after:.1f} mrad with {names} reversed"
+    )
+    remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
+    remedy += f"{IN_MAP} by sign and zero, or in the model"
+    joint = names if len(joints) == 1 else None
+    return [Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint, 0)]
+
+
+def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(N, J) angle [rad], error [rad], speed [rad/s] in up to 500 rows of steady motion, and which joints move."""
+    half = max(1, round(0.1 / log.period))
+    rows = np.concatenate([np.arange(part.start + half, part.stop - half) for part in log.segment_slices()]).astype(int)
+    rows = rows[:: max(1, len(rows) // 20_000)]
+    time = (log.time[rows + half] - log.time[rows - half])[:, None]
+    speed, commanded = ((x[rows + half] - x[rows - half]) / time for x in (log.joint_pos, log.position_target))
+    moves = (np.abs(speed) > 0.03) & (np.abs(speed) < 0.5)  # [rad/s]; static friction may act either way
+    steady = moves & (np.abs(speed - commanded) < 0.05)
+    some = np.flatnonzero(steady.any(axis=1))
+    some = some[np.linspace(0, len(some) - 1, min(len(some), 500)).astype(int)]
+    angle = log.joint_pos[rows[some]]
+    return angle, log.position_target[rows[some]] - angle, speed[some], steady[some]
+
+
+def _residual(torque: np.ndarray, error: np.ndarray, speed: np.ndarray, steady: np.ndarray) -> float:
+    """Mean square of the errors [rad²] that the fit leaves, over joints and their steady rows."""
+    from scipy.optimize import lsq_linear  # takes half a second
+
+    squares, count = 0.0, 0
+    for column in np.flatnonzero(steady.sum(axis=0) >= MIN_ROWS):
+        rows = steady[:, column]
+        e, v, pull = error[rows, column], speed[rows, column], -torque[rows, column]
+        kept = np.abs(e) <= np.percentile(np.abs(e), 98)  # the largest come from transients
+        terms = np.stack([pull, np.ones(len(e)), np.sign(v), v], axis=1)[kept]
+        bounds = [0.0, -MAX_OFFSET, -np.inf, -np.inf], [np.inf, MAX_OFFSET, np.inf, np.inf]
+        squares += 2.0 * float(lsq_linear(terms, e[kept], bounds, method="bvls").cost)
+        count += int(kept.sum())
+    return squares / count
