@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, spelled
+from motorprior.exceptions import LogError, shown
 from motorprior.logs.motor_log import (
     BASE_AXES,
     CODES,
@@ -196,7 +196,7 @@ def _check_firmware(log: MotorLog, where: str | Path | None) -> None:
         if not is_register(name, value):
             least, most = FIRMWARE[name]
             raise LogError(
-                f"firmware.{name} {spelled(value)} is not 0 (off) or a number within {least:g}..{most:g}", where=where,
+                f"firmware.{name} {shown(value)} is not 0 (off) or a number within {least:g}..{most:g}", where=where,
                 remedy="give it in rad, rad/s or rad/s², or leave it out",
             )  # fmt: skip
 

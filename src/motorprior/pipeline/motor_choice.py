@@ -222,9 +222,9 @@ class MotorChoice:
             if value is not None:
                 require_number(name, value)
                 changes[name] = np.full(robot.num_joints, float(value))
-        require_number("delay", self.delay, most=_MAX_DELAY)
+        require_number("delay", self.delay, maximum=_MAX_DELAY)
         require_number("coulomb", self.coulomb)
-        require_number("spread", self.spread, most=0.9)
+        require_number("spread", self.spread, maximum=0.9)
         if self.coulomb and not self.armature:
             raise ConfigError(
                 f"coulomb {self.coulomb:g} N·m without armature", argument="coulomb",
