@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.replay.calibrate import FLEET, PICTURE, PRIOR_BANDS, Calibrate, run_calibrate
+from motorprior.pipeline.replay.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.report.tables import calibrated_constants, calibration_errors, optima
 
 
@@ -25,5 +25,4 @@ def run_calibrate_command(config: CalibrateCommand) -> None:
     table("Real logs: joint RMSE [mrad], start included", *calibration_errors(results))
     table("Constants of the central motor", *calibrated_constants(results))
     table("Optima", *optima(results))
-    pictures = [config.out / PICTURE, *([] if config.prior is None else [config.out / PRIOR_BANDS / PICTURE])]
-    TERMINAL.note(", ".join(map(str, [config.out / FLEET, *pictures])))
+    TERMINAL.note(f"{config.out / FLEET}, {config.out / PICTURE}")

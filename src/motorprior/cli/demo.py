@@ -1,4 +1,4 @@
-"""``motorprior demo``: the whole story, small."""
+"""``motorprior demo``: a small run of everything."""
 
 from __future__ import annotations
 
@@ -13,10 +13,6 @@ from motorprior.cli.validate import show_fidelity
 from motorprior.pipeline.demo import Demo, DemoResult, run_demo
 from motorprior.pipeline.stage import FIGURES
 
-_ALWAYS = ("seed",)
-_NO_MATTER = ("out", "workers")
-"""What the result does not depend on."""
-
 
 def demo(config: Demo) -> None:
     """See `run_demo`; prints its tables."""
@@ -24,12 +20,12 @@ def demo(config: Demo) -> None:
 
 
 def demo_command(config: Demo) -> str:
-    """``motorprior demo`` with the seed and every other option that is not the default; logs are in a FOLDER."""
+    """The command line with the seed and every option that differs from its default; the folder of logs as FOLDER."""
     words = ["motorprior", "demo"]
     for field in fields(Demo):
         value = getattr(config, field.name)
-        if field.name in _NO_MATTER or (value == field.default and field.name not in _ALWAYS):
-            continue
+        if field.name in ("out", "workers") or (value == field.default and field.name != "seed"):
+            continue  # the result does not depend on out and workers
         words.append(f"--{field.name.replace('_', '-')}")
         if value is not True:
             words.append("FOLDER" if field.name == "logs" else str(value))

@@ -11,7 +11,7 @@ from rich.markdown import Markdown
 
 from motorprior.cli.console import CONSOLE, TERMINAL, table
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.report import PAGE
+from motorprior.pipeline.stage import PAGE
 from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results

@@ -25,7 +25,7 @@ from motorprior.pipeline.progress import Progress
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
-RESULTS, FIGURES, MARKER = "results.json", "figures.json", "stage.json"
+RESULTS, FIGURES, PAGE, MARKER = "results.json", "figures.json", "report.html", "stage.json"
 LOCK = ".lock"
 Result = TypeVar("Result")
 

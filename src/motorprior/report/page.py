@@ -36,8 +36,8 @@ class Picture:
 class Table:
     """Rows of cells under column titles."""
 
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
     caption: str
 
 
@@ -57,7 +57,7 @@ def picture(figure: Figure, caption: str) -> Picture:
 
 
 def page(
-    title: str, sections: Sequence[Section], settings: Mapping[str, Any], command: str, pending: Sequence[str] = ()
+    title: str, sections: Sequence[Section], settings: Mapping[str, Any], command: str, complete: bool = True
 ) -> str:
     """The page as HTML, with all pictures inside.
 
@@ -65,8 +65,8 @@ def page(
         title: of the page.
         sections: in reading order.
         settings: of the run; nested dictionaries are allowed.
-        command: the command that makes the same page.
-        pending: stages without results yet; empty if the report is complete.
+        command: that makes the same page.
+        complete: whether all stages of the run are finished.
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
@@ -78,7 +78,7 @@ def page(
             for name, value in dotted(settings).items()
         ],
         command=command,
-        pending=pending,
+        complete=complete,
         text=_text,
         is_number=_is_number,
         color=lambda cell: model_color(cell) if isinstance(cell, str) and model_key(cell) else None,

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from motorprior.report.plots_style import (
     INK,
-    MUTED,
     TIME,
     describe,
     fit_y,
@@ -36,7 +35,7 @@ def excitation_and_response(
     external_torque: np.ndarray | None,
     title: str,
 ) -> Figure:
-    """Commands and response of a motor: angle, velocity, torque; what was not recorded is None.
+    """Commands and response of a motor: angle, velocity, torque; None for channels that were not recorded.
 
     Args:
         time: (T,) [s].
@@ -130,7 +129,7 @@ def closed_loop(
 
 
 def _milli(value: float) -> str:
-    """A root mean square angle in mrad; a model that diverged has none."""
+    """An RMSE in mrad, or "diverged"."""
     return f"{1000 * value:.3g} mrad" if value < 10.0 else "diverged"
 
 
@@ -167,36 +166,27 @@ def robot_traces(
 
 
 @dataclass(frozen=True)
-class Band:
-    """Range of a share of sampled motors: its label, lower and upper bound (T,) [rad], filled or as two lines."""
-
-    label: str
-    low: np.ndarray
-    high: np.ndarray
-    is_filled: bool = True
-
-
-@dataclass(frozen=True)
 class LogPanel:
-    """One joint of a log: title, time (T,) [s], and target, measured angle and central motor's angle (T,) [rad]."""
+    """One joint of a log: title, time (T,) [s]; target, measured, central motor's and 5 and 95 % angle (T,) [rad]."""
 
     title: str
     time: np.ndarray
     target: np.ndarray
     measured: np.ndarray
     center: np.ndarray
-    bands: tuple[Band, ...]  # the widest first
+    low: np.ndarray
+    high: np.ndarray
 
 
 def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
-    """A row per log with its first ``seconds``: measured angle, central motor and bands; next to it their error."""
+    """A row per log with its first ``seconds``: measured angle, central motor and band; next to it their error."""
     figure = new_figure(0.7 + 1.75 * len(logs))
     grid = panels(figure, len(logs), 2)
     for (angle, error), log in zip(grid, logs, strict=True):
-        shown = log.time - log.time[0] <= seconds
-        target_line(angle, log.time[shown] - log.time[0], log.target[shown])
-        _against_bands(angle, log, shown, 0.0, 1.0)
-        _against_bands(error, log, shown, log.measured[shown], 1e3)
+        rows = log.time - log.time[0] <= seconds
+        target_line(angle, log.time[rows] - log.time[0], log.target[rows])
+        _with_band(angle, log, rows, 0.0, 1.0)
+        _with_band(error, log, rows, log.measured[rows], 1e3)
         describe(angle, y="angle [rad]", title=log.title)
         describe(error, y="minus measured [mrad]")
     for axes in grid[-1]:
@@ -206,15 +196,9 @@ def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
     return figure
 
 
-def _against_bands(axes: Axes, log: LogPanel, shown: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
-    time = log.time[shown] - log.time[0]
-    for number, band in enumerate(log.bands):
-        low, high = (unit * (edge[shown] - zero) for edge in (band.low, band.high))
-        if band.is_filled:
-            color, alpha = model_color("rollout"), 0.2 + 0.1 * number
-            axes.fill_between(time, low, high, color=color, alpha=alpha, lw=0, label=band.label)
-        else:
-            axes.plot(time, low, color=MUTED, lw=0.7, ls=":", label=band.label)
-            axes.plot(time, high, color=MUTED, lw=0.7, ls=":")
-    model_line(axes, time, unit * (log.measured[shown] - zero), "measured").set_linewidth(1.9)
-    model_line(axes, time, unit * (log.center[shown] - zero), "rollout", "central motor")
+def _with_band(axes: Axes, log: LogPanel, rows: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
+    time, color = log.time[rows] - log.time[0], model_color("rollout")
+    low, high = (unit * (edge[rows] - zero) for edge in (log.low, log.high))
+    axes.fill_between(time, low, high, color=color, alpha=0.2, lw=0, label="fleet, 90 % of draws")
+    model_line(axes, time, unit * (log.measured[rows] - zero), "measured").set_linewidth(1.9)
+    model_line(axes, time, unit * (log.center[rows] - zero), "rollout", "central motor")

@@ -79,7 +79,7 @@ def seed_curves(iteration: np.ndarray, curves: Mapping[str, np.ndarray]) -> Figu
     return figure
 
 
-def transfer_bars(own: Mapping[str, tuple[float, float]], twin: Mapping[str, tuple[float, float]]) -> Figure:
+def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequence[float]]) -> Figure:
     """Every policy in its training simulation (pale) and on the twin, the held-out virtual robot (full colour).
 
     Args:
@@ -119,10 +119,10 @@ def _heat_map(axes: Axes, shown: UprightMap) -> None:
     for row, values in enumerate(shown.share):
         for column, value in enumerate(values):
             axes.text(column, row, f"{100.0 * value:.0f}", ha="center", va="center", fontsize=TEXT)
-    axes.set_xticks(range(len(shown.columns.values)), [f"{value:g}" for value in shown.columns.values])
-    axes.set_yticks(range(len(shown.rows.values)), [f"{value:g}" for value in shown.rows.values])
+    axes.set_xticks(range(len(shown.columns)), [f"{value:g}" for value in shown.columns])
+    axes.set_yticks(range(len(shown.rows)), [f"{value:g}" for value in shown.rows])
     axes.grid(False)
-    describe(axes, x=shown.columns.title, y=shown.rows.title)
+    describe(axes, x=shown.titles[1], y=shown.titles[0])
 
 
 def footfalls(stances: Mapping[str, np.ndarray], legs: Sequence[str], span: float, axis: str) -> Figure:

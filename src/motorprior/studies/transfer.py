@@ -18,8 +18,7 @@ import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.report import PAGE
-from motorprior.pipeline.stage import locked, usable_threads, write_results
+from motorprior.pipeline.stage import PAGE, locked, usable_threads, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, learn, randomised_pd

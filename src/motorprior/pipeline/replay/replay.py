@@ -162,7 +162,7 @@ def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Re
     return Results.of(rows)
 
 
-def shown_joint(robot: Robot, log: MotorLog) -> int:
+def plotted_joint(robot: Robot, log: MotorLog) -> int:
     """The joint of a log to plot: the first excited knee, or else the first excited joint."""
     excited = excited_joints(log)
     last = {leg.joints[-1] for leg in robot.legs}
@@ -172,7 +172,7 @@ def shown_joint(robot: Robot, log: MotorLog) -> int:
 
 def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
     """The plotted joint of a log, for the report; samples as median and 90 % band."""
-    joint = shown_joint(robot, log)
+    joint = plotted_joint(robot, log)
     traces = {
         f"{name}/joint": np.array(joint),
         f"{name}/time": log.time,
