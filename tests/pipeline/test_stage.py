@@ -24,6 +24,12 @@ def test_a_stage_is_finished_once_it_ends_without_error(tmp_path: Path):
     assert not is_finished(tmp_path, {"stage": "walk", "config": {"seed": 1}})
 
 
+def test_a_stage_that_writes_nothing_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(ZeroDivisionError), locked(tmp_path / "out"), working(tmp_path / "out", WANTED):
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"seconds": 1.0}'])
 def test_a_damaged_marker_is_none(tmp_path: Path, text: str):
     (tmp_path / MARKER).write_text(text)

@@ -13,7 +13,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import tyro  # noqa: E402
 
 from motorprior.cli.adapt import AdaptCommand, adapt  # noqa: E402
-from motorprior.cli.calibrate import CalibrateCommand, run_calibrate_command  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
@@ -22,7 +21,7 @@ from motorprior.cli.identify import IdentifyCommand  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
-from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
+from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
 from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
@@ -42,7 +41,7 @@ LOGS: dict[str, tuple[type, Any]] = {
 }
 COMMANDS: dict[str, tuple[type, Any]] = {
     "demo": (Demo, demo),
-    "calibrate": (CalibrateCommand, run_calibrate_command),
+    "calibrate": (CalibrateCommand, calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (IdentifyCommand, partial(run_identify, progress=TERMINAL)),
     "validate": (ValidateCommand, validate),
@@ -70,7 +69,7 @@ def parse(args: list[str]) -> object:
 
     Raises:
         SystemExit: code 2 for a wrong command line, 0 after --help.
-        ConfigError: settings that do not fit together.
+        ConfigError: invalid settings.
     """
     logs = Annotated[Union[*_one_of(LOGS)], tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
     first, *others = _one_of(COMMANDS)
@@ -78,7 +77,7 @@ def parse(args: list[str]) -> object:
 
 
 def main() -> None:
-    """Run a command line; exit code 2 and one line on bad input, 130 when interrupted."""
+    """Run a command line; exit code 2 and one line for bad input, 130 if interrupted."""
     try:
         config = parse(sys.argv[1:])
         RUN[type(config)](config)

@@ -17,7 +17,7 @@ from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import Progress, Task
-from motorprior.pipeline.stage import description, in_parallel, is_finished, working
+from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, working
 from motorprior.robots.load import load_robot
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
@@ -208,10 +208,14 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
 
     robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
     fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
-    motors = motors_of_robot(robot, fleet, config.seed, seed)
-    log = folder.parent / f"{folder.name}.parquet"
-    steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed)
-    write_log(log, record(motors, preset, steps, log_seed, fleet))
+    log = _robot_folder(config, population, seed, "log") / f"{folder.name}.parquet"
+    settings = {"study": config.seed, "robot": seed, "seconds": LOG_SECONDS}
+    wanted = description("study", settings, [*fleet_files(robot, fleet_of(config, population)), *robot.files])
+    if not is_finished(log.parent, wanted):
+        with working(log.parent, wanted):
+            motors = motors_of_robot(robot, fleet, config.seed, seed)
+            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed)
+            write_log(log, record(motors, preset, steps, log_seed, fleet))
     if "prior_adapted" in config.conditions:
         run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
     if "pd_adapted" in config.conditions:

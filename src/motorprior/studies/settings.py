@@ -126,7 +126,9 @@ class Study:
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
         require_seed(config.seed)
         require_executor(config.executor, config.ray_address)
-        own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign)
+        own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign, "foreign")
+        if config.validation not in (None, OWN_MOTORS):
+            load_robot_fleet(robot, config.validation, "validation")
         if replace(own, name=foreign.name) == foreign or config.validation in (own.name, foreign.name):
             problem = "fleet, foreign and validation must be three different fleets"
             raise ConfigError(problem, argument="foreign", remedy="change one of them")

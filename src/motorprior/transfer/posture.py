@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,30 +18,23 @@ FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
 MARGIN = 0.7  # a log counts as suspended if that error is below this share of the error standing
 
 
-@dataclass(frozen=True)
-class Posture:
-    """Attributes: name, one of `motor_log.POSTURES`; evidence, for a report."""
+class Posture(NamedTuple):
+    """Attributes: name, one of `motor_log.POSTURES`; evidence, for the user."""
 
     name: str
     evidence: str
 
 
 def with_posture(log: MotorLog, name: str) -> MotorLog:
-    """The log with one posture; rows whose tilt shows a fall are fallen."""
+    """The log with one posture; rows of a standing robot with the tilt of a fall are fallen."""
     codes = np.full(log.num_rows, POSTURES.index(name))
     if log.base_orientation is not None and name == "standing":
         for segment in log.segment_slices():
-            fallen = _is_fallen(log.time[segment], log.base_orientation[segment])
-            codes[segment][fallen] = POSTURES.index("fallen")
+            time, tilt = log.time[segment], np.abs(log.base_orientation[segment]).max(axis=1)
+            for first, after in runs_of_true(tilt > FALLEN_TILT):
+                if time[after - 1] - time[first] >= FALLEN_TIME:
+                    codes[segment][first:after] = POSTURES.index("fallen")
     return replace(log, posture=codes)
-
-
-def _is_fallen(time: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """(rows,) mask of runs of at least FALLEN_TIME above FALLEN_TILT."""
-    tilted = np.abs(tilt).max(axis=1) > FALLEN_TILT
-    for first, after in runs_of_true(tilted):
-        tilted[first:after] = time[after - 1] - time[first] >= FALLEN_TIME
-    return tilted
 
 
 def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actuator) -> Posture:
@@ -61,10 +55,7 @@ def find_posture(log: MotorLog, prepared: MotorLog, robot: Robot, actuator: Actu
         Replayer(with_posture(log, name), robot, with_posture(prepared, name)) for name in ("standing", "suspended")
     )
     suspended.compared = standing.compared  # the same rows, up to a fall
-    error = {
-        name: float(np.nanmean(each.run(actuator).rmse))
-        for name, each in (("standing", standing), ("suspended", suspended))
-    }
-    name = "suspended" if error["suspended"] < MARGIN * error["standing"] else "standing"
-    errors = f"{1e3 * error['standing']:.1f} mrad standing, {1e3 * error['suspended']:.1f} mrad suspended"
+    on_feet, in_air = (float(np.nanmean(each.run(actuator).rmse)) for each in (standing, suspended))
+    name = "suspended" if in_air < MARGIN * on_feet else "standing"
+    errors = f"{1e3 * on_feet:.1f} mrad standing, {1e3 * in_air:.1f} mrad suspended"
     return Posture(name, f"{name}, from replay errors: {errors}")

@@ -24,36 +24,33 @@ def replayers_of(
     posture: PostureName,
     progress: Progress,
 ) -> dict[str, Replayer]:
-    """Every log with its posture, ready to replay; posture and logged gains are noted.
+    """Every log with its posture, ready to replay; notes state posture and logged gains.
 
     Args:
         logs: by name, with every row.
         prepared: the same, see `log_replay.prepare`.
         robot: of the logs.
-        fleet: whose central motor is replayed to find an unknown posture.
-        posture: of every log; ``auto`` to use that in the log, or to find it by replaying both.
+        fleet: its central motor is replayed to find an unknown posture.
+        posture: of every log; ``auto`` for the logged one, or if there is none, the one that replays better.
         progress: receives the notes.
 
     Raises:
         ConfigError: a posture for a robot with a fixed base.
-        LogError: a segment in two postures.
+        LogError: a segment with two postures.
     """
     if posture != "auto" and robot.base == "fixed":
-        raise ConfigError(
-            f"posture {posture!r}, but the base of {robot.name!r} is fixed", remedy="leave it out", argument="posture"
-        )
+        problem = f"posture {posture!r}, but the base of {robot.name!r} is fixed"
+        raise ConfigError(problem, remedy="leave it out", argument="posture")
     center, found = fleet.center(robot.num_joints), {}
     for name, log in logs.items():
+        chosen, evidence = posture, f"{posture}, as given"
         if posture == "auto":
-            known = find_posture(log, prepared[name], robot, with_logged_gains(center, log).actuator())
-            chosen, evidence = known.name, known.evidence
-        else:
-            chosen, evidence = posture, f"{posture}, as given"
-        stated = posture == "auto" and log.posture is not None
-        both = [each if stated else with_posture(each, chosen) for each in (log, prepared[name])]
-        found[name] = Replayer(both[0], robot, both[1])
-        left = int((~found[name].compared).sum())
-        progress.note(f"log {name}: {evidence}" + (f"; {left} rows after a fall are excluded" if left else ""))
+            chosen, evidence = find_posture(log, prepared[name], robot, with_logged_gains(center, log).actuator())
+        logged = posture == "auto" and log.posture is not None
+        rows, kept = (each if logged else with_posture(each, chosen) for each in (log, prepared[name]))
+        found[name] = Replayer(rows, robot, kept)
+        excluded = int((~found[name].compared).sum())
+        progress.note(f"log {name}: {evidence}" + (f"; {excluded} rows after a fall are excluded" if excluded else ""))
         if gains := logged_gains_note(log):
             progress.note(f"log {name}: {gains}")
     return found

@@ -18,7 +18,7 @@ from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
-from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import (
     description,
@@ -138,10 +138,9 @@ def trained_walk(
     if walk is None:
         commands = commands or straight_ahead(robot)
         walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
-    condition = choice_from_json(policy.provenance.get("motors"), path).condition()
-    return TrainedWalk(
-        path.parent.name, robot, policy, condition, training_scene(policy, path, robot, walk, engine).simulator()
-    )
+    motors = choice_from_json(policy.provenance.get("motors"), path)
+    scene = training_scene(policy, path, robot, walk, engine, motors)
+    return TrainedWalk(path.parent.name, robot, policy, motors.condition(), scene.simulator())
 
 
 def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
@@ -156,45 +155,47 @@ def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
     return policy, policy.commanded(robot)
 
 
-def training_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine: Engine | None = None) -> Scene:
+def training_scene(
+    policy: Policy,
+    path: Path,
+    robot: Robot,
+    walk: WalkConfig,
+    engine: Engine | None = None,
+    motors: MotorChoice | None = None,
+) -> Scene:
     """The simulation in which a policy was trained.
 
     Args:
         policy: the trained policy.
-        path: its file, for messages and for the files of its motors.
+        path: its file, for errors and to find the files of its motors.
         robot: with the policy's commands.
         walk: the episode, with the policy's gait.
         engine: instead of that of the training.
+        motors: of the training; read from the policy's provenance if not given.
 
     Raises:
         ArtifactError, ConfigError: missing motors, or damaged provenance.
     """
-    choice = choice_from_json(policy.provenance.get("motors"), path)
+    motors = motors or choice_from_json(policy.provenance.get("motors"), path)
     try:
-        sample = choice.sampler(robot)
+        sample = motors.sampler(robot)
     except (ArtifactError, ConfigError) as error:
         where = path if error.where is None else f"{path}: {error.where}"
         raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
-    trained_in, roughness = _ground(policy, path)
-    engine = engine or trained_in
-    terrain = Terrain(roughness if engine == "pybullet" else 0.0)
-    return Scene(robot, engine, sample, choice.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
+    stated: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
+    stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
+    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
+    engine = engine or cast(Engine, stated["engine"])
+    terrain = Terrain(float(stated["roughness"]) if engine == "pybullet" else 0.0)
+    return Scene(robot, engine, sample, motors.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:
-    """Randomization of its training; none if not stated."""
+    """Randomization of its training; none if the provenance has none."""
     try:
         return Randomization(**policy.provenance.get("randomization", {}))
     except (TypeError, ConfigError) as error:
         raise ArtifactError(f"its randomization: {error}", where=path, remedy="train again") from error
-
-
-def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
-    """Engine and roughness [m] of its training; MuJoCo and flat if not stated."""
-    stated: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
-    stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
-    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
-    return cast(Engine, stated["engine"]), float(stated["roughness"])
 
 
 def _evaluate_all(
