@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-import shlex
-from dataclasses import fields
-
-from motorprior.cli.console import TERMINAL
+from motorprior.cli.console import TERMINAL, command_line
 from motorprior.cli.real_motors import show_real_motors
 from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
-from motorprior.pipeline.demo import Demo, DemoResult, run_demo
+from motorprior.pipeline.demo import Demo, run_demo
 from motorprior.pipeline.stage import FIGURES
 
 
 def demo(config: Demo) -> None:
     """See `run_demo`; prints its tables."""
-    _show(config, run_demo(config, TERMINAL, demo_command(config), show_real_motors))
-
-
-def demo_command(config: Demo) -> str:
-    """The command line with the seed and every option that differs from its default; the folder of logs as FOLDER."""
-    words = ["motorprior", "demo"]
-    for field in fields(Demo):
-        value = getattr(config, field.name)
-        if field.name in ("out", "workers") or (value == field.default and field.name != "seed"):
-            continue  # the result does not depend on out and workers
-        words.append(f"--{field.name.replace('_', '-')}")
-        if value is not True:
-            words.append("FOLDER" if field.name == "logs" else str(value))
-    return shlex.join(words)
-
-
-def _show(config: Demo, found: DemoResult) -> None:
+    # the result does not depend on out and workers
+    found = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")), show_real_motors)
     show_fidelity(found.results)
     if found.results.where(quantity="real_rmse"):
         show_replay(found.results)

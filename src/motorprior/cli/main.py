@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, NoReturn, Union
 
@@ -23,7 +24,6 @@ from motorprior.cli.play import PlayCommand, play  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
-from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
@@ -33,7 +33,16 @@ from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
 from motorprior.pipeline.demo import Demo  # noqa: E402
 from motorprior.pipeline.identify import run_identify  # noqa: E402
 from motorprior.pipeline.log_import.raw_logs import import_logs  # noqa: E402
-from motorprior.pipeline.simulate import run_simulate  # noqa: E402
+from motorprior.pipeline.motor_choice import MotorChoice  # noqa: E402
+from motorprior.pipeline.simulate import Simulate, run_simulate  # noqa: E402
+
+
+@dataclass(frozen=True)
+class SimulateCommand(Simulate):
+    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
+
+    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
+
 
 LOGS: dict[str, tuple[type, Any]] = {
     "import": (LogsImportCommand, partial(import_logs, progress=TERMINAL)),

@@ -17,7 +17,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.pipeline.adapt import motor_constants
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.motor_choice import described_pd
-from motorprior.pipeline.progress import WarningCollector, Progress
+from motorprior.pipeline.progress import Progress, WarningCollector
 from motorprior.pipeline.quick_report.findings import Errors, Findings, constant_results, free_run_trace
 from motorprior.pipeline.quick_report.fleet_comparison import (
     beside_each_other,

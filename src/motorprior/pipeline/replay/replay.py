@@ -55,7 +55,7 @@ class Replay:
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
-    """Check and replay, or read the results if the folder holds them already.
+    """Check and replay, or read the results of the finished stage.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
@@ -66,7 +66,9 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     load_robot_fleet(robot, config.fleet)
     folder, prepared = read_logs(config.logs, robot)
     for name, log in folder.logs.items():
-        _note_findings(name, log, robot, progress)
+        for finding in check_log(log, robot.limits).findings:
+            if finding.severity != "info":
+                progress.note(f"log {name}: {finding.severity}: {finding.message}")
     prior = load_prior(config.prior, robot)
     inputs = [config.prior, *fleet_files(robot, config.fleet), *folder.files, *robot.files]
     wanted = description("replay", asdict(config), inputs)
@@ -77,7 +79,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
 
 
 def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]:
-    """A log, or all logs of a folder; and the same by name without repeated measurements.
+    """A log, or all logs of a folder; and by name without repeated measurements.
 
     Raises:
         LogError: a log that cannot be read or replayed.
@@ -87,17 +89,9 @@ def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]
     except LogError as error:
         if error.argument != "columns":
             raise
-        remedy = (
-            "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the .parquet files"
-        )
+        remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the new files"
         raise LogError(error.problem, where=error.where, remedy=remedy) from error
     return folder, {name: prepare(log, robot, f"{path}, log {name}") for name, log in folder.logs.items()}
-
-
-def _note_findings(name: str, log: MotorLog, robot: Robot, progress: Progress) -> None:
-    for finding in check_log(log, robot.limits).findings:
-        if finding.severity != "info":
-            progress.note(f"log {name}: {finding.severity}: {finding.message}")
 
 
 def _replay_all(
