@@ -35,17 +35,7 @@ def excitation_and_response(
     external_torque: np.ndarray | None,
     title: str,
 ) -> Figure:
-    """Commands and response of a motor: angle, velocity, torque; None for channels that were not recorded.
-
-    Args:
-        time: (T,) [s].
-        position_target: (T,) [rad].
-        joint_pos: (T,) [rad].
-        joint_vel: (T,) [rad/s].
-        joint_torque: (T,) of the motor on the joint [N·m].
-        external_torque: (T,) of everything else on the joint [N·m].
-        title: of the figure.
-    """
+    """Commands and response of a motor: (T,) angles, velocity and torques in SI units; None if not recorded."""
     figure = new_figure(4.6)
     angle, velocity, torque = panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
     target_line(angle, time, position_target)
@@ -66,13 +56,7 @@ def excitation_and_response(
 
 
 def torque_fit(time: np.ndarray, measured: np.ndarray, predicted: Mapping[str, np.ndarray]) -> Figure:
-    """Measured torque and the torque that models predict one step ahead from the recorded motion.
-
-    Args:
-        time: (T,) [s].
-        measured: (T,) [N·m].
-        predicted: (T,) [N·m] per model.
-    """
+    """Measured (T,) torque [N·m] and the torque that models predict one step ahead from the recorded motion."""
     figure = new_figure(2.6)
     (axes,) = panels(figure, 1)[0]
     model_line(axes, time, measured, "measured").set_linewidth(1.9)
@@ -95,16 +79,16 @@ def closed_loop(
     truth_label: str = "truth",
     band: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Figure:
-    """Joint angle of each model in its own closed loop, and its error.
+    """Joint angle (T,) [rad] of each model in its own closed loop, and its error.
 
     Args:
         time: (T,) [s].
         position_target: (T,) [rad].
-        truth: (T,) [rad].
+        truth: (T,) [rad], of a simulated or measured motor.
         models: (T,) [rad] per model.
         title: of the figure.
-        truth_label: legend of the truth, a simulated or a measured motor.
-        band: lower and upper bound (T,) [rad] of the sampled motors, or None.
+        truth_label: for the legend.
+        band: lower and upper bound (T,) [rad] of the sampled motors.
     """
     figure = new_figure(4.3)
     angle, error = panels(figure, 2, sharex=True, heights=(1.6, 1))[:, 0]
@@ -141,16 +125,7 @@ def robot_traces(
     models_torque: Mapping[str, np.ndarray],
     title: str,
 ) -> Figure:
-    """Angle and torque of one joint inside the simulated robot.
-
-    Args:
-        time: (T,) [s].
-        truth_pos: (T,) [rad], of the robot on physical motors.
-        models_pos: (T,) [rad] per model.
-        truth_torque: (T,) [N·m].
-        models_torque: (T,) [N·m] per model.
-        title: of the figure.
-    """
+    """(T,) angle [rad] and torque [N·m] of one joint of the simulated robot, on physical motors and on each model."""
     figure = new_figure(4.4)
     angle, torque = panels(figure, 2, sharex=True, heights=(1.2, 1))[:, 0]
     for axes, truth, models in ((angle, truth_pos, models_pos), (torque, truth_torque, models_torque)):

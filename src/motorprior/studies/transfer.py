@@ -42,15 +42,15 @@ from motorprior.studies.walks import WALKS, walk_table
 if TYPE_CHECKING:
     from motorprior.report.page import Table
 
-MEASURES = {
+MEASURES = {  # measure -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG
     "speed": "m/s", "upright": "1", "distance": "m", "heading_deg_per_m": "°/m", "lateral_share": "1", "drift": "m",
     "slip": "m/m", "transport": "1", "torque_beyond": "1", "step_frequency": "Hz", "foot_lift_mm": "mm",
     "body_rate": "rad/s",
 }  # fmt: skip
-"""Measure -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG."""
 COMPARED = ("speed", "upright")
 REFERENCE = "prior"
-PD_RANGES, PD_RANGE_SEEDS = (0.1, 0.2, 0.3, 0.4), range(900, 903)  # of the randomised PD; seeds of no condition
+PD_RANGES = (0.1, 0.2, 0.3, 0.4)  # of the randomised PD, to select from
+PD_RANGE_SEEDS = range(900, 903)  # used by no condition
 TABLES, SPREADS = "tables.md", "spreads.json"
 
 
@@ -184,8 +184,8 @@ def write_page(out: Path, summary: Summary, settings: dict[str, str], command: s
 
     headline, differences = headline_table(summary), difference_table(summary)
     text = (
-        "Policies trained on each model of a bench's motors, on held-out robots.",
-        "Speed [m/s] and time upright [%], with 95 % intervals; the share of policies upright for 90 % of the time.",
+        "One policy is trained per motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
+        "upright [%] with 95 % intervals, and the share of policies that are upright for 90 % of the time.",
     )
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
     drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")

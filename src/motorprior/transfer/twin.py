@@ -39,13 +39,13 @@ HARD = replace(
 
 
 def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
-    """Motors of one twin; the error of the fleet's centre is the same for all of them."""
+    """Motors of one twin, which share the error of the fleet's centre."""
     own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
     return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
 
 
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
-    """The robot with the range of speeds that all of these policies accept."""
+    """The robot with the range of speeds of all these policies."""
     ranges = [policy.forward for policy in policies]
     return robot.told((max(low for low, _ in ranges), min(high for _, high in ranges)))
 
@@ -120,5 +120,5 @@ def _means(episodes: list[Episode], control_dt: float) -> Walking:
 
 
 def share_upright(episode: Episode, steps: int) -> float:
-    """Share of so many control steps before a fall or a simulation fault [-]."""
+    """Share of ``steps`` control steps before a fall or a simulation fault [-]."""
     return (episode.steps - (not completed(episode, steps))) / steps

@@ -36,13 +36,13 @@ def compare(
     *,
     progress: Progress = WARNED,
 ) -> Results:
-    """Walk every policy on every set of motors: 24 samples of 5 s, straight ahead at the maximum speed of all policies.
+    """Evaluate every policy on every set of motors: 24 walks of 5 s, straight ahead at the shared maximum speed.
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
         policies: by training condition; several of one condition are its seeds.
-        twins: sets of motors by name. A fleet is the held-out twin: unseen motors, physics at the robot's
-            ``twin_physics_dt``, encoder noise. Anything else is simulated as in training.
+        twins: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors, physics at the robot's
+            ``twin_physics_dt``, encoder noise; other motors as in training.
         progress: reports to the user.
 
     Returns:
