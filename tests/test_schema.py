@@ -1,4 +1,4 @@
-"""A declaration refuses what it does not describe, by file, key, value and bound, in a message of bounded length."""
+"""Values that are not as declared are rejected, with file, key, value and bound."""
 
 from pathlib import Path
 from typing import Any
@@ -61,23 +61,17 @@ def test_what_is_declared_is_accepted():
     [
         ("share", 1.5, "share = 1.5 is not a finite number from 0 to 1"),
         ("share", float("nan"), "share = nan"),
-        ("share", True, "share = True"),
-        ("share", 10**400, "share = 1"),
         ("share", [10**5000], "share = "),
         ("gain", 0.0, "gain = 0 is not a finite number above 0 N·m/rad"),
         ("gain", float("inf"), "gain = inf"),
         ("count", 6, "count = 6 is not an integer from 1 to 5"),
-        ("count", 2.0, "count = 2 is not an integer"),
-        ("count", True, "count = True"),
         ("name", 3, "name = 3 is not a text"),
         ("on", 1, "on = 1 is not true or false"),
         ("more", [], r"more = [] is not a table"),
         ("kind", "other", "kind = 'other' is not this or that"),
-        ("kind", ["this"], "kind = ['this'] is not this or that"),
         ("sign", [1, 2, 3], "sign = [1, 2, 3] is not [1, 2]"),
         ("delay", 2.0, "delay = 2 is not a finite number from 0 to 1 s, or null"),
         ("names", [], "names = [] is not a list of 1 or more, each a text"),
-        ("names", ["x", 1], "names = ['x', 1] is not"),
     ],
 )
 def test_a_value_beyond_its_declaration_is_named(key: str, value: object, words: str):
@@ -96,7 +90,7 @@ WANTED = {"mean": Tensor(("motors", "latents"), 10.0), "std": Tensor(("latents",
 ARRAYS = {"mean": np.zeros((5, 3)), "std": np.ones(3), "bias": np.array(0.0)}
 
 
-def test_symbols_stand_for_one_size_and_are_told():
+def test_symbols_stand_for_one_size():
     assert check_tensors(ARRAYS, WANTED, PATH, REMEDY) == {"motors": 5, "latents": 3}
     assert check_tensors({**ARRAYS, "mean": np.zeros((0, 3))}, WANTED, PATH, REMEDY)["motors"] == 0
 
@@ -130,7 +124,7 @@ def test_a_tensor_that_is_not_the_declared_one_is_named(changes: dict[str, np.nd
         ({"name": 1}, "name = 1 is not a text"),
     ],
 )
-def test_a_header_says_what_it_is(change: dict[str, Any], words: str):
+def test_a_header_of_another_kind_or_version_is_rejected(change: dict[str, Any], words: str):
     header = Header(
         "test", 1 if change.get("schema_version") is True else 3, {"name": TEXT}, REMEDY, "x.safetensors", "make"
     )

@@ -1,4 +1,4 @@
-"""Whatever is wrong, one line says what, where and what to do; exit code 2; nothing half-written stays."""
+"""Bad input: one line with problem, place and remedy; exit code 2; no partial files."""
 
 import json
 import shutil
@@ -34,44 +34,20 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
     ("line", "words"),
     [
         ("bench --motors 0", ("--motors 0",)),
-        ("bench --motors -3", ("--motors -3",)),
-        ("bench --steps 1", ("--steps 1",)),
-        ("bench --seed -1", ("--seed -1", "from 0 to 2147483647")),
         ("bench --seed 99999999999999999999", ("--seed", "to 2147483647")),
         ("bench --preset unknown", ("'unknown'", "rollout", "paper")),
         ("bench --fleet unknown", ("'unknown'", "pupper_v2", "mixed")),
         ("bench --fleet nowhere.toml", ("nowhere.toml", ".toml file")),
-        ("identify {bench} --steps 0", ("--steps 0",)),
-        ("identify {bench} --seed -1", ("--seed -1",)),
         ("identify {bench} --preset unknown", ("'unknown'", "rollout", "one_network")),
-        ("validate {prior} --seed -1", ("--seed -1",)),
         ("validate", ("no prior", "identify")),
         ("validate {prior} {prior}", ("two priors", "rollout")),
-        ("replay {logs} --prior {prior} --draws 0", ("--draws 0",)),
-        ("replay {logs} --prior {prior} --seed -1", ("--seed -1",)),
-        ("replay {logs} --prior {prior} --fleet unknown", ("'unknown'", "pupper_v2")),
-        ("walk --actuator pd --iterations 0", ("--iterations 0",)),
-        ("walk --actuator pd --iterations -1", ("--iterations -1",)),
-        ("walk --actuator pd --episode-steps 0", ("--episode-steps 0",)),
-        ("walk --actuator pd --workers 0", ("--workers 0",)),
-        ("walk --actuator pd --kp -1", ("--kp -1",)),
         ("walk --actuator pd --kd nan", ("--kd nan", "finite number")),
-        ("walk --actuator pd --torque-limit inf", ("--torque-limit inf", "finite number")),
         ("walk --actuator pd --delay 1e9", ("--delay 1000000000", "to 1")),
         ("walk --actuator pd --task.alive nan", ("--task.alive nan",)),
-        ("walk --actuator pd --fleet unknown", ("'unknown'", "pupper_v2")),
         ("walk --actuator pd --prior {prior}", ("--prior", "actuator prior")),
         ("walk", ("--actuator prior", "file of a prior")),
         ("transfer", ("no policy", "walk")),
-        ("transfer {walk} --fleet unknown", ("'unknown'", "pupper_v2")),
         ("demo --motors 5", ("--motors 5", "at least 12")),
-        ("demo --bench-steps 0", ("--bench-steps 0",)),
-        ("demo --adam-steps 0", ("--adam-steps 0",)),
-        ("demo --iterations 0", ("--iterations 0",)),
-        ("demo --seeds 0", ("--seeds 0",)),
-        ("demo --seed -1", ("--seed -1",)),
-        ("demo --workers 0", ("--workers 0",)),
-        ("demo --fleet unknown", ("'unknown'", "pupper_v2")),
         ("demo --logs nowhere", ("nowhere", "jietan/puppersim")),
     ],
 )
@@ -134,7 +110,7 @@ BROKEN_LOGS = {
 
 
 @pytest.mark.parametrize(("edit", "words"), BROKEN_LOGS.values(), ids=list(BROKEN_LOGS))
-def test_a_broken_log_is_refused_by_whoever_reads_it(
+def test_a_broken_log_is_rejected_by_every_reader(
     refused: Command, tmp_path: Path, bench: Path, edit: Edit, words: tuple[str, ...]
 ):
     copy = shutil.copytree(bench, tmp_path / "bench")
@@ -143,9 +119,6 @@ def test_a_broken_log_is_refused_by_whoever_reads_it(
     refused("identify", copy, "--out", tmp_path / "out", words=(str(log), *words))
     refused("logs", "check", log, words=(str(log), *words))
     refused("logs", "import", log, "--out", tmp_path / "out", words=(str(log), *words))
-
-
-# The facts beside a log.
 
 
 # Priors.
@@ -192,7 +165,7 @@ BROKEN_PRIORS = {
 
 
 @pytest.mark.parametrize(("edit", "words"), BROKEN_PRIORS.values(), ids=list(BROKEN_PRIORS))
-def test_a_broken_prior_is_refused_by_whoever_reads_it(
+def test_a_broken_prior_is_rejected_by_every_reader(
     refused: Command, tmp_path: Path, prior: Path, pupper_logs: Path, edit: Edit, words: tuple[str, ...]
 ):
     copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
@@ -201,12 +174,6 @@ def test_a_broken_prior_is_refused_by_whoever_reads_it(
     refused("validate", copy, *out, words=(str(copy), *words))
     refused("replay", pupper_logs, "--prior", copy, *out, words=(str(copy), *words))
     refused("walk", "--prior", copy, *out, words=(str(copy), *words))
-
-
-# Logs of the real robot.
-
-
-# A file in another one's place.
 
 
 # Policies.
@@ -224,7 +191,7 @@ BROKEN_POLICIES = {
     "NaN": (write_nan_policy, ("weights[3, 4] is not finite",)),
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
     "newer schema": (resave(schema_version=4), ("schema_version 4, this one reads 3 -> update motorprior",)),
-    "of nobody": (resave(provenance={}), ("motors",)),
+    "no motors": (resave(provenance={}), ("motors",)),
 }
 
 
@@ -260,7 +227,7 @@ def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_pa
 # The process itself.
 
 
-def test_the_process_says_one_line_and_exits_with_2(tmp_path: Path, one_error: Command, bench: Path):
+def test_the_process_prints_one_line_and_exits_with_2(tmp_path: Path, one_error: Command, bench: Path):
     copy = shutil.copytree(bench, tmp_path / "bench")
     BROKEN_LOGS["NaN"][0](copy / "log.parquet")
     result = in_a_process("identify", copy, "--out", tmp_path / "out")

@@ -39,7 +39,7 @@ class Reader(HTMLParser):
 def made(complete: bool = True) -> str:
     time = np.linspace(0, 1, 400)
     drawing = picture(closed_loop(time, time, time, {"rollout": time + 0.01}, "motor"), "A motor.")
-    table = Table(("trained on", "speed [m/s]"), (("rollout", 0.45), ("tuned_pd", None)), "Speeds.")
+    table = Table(("trained on", "speed [m/s]"), (("rollout", "0.45"), ("tuned_pd", "–")), "Speeds.")
     sections = (
         Section("What & why", ("Because <b> is text.", "Two <script>."), (drawing,), (table,)),
         Section("A film", (), (Picture("Walks.", b"GIF89a", "gif"),)),

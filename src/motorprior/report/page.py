@@ -15,8 +15,6 @@ from matplotlib.figure import Figure
 from motorprior.artifacts import dotted
 from motorprior.report.plots_style import model_color, model_key, model_label, png_bytes
 
-Cell = str | float | int | bool | None
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -34,10 +32,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under column titles."""
+    """Rows of cells under column titles; names of models get their label and colour."""
 
     columns: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[str]]
     caption: str
 
 
@@ -79,24 +77,11 @@ def page(
         ],
         command=command,
         complete=complete,
-        text=_text,
-        is_number=_is_number,
-        color=lambda cell: model_color(cell) if isinstance(cell, str) and model_key(cell) else None,
+        label=lambda cell: model_label(cell) if model_key(cell) else cell,
+        is_number=lambda cell: re.match(r"[-+]?\d", cell) is not None,
+        color=lambda cell: model_color(cell) if model_key(cell) else None,
     )
 
 
 def _anchor(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-
-
-def _is_number(cell: Cell) -> bool:
-    return re.match(r"[-+]?\d", _text(cell)) is not None
-
-
-def _text(cell: Cell) -> str:
-    """A cell as text: numbers with 3 significant digits, the names of models as in the pictures."""
-    if cell is None or isinstance(cell, bool):
-        return {None: "–", True: "yes", False: "no"}[cell]
-    if isinstance(cell, float):
-        return f"{cell:.3g}"
-    return model_label(cell) if isinstance(cell, str) and model_key(cell) else str(cell)

@@ -11,7 +11,6 @@ from motorprior.bench.fleet import Fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.pipeline.replay.replay import plotted_joint, read_logs
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
@@ -20,6 +19,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, searches
 from motorprior.transfer.fleet_problem import FleetProblem
 from motorprior.transfer.log_replay import with_logged_gains
+from motorprior.transfer.posture import PostureName, replayers_of
 
 FLEET, PICTURE = "fleet.toml", "calibration.png"
 
@@ -65,7 +65,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
     wanted = description("calibrate", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            replayers = replayers_of(folder.logs, prepared, robot, fleet, config.posture, progress)
+            replayers = replayers_of(folder.logs, prepared, robot, fleet, config.posture, progress.note)
             _calibrate(config, FleetProblem(fleet, robot, replayers), progress)
     return read_results(config.out)
 

@@ -20,13 +20,13 @@ from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder
 from motorprior.pipeline.motor_choice import gains_for, load_robot_fleet, nominal_pd
 from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.log_replay import LogReplay, Replayer, prepare, with_logged_gains
+from motorprior.transfer.posture import PostureName, replayers_of
 
 TRACES = "traces.safetensors"
 
@@ -105,7 +105,7 @@ def _replay_all(
     measured = Results()
     traces: dict[str, np.ndarray] = {}
     fleet = load_robot_fleet(robot, config.fleet)
-    replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress)
+    replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress.note)
     with progress.start(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as task:
         for name in logs:
             results = _replay_models(config, robot, fleet, replayers[name], prior, task)
