@@ -8,20 +8,20 @@ from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
 from motorprior.pipeline.demo import Demo, run_demo
-from motorprior.pipeline.stage import FIGURES
+from motorprior.pipeline.stage import FIGURES, PAGE
 
 
 def demo(config: Demo) -> None:
     """See `run_demo`; prints its tables."""
     # the result does not depend on out and workers
-    found = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")), show_real_motors)
-    show_fidelity(found.results)
-    if found.results.where(quantity="real_rmse"):
-        show_replay(found.results)
+    results = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")), show_real_motors)
+    show_fidelity(results)
+    if results.where(quantity="real_rmse"):
+        show_replay(results)
     if config.logs is None:
         print(
             "No real logs were given. Those of the shipped robot are in jietan/puppersim, puppersim/data/system_id "
             "(Apache-2.0): --logs FOLDER"
         )
-    show_transfer(found.results)
-    print(f"Report: {found.page}   Figures: {config.out / FIGURES}")
+    show_transfer(results)
+    print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")

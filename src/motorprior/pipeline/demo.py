@@ -72,20 +72,12 @@ class Demo:
     the shipped one replaces a robot that cannot walk or has no fleet."""
 
 
-@dataclass(frozen=True)
-class DemoResult:
-    """All measurements, also in results.json and, by name, in figures.json; and the path of the report."""
-
-    results: Results
-    page: Path
-
-
 def run_demo(
     config: Demo,
     progress: Progress = SILENT,
     command: str = "",
     show: Show = lambda found, lines: None,
-) -> DemoResult:
+) -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
     Args:
@@ -93,6 +85,9 @@ def run_demo(
         progress: reports to the user.
         command: that makes the same page, for the page.
         show: called with the comparison of the motors of real logs.
+
+    Returns:
+        All measurements, also in results.json and, by name, in figures.json.
 
     Raises:
         MotorPriorError: a stage cannot run; finished stages remain.
@@ -143,7 +138,8 @@ def run_demo(
         in_parallel([partial(run_robustness, each) for each in maps], config.workers, progress)
         sections.append(chapters.robustness_section({name: load_maps(path / MAPS) for name, path in first.items()}))
         write_results(out, results)
-        return DemoResult(results, _write_page(given, sections, command, complete=True))
+        _write_page(given, sections, command, complete=True)
+        return results
 
 
 def _write_page(config: Demo, sections: Sequence[Section], command: str, complete: bool = False) -> Path:

@@ -105,7 +105,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         **{name: [partial(prior, name)] for name in ("paper", "paper_wide", "one_network")},
         **{name: [partial(fitted_pd, config, name)] for name in FITTED_PDS},
         "untrained": [lambda: Condition("untrained", MotorChoice("pd", fleet=fleet, name="untrained"))] * (seed == 0),
-        "pd_randomised": [partial(randomised_pd, config, config.spread or 0.0, "pd_randomised")],
+        "pd_randomised": [partial(fitted_pd, config, "pd_friction", "pd_randomised", config.spread or 0.0)],
     }
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
@@ -114,11 +114,6 @@ def fitted_pd(config: Study, fit: str, name: str = "", spread: float = 0.0) -> C
     """A PD fitted to the bench; its constants vary by a relative range ``spread``."""
     constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
     return Condition(name or fit, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name or fit, **constants))
-
-
-def randomised_pd(config: Study, spread: float, name: str) -> Condition:
-    """The PD with friction, all constants randomised by a relative range."""
-    return fitted_pd(config, "pd_friction", name, spread)
 
 
 def fleet_of(config: Study, population: str) -> str | None:

@@ -21,7 +21,7 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import PAGE, locked, usable_threads, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
-from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, learn, randomised_pd
+from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, fitted_pd, learn
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.settings import CONDITIONS, OWN_MOTORS, Study
 from motorprior.studies.statistics import (
@@ -104,7 +104,7 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
         return config
     robot = load_robot(config.robot)
     fleet = config.range_fleet(robot)
-    made = {spread: randomised_pd(config, spread, f"pd_randomised_{spread:g}") for spread in PD_RANGES}
+    made = {spread: fitted_pd(config, "pd_friction", f"pd_randomised_{spread:g}", spread) for spread in PD_RANGES}
     tried = [replace(condition, environments=(OUT_OF_FAMILY,)) for condition in made.values()]
     selected_on = config.validation_fleet(robot) or OWN_MOTORS
     search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)

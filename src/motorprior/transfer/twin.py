@@ -38,12 +38,6 @@ HARD = replace(
 )  # fmt: skip
 
 
-def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
-    """Motors of one twin, which share the error of the fleet's centre."""
-    own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
-    return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
-
-
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
     """The robot with the range of speeds of all these policies."""
     ranges = [policy.forward for policy in policies]
@@ -67,8 +61,12 @@ def twin_simulator(
 
 def twin_of(robot: Robot, fleet: Fleet, walk: WalkConfig) -> WalkSimulator:
     """Simulator with another twin of this fleet in every episode."""
-    world = WorldConfig.of(robot, physics_dt=robot.twin_physics_dt)
-    return WalkSimulator(lambda rng: draw_twin_motors(robot, fleet, rng), world, walk)
+
+    def sample(rng: np.random.Generator) -> Actuator:
+        own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
+        return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
+
+    return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=robot.twin_physics_dt), walk)
 
 
 @dataclass(frozen=True)
@@ -84,6 +82,9 @@ class Walking:
     speed: float
     upright: float
     drift: float
+
+
+WALKING_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 
 def evaluate(

@@ -20,13 +20,12 @@ from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.twin import (
     DRAWS,
     DURATION_STEPS,
+    WALKING_UNITS,
     evaluate,
     straight_ahead,
     twin_simulator,
     with_shared_speeds,
 )
-
-_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 
 def compare(
@@ -78,7 +77,7 @@ def compare(
                 for seed, policy in enumerate(each):
                     simulator = simulators[motor_set, policy.forward, policy.gait]
                     walking, _ = evaluate(robot, policy, simulator, task.advance)
-                    for quantity, unit in _UNITS.items():
+                    for quantity, unit in WALKING_UNITS.items():
                         value = getattr(walking, quantity)
                         rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))
     return Results.of(rows)

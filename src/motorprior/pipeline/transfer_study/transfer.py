@@ -45,6 +45,7 @@ from motorprior.simulation.terrain import Terrain
 from motorprior.transfer.twin import (
     DRAWS,
     DURATION_STEPS,
+    WALKING_UNITS,
     Walking,
     evaluate,
     straight_ahead,
@@ -53,7 +54,6 @@ from motorprior.transfer.twin import (
 )
 
 TRACES = "traces.safetensors"
-_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,8 @@ def _evaluate_all(
         condition, seed = walk.condition, seeds[walk.condition]
         for name, (walking, trace) in environments.items():
             rows += [
-                Result(key, unit, getattr(walking, key), condition, name, seed=seed) for key, unit in _UNITS.items()
+                Result(key, unit, getattr(walking, key), condition, name, seed=seed)
+                for key, unit in WALKING_UNITS.items()
             ]
             traces.setdefault(f"{name}/{condition}", trace)
         seeds[condition] += 1
