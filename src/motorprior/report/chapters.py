@@ -11,19 +11,12 @@ import numpy as np
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import FAMILIES
+from motorprior.report import tables
 from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_motor import closed_loop, excitation_and_response, robot_traces, torque_fit
 from motorprior.report.plots_style import model_label
 from motorprior.report.plots_walk import learning_curves, robustness_maps, transfer_bars
-from motorprior.report.tables import (
-    TRANSFER_COLUMNS,
-    conditions_in,
-    fidelity_rows,
-    replay_models,
-    replay_rows,
-    transfer_rows,
-)
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.transfer import robot_fidelity
@@ -74,7 +67,7 @@ def _torque(tensors: Tensors) -> Section:
 
 def _fidelity_table(results: Results, columns: tuple[str, ...], caption: str) -> Table:
     titles = tuple(column.replace("_", " ").replace("hf", "> 20 Hz") for column in columns)
-    return Table(("model", *titles), fidelity_rows(results, columns), caption)
+    return Table(("model", *titles), tables.fidelity_rows(results, columns), caption)
 
 
 def _bench_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> Section:
@@ -123,7 +116,7 @@ def replay(folder: Path) -> Section:
         figure = closed_loop(time, target, measured, models, title, truth_label="measured", band=band)
         pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors."))
     caption = "Joint RMSE [mrad], no offset removed; samples: median (5-95 %)."
-    table = Table(("log", "joint", *replay_models(results)), replay_rows(results), caption)
+    table = Table(("log", "joint", *tables.replay_models(results)), tables.replay_rows(results), caption)
     text = (
         "The commands recorded on the real robot are replayed on a simulated one. physical is the central motor of the "
         "fleet, physical_draws are samples of it. For a fleet that was calibrated on these logs, this is a fit, not a "
@@ -154,7 +147,7 @@ def transfer(folder: Path, robot: Robot) -> Section:
     """The transfer table and films on the twin."""
     results = Results.load(folder / "results.json")
     tensors, _ = read_tensors(folder / "traces.safetensors")
-    names = conditions_in(results)
+    names = tables.conditions_in(results)
     own, twin = (
         {
             name: tuple(results.mean(quantity=each, motors=motors, model=name) for each in ("speed", "upright"))
@@ -164,7 +157,7 @@ def transfer(folder: Path, robot: Robot) -> Section:
     )
     caption = "Pale: in the training simulation. Full colour: on the twin."
     films = (_gait_film(robot, tensors[f"twin/{name}"], name, "on the twin") for name in names)
-    table = Table(TRANSFER_COLUMNS, transfer_rows(results), f"{DRAWS} samples of motors, 5 s each.")
+    table = Table(tables.TRANSFER_COLUMNS, tables.transfer_rows(results), f"{DRAWS} samples of motors, 5 s each.")
     text = (
         "Each policy is evaluated in its training simulation and on the twin, the held-out virtual robot: unseen "
         "physical motors, 1 kHz physics, sensor noise. The twin's motors are the same for all policies.",

@@ -21,21 +21,10 @@ from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import PAGE, locked, usable_threads, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
+from motorprior.studies import statistics
 from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, fitted_pd, learn
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.settings import CONDITIONS, OWN_MOTORS, Study
-from motorprior.studies.statistics import (
-    Comparison,
-    Estimate,
-    Statistic,
-    compare_on_robots,
-    compare_pairs,
-    compare_scores,
-    estimate,
-    holm,
-    iqms,
-    means,
-)
 from motorprior.studies.walk_table import OWN, OWN_FOREIGN, WalkTable
 from motorprior.studies.walks import WALKS, walk_table
 
@@ -65,9 +54,9 @@ class Summary:
         p: the same keys -> p, corrected for all of these comparisons.
     """
 
-    estimates: dict[tuple[str, str, str], Estimate]
+    estimates: dict[tuple[str, str, str], statistics.Estimate]
     upright: dict[tuple[str, str], float]
-    differences: dict[tuple[str, str, str], Comparison]
+    differences: dict[tuple[str, str, str], statistics.Comparison]
     p: dict[tuple[str, str, str], float]
 
 
@@ -112,7 +101,9 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     table = walk_table(search, [(condition, seed) for seed in seeds for condition in tried], progress)
     found = {
         spread: {
-            measure: estimate(table.scores(OUT_OF_FAMILY, condition.name, measure), statistic_of(measure)).value
+            measure: statistics.estimate(
+                table.scores(OUT_OF_FAMILY, condition.name, measure), statistic_of(measure)
+            ).value
             for measure in COMPARED
         }
         for spread, condition in made.items()
@@ -124,9 +115,9 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     return replace(config, spread=best)
 
 
-def statistic_of(measure: str) -> Statistic:
+def statistic_of(measure: str) -> statistics.Statistic:
     """Mean of the time upright (an interquartile mean would hide falls); interquartile mean otherwise."""
-    return means if measure == "upright" else iqms
+    return statistics.means if measure == "upright" else statistics.iqms
 
 
 def summarise(table: WalkTable) -> Summary:
@@ -138,28 +129,32 @@ def summarise(table: WalkTable) -> Summary:
             for measure in cell.measures():
                 scores = cell.scores(place, condition, measure)
                 if np.isfinite(scores).any():
-                    estimates[place, condition, measure] = estimate(scores, statistic_of(measure))
+                    estimates[place, condition, measure] = statistics.estimate(scores, statistic_of(measure))
             per_policy = cell.scores(place, condition, "upright").mean(axis=1)
             upright[place, condition] = float(np.mean(per_policy >= 0.9))
             trained = condition not in (REFERENCE, "untrained") and place in ENVIRONMENTS
             if trained and len(table.at(place, REFERENCE)):
                 for measure in COMPARED:
                     differences[place, condition, measure] = compare(table, place, condition, REFERENCE, measure)
-    return Summary(estimates, upright, differences, holm({key: each.p for key, each in differences.items()}))
+    return Summary(estimates, upright, differences, statistics.holm({key: each.p for key, each in differences.items()}))
 
 
-def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> Comparison:
+def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> statistics.Comparison:
     """One condition compared with another in an environment, on the same walks, or on the robots that both walked."""
     mine, theirs, statistic = table.at(place, one), table.at(place, other), statistic_of(measure)
     scores = mine.scores(place, one, measure), theirs.scores(place, other, measure)
     if one in ADAPTED and other in ADAPTED:
-        return compare_pairs(*scores, statistic)
+        return statistics.compare_pairs(*scores, statistic)
     if one in ADAPTED:  # the policy of seed k walks robot k, as does draw k of the others
         robots = sorted(set(mine.distinct("seed")) & set(theirs.distinct("draw")))
         mine = WalkTable.of(walk for walk in mine.walks if walk.seed in robots)
         theirs = WalkTable.of(walk for walk in theirs.walks if walk.draw in robots)
-        return compare_on_robots(mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic)
-    return compare_scores(*scores, shared=mine.distinct("draw") == theirs.distinct("draw"), statistic=statistic)
+        return statistics.compare_on_robots(
+            mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic
+        )
+    return statistics.compare_scores(
+        *scores, shared=mine.distinct("draw") == theirs.distinct("draw"), statistic=statistic
+    )
 
 
 def as_results(summary: Summary) -> Results:
@@ -246,7 +241,7 @@ def difference_table(summary: Summary) -> Table:
     return Table(("trained on", *places), tuple(rows), caption)
 
 
-def _interval(found: Estimate, factor: float, form: str) -> str:
+def _interval(found: statistics.Estimate, factor: float, form: str) -> str:
     ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
     return f"{factor * found.value:{form}}{ends}"
 

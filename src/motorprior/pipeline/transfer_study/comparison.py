@@ -17,15 +17,7 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.twin import (
-    DRAWS,
-    DURATION_STEPS,
-    WALKING_UNITS,
-    evaluate,
-    straight_ahead,
-    twin_simulator,
-    with_shared_speeds,
-)
+from motorprior.transfer import twin
 
 
 def compare(
@@ -63,7 +55,9 @@ def compare(
             policy.require_robot(robot, name)
             policy.require_clock(robot.control_dt, name)
     gaits: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
-    commands = straight_ahead(with_shared_speeds(robot, (policy for each in seeds.values() for policy in each)))
+    commands = twin.straight_ahead(
+        twin.with_shared_speeds(robot, (policy for each in seeds.values() for policy in each))
+    )
     simulators = {
         (name, *gait): _simulator(robot.told(gait[0]), twins[name], gait[1], commands)
         for name in twins
@@ -71,13 +65,13 @@ def compare(
     }
     count = sum(map(len, seeds.values())) * len(twins)
     rows = []
-    with progress.start(f"compare: {count} x {DRAWS} walks", DRAWS * count) as task:
+    with progress.start(f"compare: {count} x {twin.DRAWS} walks", twin.DRAWS * count) as task:
         for model, each in seeds.items():
             for motor_set in twins:
                 for seed, policy in enumerate(each):
                     simulator = simulators[motor_set, policy.forward, policy.gait]
-                    walking, _ = evaluate(robot, policy, simulator, task.advance)
-                    for quantity, unit in WALKING_UNITS.items():
+                    walking, _ = twin.evaluate(robot, policy, simulator, task.advance)
+                    for quantity, unit in twin.WALKING_UNITS.items():
                         value = getattr(walking, quantity)
                         rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))
     return Results.of(rows)
@@ -85,7 +79,7 @@ def compare(
 
 def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Commands) -> WalkSimulator:
     if isinstance(motors, Fleet):
-        return twin_simulator(robot, motors, gait, commands)
+        return twin.twin_simulator(robot, motors, gait, commands)
     sample, physics_dt = motor_sampler(motors, robot)
-    walk = WalkConfig(DURATION_STEPS, commands=commands, gait=gait)
+    walk = WalkConfig(twin.DURATION_STEPS, commands=commands, gait=gait)
     return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=physics_dt), walk)

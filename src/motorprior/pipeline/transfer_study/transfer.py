@@ -42,16 +42,7 @@ from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
-from motorprior.transfer.twin import (
-    DRAWS,
-    DURATION_STEPS,
-    WALKING_UNITS,
-    Walking,
-    evaluate,
-    straight_ahead,
-    twin_simulator,
-    with_shared_speeds,
-)
+from motorprior.transfer import twin
 
 TRACES = "traces.safetensors"
 
@@ -92,7 +83,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     del settings["workers"]  # the result does not depend on it
     wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
-        commands = straight_ahead(with_shared_speeds(robot, policies))
+        commands = twin.straight_ahead(twin.with_shared_speeds(robot, policies))
         walks: list[TrainedWalk] = []
         with ExitStack() as simulators:
             for path in files:
@@ -136,8 +127,8 @@ def trained_walk(
     """
     policy, robot = policy_for(path, robot)
     if walk is None:
-        commands = commands or straight_ahead(robot)
-        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
+        commands = commands or twin.straight_ahead(robot)
+        walk = WalkConfig(twin.DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
     motors = choice_from_json(policy.provenance.get("motors"), path)
     scene = training_scene(policy, path, robot, walk, engine, motors)
     return TrainedWalk(path.parent.name, robot, policy, motors.condition(), scene.simulator())
@@ -210,7 +201,7 @@ def _evaluate_all(
         for name, (walking, trace) in environments.items():
             rows += [
                 Result(key, unit, getattr(walking, key), condition, name, seed=seed)
-                for key, unit in WALKING_UNITS.items()
+                for key, unit in twin.WALKING_UNITS.items()
             ]
             traces.setdefault(f"{name}/{condition}", trace)
         seeds[condition] += 1
@@ -220,8 +211,10 @@ def _evaluate_all(
 
 def _own_and_twin(
     walk: TrainedWalk, fleet: Fleet, commands: Commands, progress: Progress
-) -> dict[str, tuple[Walking, np.ndarray]]:
+) -> dict[str, tuple[twin.Walking, np.ndarray]]:
     robot, policy = walk.robot, walk.policy
-    simulators = {"own": walk.simulator, "twin": twin_simulator(robot, fleet, policy.gait, commands)}
-    with progress.start(f"transfer of {walk.name}: {len(simulators)} x {DRAWS} walks", len(simulators) * DRAWS) as task:
-        return {name: evaluate(robot, policy, simulator, task.advance) for name, simulator in simulators.items()}
+    simulators = {"own": walk.simulator, "twin": twin.twin_simulator(robot, fleet, policy.gait, commands)}
+    with progress.start(
+        f"transfer of {walk.name}: {len(simulators)} x {twin.DRAWS} walks", len(simulators) * twin.DRAWS
+    ) as task:
+        return {name: twin.evaluate(robot, policy, simulator, task.advance) for name, simulator in simulators.items()}
