@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import tyro
@@ -35,25 +35,19 @@ class TransferCommand(Transfer, Study):
 
 def transfer(config: TransferCommand) -> None:
     """See `run_transfer` and `run_study`."""
-    given = {field.name: getattr(config, field.name) for field in fields(Study)}
+    study = Study(**{field.name: getattr(config, field.name) for field in fields(Study)})
     if not config.study:
-        _require_study(given, tuple(field.name for field in fields(Transfer)))
-        values = {field.name: getattr(config, field.name) for field in fields(Transfer)}
-        return show_transfer(run_transfer(Transfer(**values), TERMINAL))
+        settings = {field.name: getattr(config, field.name) for field in fields(Transfer)}
+        for field in fields(Study):
+            if field.name not in settings and getattr(study, field.name) != field.default:
+                raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
+        return show_transfer(run_transfer(Transfer(**settings), TERMINAL))
     if config.walks or config.engine is not None:
         raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
-    study = Study(**given)
     run_study(study, TERMINAL, command_line("transfer --study", study))
     CONSOLE.print(Markdown((config.out / TABLES).read_text("utf-8")))
     print(config.out / PAGE)
     return None
-
-
-def _require_study(given: dict, known: tuple[str, ...]) -> None:
-    """Reject options of a study without --study."""
-    for field in fields(Study):
-        if field.name not in known and field.default is not MISSING and given[field.name] != field.default:
-            raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
 
 
 def show_transfer(results: Results) -> None:

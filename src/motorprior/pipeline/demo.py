@@ -73,10 +73,7 @@ class Demo:
 
 
 def run_demo(
-    config: Demo,
-    progress: Progress = SILENT,
-    command: str = "",
-    show: Show = lambda found, lines: None,
+    config: Demo, progress: Progress = SILENT, command: str = "", show: Show = lambda found, lines: None
 ) -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 

@@ -8,27 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motorprior.report.plots_style import (
-    MUTED,
-    describe,
-    legend_below,
-    model_color,
-    model_label,
-    new_figure,
-    panels,
-)
+from motorprior.report.plots_style import MUTED, describe, legend_below, model_color, model_label, new_figure, panels
 
 LEVELS = np.linspace(0.01, 0.99, 99)
 
 
 def feature_quantiles(
-    names: Sequence[str],
-    units: Sequence[str],
-    a: np.ndarray,
-    b: np.ndarray,
-    label_a: str,
-    label_b: str,
-    seed: int = 0,
+    names: Sequence[str], units: Sequence[str], a: np.ndarray, b: np.ndarray, label_a: str, label_b: str, seed: int = 0
 ) -> Figure:
     """Q-Q plots: quantiles (1 to 99 %) of each feature of ``a`` over those of ``b``, with the identity and a 90 % band.
 
