@@ -1,4 +1,4 @@
-"""The command ``motorprior``, or what of it a robot's own computer can run: see the extra ``robot``."""
+"""The command ``motorprior``; with the extra ``robot`` alone, only the commands for the robot's computer."""
 
 from __future__ import annotations
 

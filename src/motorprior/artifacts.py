@@ -1,7 +1,7 @@
 """Files that are complete or absent: atomic writes, strict JSON, safetensors with a JSON header.
 
-An artefact is one safetensors file whose metadata holds one JSON text. No pickle anywhere; unknown
-or missing keys are refused, so a typo or a file from the future never loads half-understood.
+An artefact is one safetensors file whose metadata holds one JSON text. No file is a pickle. Unknown or missing keys are
+errors, so that neither a typo nor a file of a newer version is read wrongly.
 """
 
 from __future__ import annotations
@@ -10,10 +10,7 @@ import contextlib
 import json
 import math
 import os
-import re
-import socket
 import tempfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,33 +20,22 @@ import numpy as np
 from motorprior.exceptions import ArtifactError, cut
 from motorprior.files import read_text, require_file
 
-_DTYPES = frozenset(["F64", "F32", "F16", "I64", "I32", "I16", "I8", "U64", "U32", "U16", "U8", "BOOL"])
-"""Of the arrays in an artefact; the format has others, some of which numpy lacks."""
-MAX_JSON = 15_000_000
-"""Bytes of a file; in memory it takes up to 35 times as much."""
-MAX_HEADER = 10_000_000
-"""Bytes of the header of a file of tensors."""
-MAX_TENSORS = 400_000_000
-"""Bytes of a file of tensors, which is for a moment in memory twice."""
-_SHOWN_KEYS = 8
+MAX_JSON = 15_000_000  # bytes of a file; parsed JSON needs up to 35 times as much memory
+MAX_HEADER = 10_000_000  # bytes of the header of a safetensors file
+MAX_TENSORS = 400_000_000  # bytes of a safetensors file, which is briefly in memory twice
 
 
 @contextlib.contextmanager
 def atomic_path(final: Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``final``; fsync and rename it on success, delete it on failure.
-
-    A process that is killed in between leaves its temporary file; the next one that writes ``final`` removes it.
+    """Yield a temporary path next to ``final``; fsync and rename it on success, delete it on failure.
 
     Raises:
         ArtifactError: the folder cannot be created or written, or the disk is full.
     """
-    final = Path(final)
-    temporary = None
+    final, temporary = Path(final), None
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
-        remove_half_written(final.parent, final.name)
-        ending = f"-{this_host()}-{os.getpid()}{_HALF_WRITTEN}"
-        handle, name = tempfile.mkstemp(prefix=f".{_shortened(final.name)}.", suffix=ending, dir=final.parent)
+        handle, name = tempfile.mkstemp(prefix=".", suffix=".tmp", dir=final.parent)
         os.close(handle)
         temporary = Path(name)
         yield temporary
@@ -59,62 +45,12 @@ def atomic_path(final: Path) -> Iterator[Path]:
         os.replace(temporary, final)
     except OSError as error:
         raise ArtifactError(
-            f"cannot write ({error.strerror or error})",
-            where=final,
-            remedy="choose another folder or file, one that is writable and has free space",
-        ) from error
+            f"cannot write ({error.strerror or error})", where=final,
+            remedy="choose a writable folder with free space",
+        ) from error  # fmt: skip
     finally:
         if temporary is not None:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-
-
-def remove_half_written(folder: Path, name: str | None = None) -> None:
-    """Remove temporary files of `atomic_path` in a folder whose process is gone: of one file's ``name``, or of all.
-
-    Processes of this machine are looked up. Those of others cannot be: their files count as left behind where ``name``
-    is not given, for a stage that has its folder to itself.
-    """
-    try:
-        there = list(folder.iterdir())
-    except PermissionError:  # a folder may be written that cannot be listed
-        return
-    for path in there:
-        found = _TEMPORARY.fullmatch(path.name)
-        if found is None or (name is not None and found["name"] != _shortened(name)):
-            continue
-        if is_gone(int(found["pid"])) if found["host"] == this_host() else name is None:
-            path.unlink(missing_ok=True)
-
-
-_HALF_WRITTEN = ".tmp"
-_TEMPORARY = re.compile(
-    rf"\.(?P<name>.+)\.[^.]+-(?P<host>[0-9a-f]{{8}})-(?P<pid>[0-9]{{1,9}}){re.escape(_HALF_WRITTEN)}", re.DOTALL
-)
-_LONGEST_NAME = 200
-"""Bytes of the final name in the temporary one, which file systems bound at 255."""
-
-
-def _shortened(name: str) -> str:
-    return os.fsencode(name)[:_LONGEST_NAME].decode(errors="ignore")
-
-
-def this_host() -> str:
-    """Short, since file names are bounded."""
-    return f"{zlib.crc32(socket.gethostname().encode()):08x}"
-
-
-def is_gone(pid: int) -> bool:
-    """Whether no process has that number; not known, so False, on systems other than POSIX."""
-    if os.name != "posix":
-        return False
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except OSError:  # another user's
-        pass
-    return False
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -124,17 +60,16 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write ``value`` as sorted, indented JSON, atomically. NaN and infinity are refused."""
-    write_text(path, json_text(value))
+    """Write ``value`` as sorted, indented JSON, atomically.
 
-
-def json_text(value: Any) -> str:
-    """``value`` as `write_json` writes it."""
-    return json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    Raises:
+        ValueError: NaN or infinity.
+    """
+    write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
 def parse_json(text: str) -> Any:
-    """JSON in which every number is finite, as the standard has it: Python alone reads NaN, Infinity and 1e999.
+    """Standard JSON, in which every number is finite; Python's parser also accepts NaN, Infinity and 1e999.
 
     Raises:
         ValueError: not JSON, or a number that is not finite.
@@ -149,17 +84,12 @@ def _finite(text: str) -> float:
     return value
 
 
-def dotted(table: Mapping[str, Any], within: str = "") -> dict[str, Any]:
-    """Dotted name -> value of a table of tables; lists and empty tables are values.
-
-    Args:
-        table: as JSON.
-        within: beginning of the names, the dot included.
-    """
+def dotted(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten nested tables: dotted name -> value; lists and empty tables are values."""
     found: dict[str, Any] = {}
     for name, value in table.items():
         is_table = isinstance(value, Mapping) and value
-        found |= dotted(value, f"{within}{name}.") if is_table else {within + name: value}
+        found |= dotted(value, f"{prefix}{name}.") if is_table else {prefix + name: value}
     return found
 
 
@@ -167,7 +97,7 @@ def read_json(path: Path) -> Any:
     """Read JSON.
 
     Raises:
-        ArtifactError: the file is missing, no file, longer than `MAX_JSON` or not JSON; NaN and infinity are none.
+        ArtifactError: missing, not a file, larger than `MAX_JSON`, or not JSON; NaN and infinity are not JSON.
     """
     try:
         return parse_json(read_text(Path(path), MAX_JSON))
@@ -182,25 +112,23 @@ def require_keys(
     remedy: str = "use a file written by this version of motorprior",
     name: str = "",
 ) -> None:
-    """Refuse any key too many or too few in the table ``name`` of the file ``where``.
+    """Check that the table ``name`` of the file ``where`` has exactly the wanted keys.
 
     Raises:
-        ArtifactError: names the unknown and the missing keys.
+        ArtifactError: names up to eight unknown and missing keys.
     """
     given, wanted = set(given), set(wanted)
-    if given != wanted:
-        parts = [f"unknown keys {_listed(given - wanted)}"] if given - wanted else []
-        parts += [f"missing keys {_listed(wanted - given)}"] if wanted - given else []
-        raise ArtifactError((f"{name}: " if name else "") + " and ".join(parts), where=where, remedy=remedy)
-
-
-def _listed(keys: set[str]) -> str:
-    some = [cut(key, 60) for key in sorted(keys)[:_SHOWN_KEYS]]
-    return f"{some} and {len(keys) - len(some)} more" if len(keys) > len(some) else f"{some}"
+    problems = [
+        f"{kind} keys {[cut(key, 60) for key in sorted(keys)[:8]]}"
+        for kind, keys in (("unknown", given - wanted), ("missing", wanted - given))
+        if keys
+    ]
+    if problems:
+        raise ArtifactError((f"{name}: " if name else "") + " and ".join(problems), where=where, remedy=remedy)
 
 
 def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> bytes:
-    """Arrays and a JSON header in the format safetensors; same contents, same bytes."""
+    """Arrays and a JSON header in the safetensors format; the same contents give the same bytes."""
     from safetensors.numpy import save
 
     text = json.dumps(header, sort_keys=True, allow_nan=False)
@@ -209,7 +137,11 @@ def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any
 
 
 def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> None:
-    """Write arrays and a JSON header as one safetensors file, atomically."""
+    """Write arrays and a JSON header as one safetensors file, atomically.
+
+    Raises:
+        ArtifactError: larger than `MAX_TENSORS`, or it cannot be written.
+    """
     contents = tensors_as_bytes(tensors, header)
     if len(contents) > MAX_TENSORS:
         raise ArtifactError(f"{len(contents)} bytes, more than {MAX_TENSORS}", where=path, remedy="use shorter logs")
@@ -224,11 +156,11 @@ def read_tensors(
 
     Args:
         path: the file.
-        check: raises an ArtifactError for a header that is not wanted; no tensor is read before it is asked.
+        check: called with the header before any tensor is read; raises an ArtifactError to reject the file.
 
     Raises:
-        ArtifactError: missing, no file of tensors, truncated, too long, without a header, or with a value, there or in
-            a tensor, that is not finite.
+        ArtifactError: missing, not a safetensors file, truncated, too large, without a motorprior header, or with a
+            value in the header or in a tensor that is not finite.
     """
     from safetensors import SafetensorError, safe_open
 
@@ -236,41 +168,34 @@ def read_tensors(
     _require_tensors(path)
     try:
         with safe_open(path, "numpy") as file:
-            names = file.keys()
-            types = {name: file.get_slice(name).get_dtype() for name in names}
-            if unknown := sorted(set(types.values()) - _DTYPES):
-                raise ArtifactError(f"a tensor is of type {unknown[0]}", where=path, remedy="write it again")
             header = _header((file.metadata() or {}).get("motorprior"), path)
             check(header, path)
-            tensors = {name: file.get_tensor(name) for name in types}
-    except (SafetensorError, OSError) as error:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, TypeError) as error:  # TypeError: of a type that numpy lacks
         problem = f"not a complete safetensors file ({error})"
         raise ArtifactError(problem, where=path, remedy="write it again") from error
     for name, value in tensors.items():
-        if (place := first_not_finite(value)) is not None:
-            raise ArtifactError(f"tensor {name}{place} is not finite", where=path, remedy="train it again")
+        if (index := first_not_finite(value)) is not None:
+            raise ArtifactError(f"tensor {name}{index} is not finite", where=path, remedy="train it again")
     return tensors, header
 
 
 def _require_tensors(path: Path) -> None:
-    """Refuse, by its size and its first bytes, what is no file of tensors."""
+    """Check size and first bytes: safetensors would allocate what a damaged header asks for."""
     size = require_file(path)
     with open(path, "rb") as file:
         start = file.read(9)
-    length = int.from_bytes(start[:8], "little")
-    if start[8:] != b"{" or length > MAX_HEADER:
-        kind = "a text, such as a table" if start.isascii() and b"\0" not in start else "other data"
-        kind = kind if size else "nothing"
+    if start[8:] != b"{" or int.from_bytes(start[:8], "little") > MAX_HEADER:
         remedy = "give a .safetensors file that motorprior wrote: `identify` makes a prior of a log, `walk` a policy"
-        raise ArtifactError(f"not a complete safetensors file, but {kind}", where=path, remedy=remedy)
+        raise ArtifactError("not a complete safetensors file", where=path, remedy=remedy)
     if size > MAX_TENSORS:
-        problem = f"{size} bytes, more than the {MAX_TENSORS} that a file of tensors may have"
+        problem = f"{size} bytes, more than the maximum of {MAX_TENSORS}"
         raise ArtifactError(problem, where=path, remedy="copy it again from its source")
 
 
 def _header(text: str | None, path: Path) -> dict[str, Any]:
     if text is None:
-        raise ArtifactError("no motorprior header", where=path, remedy="use a file motorprior wrote")
+        raise ArtifactError("no motorprior header", where=path, remedy="use a file that motorprior wrote")
     try:
         header = parse_json(text)
     except (ValueError, RecursionError) as error:
@@ -281,6 +206,6 @@ def _header(text: str | None, path: Path) -> dict[str, Any]:
 
 
 def first_not_finite(value: np.ndarray) -> list[int] | None:
-    """Indices of the first value of an array that is NaN or infinite; None if there is none."""
+    """Indices of the first NaN or infinity in an array; None if all values are finite."""
     finite = np.isfinite(value)
     return None if finite.all() else np.argwhere(~finite)[0].tolist()

@@ -17,9 +17,8 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError, LogError, MotorPriorError
 
-MAX_FILE = 2_000_000_000
-MAX_UNPACKED = 500_000_000
-"""Bytes; of a file, and of an unpacked gzip file or pickle."""
+MAX_FILE = 2_000_000_000  # bytes
+MAX_UNPACKED = 500_000_000  # bytes of an unpacked gzip file or pickle
 
 
 def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> int:
@@ -31,7 +30,7 @@ def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> in
     if not path.exists():
         raise error("no such file", where=path, remedy="check the path")
     if not path.is_file():
-        raise error("not a regular file", where=path, remedy="give a file")
+        raise error("not a file", where=path, remedy="give a file")
     return path.stat().st_size
 
 
@@ -94,7 +93,7 @@ class _NumberType:
 
 
 class _NumberArray(np.ndarray):
-    """An array of plain numbers; of any other type, its raw bytes would be used as addresses."""
+    """An array of plain numbers; raw bytes of an object array would be used as addresses."""
 
     def __setstate__(self, state: tuple) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         version, shape, kind, *rest = state
@@ -114,7 +113,7 @@ def _array(raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal
 
 
 def numpy_names() -> dict[tuple[str, str], Any]:
-    """Names in pickles of numpy arrays and scalars, of all versions of numpy and Python, for plain numbers only."""
+    """Allow-list for pickles of numpy arrays and scalars of plain numbers, from all versions of numpy and Python."""
     names: dict[tuple[str, str], Any] = {
         ("_codecs", "encode"): codecs.encode,
         ("builtins", "bytes"): bytes,
@@ -132,26 +131,26 @@ def numpy_names() -> dict[tuple[str, str], Any]:
 def load_pickle(
     data: bytes, allowed: Mapping[tuple[str, str], Any], persistent: Callable[[Any], Any] | None = None
 ) -> Any:
-    """Unpickle plain containers and what ``allowed`` names; text of Python 2 is latin1.
+    """Unpickle plain containers and the names in ``allowed``; text of Python 2 is latin1.
 
     Args:
         data: the pickle.
-        allowed: (module, name) -> object that stands for this name.
+        allowed: (module, name) -> substitute; no other name is imported.
         persistent: resolves a persistent id.
 
     Raises:
-        LogError: any other name, which is not imported; or a damaged pickle.
+        LogError: a name that is not allowed, or a damaged pickle.
     """
 
     class Restricted(pickle.Unpickler):
         def find_class(self, module: str, name: str) -> Any:
             if (module, name) not in allowed:
-                raise LogError(f"the pickle asks for {module[:80]}.{name[:80]}, which is not allowed")
+                raise LogError(f"the pickle imports {module[:80]}.{name[:80]}, which is not allowed")
             return allowed[module, name]
 
         def persistent_load(self, pid: Any) -> Any:
             if persistent is None:
-                raise LogError("the pickle refers to data outside of itself")
+                raise LogError("the pickle refers to external data")
             return persistent(pid)
 
     try:
@@ -159,6 +158,6 @@ def load_pickle(
     except LogError as error:
         remedy = "use log files from their original source; convert others to CSV where they were made"
         raise LogError(error.problem, remedy=error.remedy or remedy) from error
-    except Exception as error:  # a damaged pickle may end in anything
+    except Exception as error:  # a damaged pickle can raise any exception
         problem = f"not a complete pickle ({type(error).__name__}: {error})"
         raise LogError(problem, remedy="copy the file again from its source") from error

@@ -1,4 +1,4 @@
-"""Measurements as one tidy table, a row each; the names in figures.json are made from its columns."""
+"""Tidy table of measurements; the names in figures.json are made from its columns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
 
-# What a row's statistic adds to the name of its figure; others, such as the median, add nothing.
+# suffix of a figure's name by statistic; others, such as the median, have none
 _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"} | {
     quantile: f"/{quantile}" for quantile in ("p50", "p99", "max")
 }
@@ -23,13 +23,13 @@ class Result:
     """One measurement.
 
     Attributes:
-        quantity: what was measured.
+        quantity: name of the measured quantity.
         unit: of the value; 1 for shares and ratios.
         value: a finite number.
-        model: the actuator model, or the one that a policy was trained on.
-        motors: train or held_out; of a walk, own (those of the training) or twin.
-        statistic: over motors or draws: median, mean, low, high, max, p05, p50, p95, p99; none for a single value.
-        seed: of one of several trainings.
+        model: actuator model, or the one that a policy was trained on.
+        motors: train or held_out; of a walk, own (motors of the training) or twin.
+        statistic: over motors or samples: median, mean, low, high, max, p05, p50, p95, p99; None for a single value.
+        seed: of the training.
         log: name of a log of the real robot.
         part: joint, excitation or feature.
         seconds: duration of the log of the motors [s].
@@ -55,7 +55,7 @@ class Results:
 
     @classmethod
     def of(cls, rows: Iterable[Result]) -> Results:
-        """The table of some rows."""
+        """Table of these rows."""
         return cls(tuple(rows))
 
     def __iter__(self) -> Iterator[Result]:
@@ -68,7 +68,7 @@ class Results:
         return Results(self.rows + other.rows)
 
     def where(self, **columns: Any) -> Results:
-        """The rows with these values; a tuple stands for any of its values, None for no value."""
+        """Rows with these values; a tuple stands for any of its values, None for no value."""
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
         return Results.of(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
 
@@ -77,14 +77,14 @@ class Results:
         return Results.of(replace(row, **columns) for row in self)
 
     def distinct(self, column: str) -> list[Any]:
-        """The values of a column, each once, in the order of the rows."""
+        """Distinct values of a column, in the order of the rows."""
         return list(dict.fromkeys(getattr(row, column) for row in self))
 
     def value(self, **columns: Any) -> float:
-        """The value of the one row with these values.
+        """Value of the only row with these values.
 
         Raises:
-            ArtifactError: there is none, or more than one.
+            ArtifactError: not exactly one row.
         """
         found = self.where(**columns)
         if len(found) != 1:
@@ -92,10 +92,10 @@ class Results:
         return found.rows[0].value
 
     def mean(self, **columns: Any) -> float:
-        """Mean value of the rows with these values, of several seeds for example.
+        """Mean value of the rows with these values.
 
         Raises:
-            ArtifactError: there is none.
+            ArtifactError: no row.
         """
         found = self.where(**columns)
         if not found:
@@ -103,10 +103,10 @@ class Results:
         return float(np.mean([row.value for row in found]))
 
     def to_figures(self) -> dict[str, float]:
-        """Name -> value, as ``figures.json`` has them.
+        """Name -> value, as in ``figures.json``.
 
-        What was measured on motors of both sets has names that end in the set, and that on the training motors a plain
-        one, too; what was measured for several seeds also has a mean.
+        A quantity measured on training and held-out motors has the suffix train or held_out; the value on the training
+        motors is also given without suffix. A quantity measured for several seeds also has a mean.
         """
         figures: dict[str, float] = {}
         both = {row.quantity for row in self.where(motors="train")}

@@ -1,7 +1,6 @@
-"""What a file must hold, declared once: the entries of a table, and tensors whose shapes share symbols.
+"""Declarations of file contents: the keys of a table with their values, and tensors whose shapes share symbols.
 
-A declaration is data. Here is all that refuses: keys unknown or missing, values of another kind or beyond their bounds,
-tensors of another type or shape. A message names the file, the key, its value, what it should be, and a way out.
+Errors name the file, the key, its value, the allowed values and a remedy.
 """
 
 from __future__ import annotations
@@ -15,33 +14,32 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import first_not_finite, read_tensors, require_keys
-from motorprior.bounds import LARGEST, is_number
-from motorprior.exceptions import ArtifactError, cut, spelled
-
-_SHOWN = 40
-"""Characters of a bad value in a message."""
+from motorprior.bounds import MAX_NUMBER, is_number
+from motorprior.exceptions import ArtifactError, cut, shown
 
 
 @dataclass(frozen=True)
 class Field:
-    """What an entry may be: ``accepts`` decides; a refusal reads "KEY = VALUE is not MEANING"."""
+    """A declared value: ``accepts`` tests it; the error reads "KEY = VALUE is not MEANING"."""
 
     meaning: str
     accepts: Callable[[Any], bool]
 
 
-def number(least: float = -LARGEST, most: float = LARGEST, above: float = -inf, unit: str = "") -> Field:
-    """A finite number in [least, most] and above ``above``; no truth value."""
-    bounds = f" above {above:g}" if above > -inf else f" from {least:.3g}" if least > -LARGEST else ""
-    bounds += f" to {most:.3g}" if most < LARGEST else ""
+def number(minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: float = -inf, unit: str = "") -> Field:
+    """A finite number in [minimum, maximum] and above ``above``, not a bool."""
+    bounds = f" above {above:g}" if above > -inf else f" from {minimum:.3g}" if minimum > -MAX_NUMBER else ""
+    bounds += f" to {maximum:.3g}" if maximum < MAX_NUMBER else ""
     return Field(
-        f"a finite number{bounds} {unit}".rstrip(), lambda value: is_number(value, least, most) and value > above
+        f"a finite number{bounds} {unit}".rstrip(), lambda value: is_number(value, minimum, maximum) and value > above
     )
 
 
-def integer(least: int, most: int) -> Field:
-    """An integer in [least, most]."""
-    return Field(f"an integer from {least} to {most}", lambda value: type(value) is int and least <= value <= most)
+def integer(minimum: int, maximum: int) -> Field:
+    """An integer in [minimum, maximum]."""
+    return Field(
+        f"an integer from {minimum} to {maximum}", lambda value: type(value) is int and minimum <= value <= maximum
+    )
 
 
 def one_of(*values: str) -> Field:
@@ -50,20 +48,20 @@ def one_of(*values: str) -> Field:
 
 
 def exactly(wanted: Any) -> Field:
-    """This very value, of this very type."""
+    """This value, of the same type."""
     return Field(repr(wanted), lambda value: type(value) is type(wanted) and value == wanted)
 
 
 def maybe(field: Field) -> Field:
-    """That, or null."""
+    """The field or null."""
     return Field(f"{field.meaning}, or null", lambda value: value is None or field.accepts(value))
 
 
-def many(field: Field, least: int = 0) -> Field:
-    """A list of at least so many of them."""
+def many(field: Field, minimum: int = 0) -> Field:
+    """A list of at least ``minimum`` values of a field."""
     return Field(
-        f"a list of {least} or more, each {field.meaning}",
-        lambda value: isinstance(value, list) and len(value) >= least and all(map(field.accepts, value)),
+        f"a list of {minimum} or more, each {field.meaning}",
+        lambda value: isinstance(value, list) and len(value) >= minimum and all(map(field.accepts, value)),
     )
 
 
@@ -74,13 +72,13 @@ TABLE = Field("a table", lambda value: isinstance(value, Mapping))
 
 @dataclass(frozen=True)
 class Schema:
-    """The entries of a table.
+    """Declaration of a table.
 
     Attributes:
-        fields: key -> what it may be.
-        remedy: what to do about a table that is refused.
+        fields: key -> declared value.
+        remedy: for errors.
         optional: keys that may be missing.
-        name: of the table, where a file holds several.
+        name: of the table, if a file has several.
     """
 
     fields: Mapping[str, Field]
@@ -89,43 +87,40 @@ class Schema:
     name: str = ""
 
     def check(self, table: Any, where: str | Path | None) -> None:
-        """Refuse what is no such table.
+        """Check a table from the file ``where``.
 
         Raises:
-            ArtifactError: names the key, its value and what it should be.
+            ArtifactError: not a table, an unknown or missing key, or a value that is not as declared.
         """
         if not TABLE.accepts(table):
             raise ArtifactError(f"{self.name or 'its content'} is not a table", where=where, remedy=self.remedy)
-        known = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
-        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + known, self.name)
+        keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
+        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys, self.name)
         for key, field in self.fields.items():
             if key in table:
                 require(key, table[key], field, where, self.remedy, self.name)
 
 
 def require(key: str, value: Any, field: Field, where: str | Path | None, remedy: str, name: str = "") -> None:
-    """Refuse an entry that is not what ``field`` says.
+    """Check the value of a key in the table ``name``.
 
     Raises:
-        ArtifactError: names the key, after the ``name`` of its table, its value and what it should be.
+        ArtifactError: it is not as declared.
     """
     if not field.accepts(value):
+        text = f"{value:.6g}" if isinstance(value, float) else shown(value)
         owner = f"{name}: " if name else ""
-        raise ArtifactError(f"{owner}{key} = {_shown(value)} is not {field.meaning}", where=where, remedy=remedy)
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else spelled(value, _SHOWN)
+        raise ArtifactError(f"{owner}{key} = {text} is not {field.meaning}", where=where, remedy=remedy)
 
 
 @dataclass(frozen=True)
 class Tensor:
-    """An array of float64, all finite.
+    """Declaration of a float64 array of finite values.
 
     Attributes:
         shape: sizes; a name stands for the same size wherever it occurs.
         largest: of the absolute values.
-        above: what every value exceeds.
+        above: exclusive lower bound of the values.
     """
 
     shape: tuple[str | int, ...]
@@ -140,12 +135,10 @@ def check_tensors(
     remedy: str,
     sizes: Mapping[str, int] | None = None,
 ) -> dict[str, int]:
-    """Refuse arrays that are not the declared ones; returns every name of a size with its value.
-
-    A name gets its value from ``sizes``, or where it occurs first, in the order of the declarations.
+    """Check arrays and return every named size, taken from ``sizes`` or from the first array that has it.
 
     Raises:
-        ArtifactError: names the tensor, what it is and what it should be.
+        ArtifactError: names the tensor, its property and the declared one.
     """
     require_keys(tensors, wanted, where, remedy)
     known = dict(sizes or {})
@@ -157,7 +150,7 @@ def check_tensors(
 
 
 def _problem(value: np.ndarray, tensor: Tensor, known: dict[str, int]) -> str:
-    """What is wrong with an array; nothing if nothing is. Notes the sizes that it gives a value."""
+    """The violation of a declaration, or ""; adds new named sizes to ``known``."""
     if value.ndim == len(tensor.shape):
         for size, length in zip(tensor.shape, value.shape, strict=True):
             if isinstance(size, str):
@@ -166,25 +159,25 @@ def _problem(value: np.ndarray, tensor: Tensor, known: dict[str, int]) -> str:
     if value.dtype != np.float64 or list(value.shape) != shape:
         text = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
         return f" is {value.dtype}{value.shape}, wanted float64({text})"
-    if (place := first_not_finite(value)) is not None:
-        return f"{place} is not finite"
+    if (index := first_not_finite(value)) is not None:
+        return f"{index} is not finite"
     if value.size and np.abs(value).max() > tensor.largest:
-        return f" holds {np.abs(value).max():.3g}, beyond {tensor.largest:g}"
+        return f" has a value of {np.abs(value).max():.3g}, beyond {tensor.largest:g}"
     if value.size and value.min() <= tensor.above:
-        return f" holds {value.min():.3g}, not above {tensor.above:g}"
+        return f" has a value of {value.min():.3g}, not above {tensor.above:g}"
     return ""
 
 
 @dataclass(frozen=True)
 class Header:
-    """The JSON header of an artefact.
+    """Declaration of the JSON header of an artefact.
 
     Attributes:
-        kind: what the artefact is.
-        version: of its entries.
-        fields: its entries.
-        remedy: what to do about one that is refused.
-        file: name of the file.
+        kind: of artefact.
+        version: of the header's keys.
+        fields: key -> declared value.
+        remedy: for errors.
+        file: usual name of the file.
         command: that writes it.
     """
 
@@ -196,14 +189,14 @@ class Header:
     command: str
 
     def write(self, **entries: Any) -> dict[str, Any]:
-        """The header of a file with these entries."""
+        """The header with these entries."""
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors, still to be checked, and header of a file that passes `check` before any tensor is read.
+        """Tensors (not checked) and checked header of a file.
 
         Raises:
-            ArtifactError: as `read_tensors` and `check`; of a folder that holds such a file, its path.
+            ArtifactError: a folder, or see `read_tensors` and `check`.
         """
         if path.is_dir():
             inside = (path / self.file).is_file()
@@ -212,17 +205,18 @@ class Header:
         return read_tensors(path, self.check)
 
     def check(self, header: Mapping[str, Any], where: str | Path | None) -> None:
-        """Refuse a header of another kind or version, whatever else it holds, or with an entry not as declared."""
-        found = header.get("kind")
+        """Check a header.
+
+        Raises:
+            ArtifactError: another kind, a newer version, or an entry that is not as declared.
+        """
+        found, version = header.get("kind"), header.get("schema_version")
         if isinstance(found, str) and found != self.kind:
             remedy = f"give the {self.file} that `{self.command}` wrote"
-            raise ArtifactError(f"a {cut(found, _SHOWN)}, not a {self.kind}", where=where, remedy=remedy)
-        version = header.get("schema_version")
+            raise ArtifactError(f"a {cut(found, 40)}, not a {self.kind}", where=where, remedy=remedy)
         if type(version) is int and version > self.version:
-            raise ArtifactError(
-                f"of a newer motorprior: schema_version {version}, this one reads {self.version}", where=where,
-                remedy="update motorprior",
-            )  # fmt: skip
+            problem = f"written by a newer motorprior: schema_version {version}, this one reads {self.version}"
+            raise ArtifactError(problem, where=where, remedy="update motorprior")
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
         for key, field in identity.items():
             require(key, header.get(key), field, where, self.remedy)

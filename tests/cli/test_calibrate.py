@@ -66,22 +66,6 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes(), name
 
 
-def test_bands_of_a_prior_are_drawn_without_another_fit(motorprior, logs: Path, prior: Path, tmp_path: Path):
-    out, one = tmp_path / "fitted", logs / "in_the_air.parquet"
-    assert motorprior("calibrate", one, "--out", out, *SMALL).code == 0
-    fitted = {path: path.stat().st_mtime_ns for path in out.iterdir()}
-    outcome = motorprior("calibrate", one, "--out", out, *SMALL, "--prior", prior)
-    assert outcome.code == 0, outcome.err
-    assert {path: path.stat().st_mtime_ns for path in fitted} == fitted
-    assert (out / "prior" / "calibration.png").read_bytes() != (out / "calibration.png").read_bytes()
-    figures = json.loads((out / "prior" / "figures.json").read_text("utf-8"))
-    wide, narrow = (figures[f"calibrate_coverage{level}/in_the_air/prior"] for level in (90, 50))
-    assert 0.0 <= narrow <= wide < 0.5, "motors without torque fall from where the real ones were"
-    drawn = (out / "prior" / "calibration.png").stat().st_mtime_ns
-    again = motorprior("calibrate", one, "--out", out, *SMALL, "--prior", prior)
-    assert again.out == outcome.out and (out / "prior" / "calibration.png").stat().st_mtime_ns == drawn
-
-
 def test_logged_gains_are_not_fitted(motorprior, logs: Path, tmp_path: Path):
     log, center = read_log(logs / "in_the_air.parquet"), load_fleet("pupper_v2").center(1)
     gains = {"stated_kp": np.full(log.joint_pos.shape, center.kp), "stated_kd": np.full(log.joint_pos.shape, center.kd)}

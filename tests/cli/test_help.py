@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from motorprior.cli.demo import demo_command
+from motorprior.cli.console import command_line
 from motorprior.cli.main import COMMANDS, LOGS, parse
 from motorprior.pipeline.demo import Demo
 
@@ -40,9 +40,8 @@ def test_the_start_does_not_wait_for_heavy_libraries():
 
 
 def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
-    line: str = "demo --fleet mixed --logs somewhere --columns any --suspended --motors 16 --workers 1 --out elsewhere"
-    config = parse([*line.split()])
+    words = "motorprior demo --fleet mixed --logs somewhere --columns any --suspended --motors 16"
+    config = parse([*words.split()[1:], "--workers", "1"])
     assert isinstance(config, Demo)
-    words = "motorprior demo --fleet mixed --logs FOLDER --columns any --suspended --seed 0 --motors 16"
-    assert demo_command(config) == words
-    assert demo_command(Demo()) == "motorprior demo --seed 0"
+    assert command_line("demo", config, ("out", "workers")) == words
+    assert command_line("demo", Demo()) == "motorprior demo"

@@ -7,11 +7,8 @@ from threading import Thread
 
 import pytest
 
-from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError
-from motorprior.pipeline.demo import _Stages
 from motorprior.pipeline.progress import SILENT
-from motorprior.pipeline.report import finished_stages
 from motorprior.pipeline.stage import MARKER, description, in_parallel, is_finished, locked, seconds_of, working
 
 WANTED = {"stage": "walk", "config": {"seed": 0}}
@@ -25,6 +22,12 @@ def test_a_stage_is_finished_once_it_ends_without_error(tmp_path: Path):
         assert not is_finished(tmp_path, WANTED)
     assert is_finished(tmp_path, WANTED) and seconds_of(tmp_path) >= 0.0
     assert not is_finished(tmp_path, {"stage": "walk", "config": {"seed": 1}})
+
+
+def test_a_stage_that_writes_nothing_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(ZeroDivisionError), locked(tmp_path / "out"), working(tmp_path / "out", WANTED):
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"seconds": 1.0}'])
@@ -75,17 +78,3 @@ def test_results_of_parallel_work_are_in_order_and_errors_reach_the_caller():
     assert in_parallel([lambda _, n=n: n * n for n in range(5)], 2, SILENT) == [0, 1, 4, 9, 16]
     with pytest.raises(ZeroDivisionError):
         in_parallel([lambda _: 1 / 0, lambda _: 1.0], 2, SILENT)
-
-
-def test_only_the_stages_that_the_settings_ask_for_belong_to_a_run(tmp_path: Path):
-    def work(name: str) -> None:
-        with working(tmp_path / name, WANTED):
-            pass
-
-    stages = _Stages(tmp_path)
-    for name in ("walk/rollout_0", "validate"):
-        stages.run(name, lambda name=name: work(name))
-    assert finished_stages(tmp_path) == ["validate", "walk/rollout_0"]
-    _Stages(tmp_path).run("walk/rollout_0", lambda: None)
-    assert finished_stages(tmp_path) == ["walk/rollout_0"]
-    assert read_json(tmp_path / "validate" / MARKER)["stage"] == "walk"

@@ -8,7 +8,6 @@ from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 
 from motorprior.report.plots_motor import (
-    Band,
     LogPanel,
     calibration,
     closed_loop,
@@ -16,10 +15,10 @@ from motorprior.report.plots_motor import (
     robot_traces,
     torque_fit,
 )
-from motorprior.report.plots_prior import feature_quantiles, latent_map, null_band
+from motorprior.report.plots_prior import feature_quantiles, null_band
 from motorprior.report.plots_style import png_bytes
 from motorprior.report.plots_walk import footfalls, learning_curves, robustness_maps, transfer_bars
-from motorprior.transfer.robustness import Scale, UprightMap
+from motorprior.transfer.robustness import UprightMap
 
 TIME = np.arange(0.0, 1.0, 0.01)
 ANGLE = np.sin(6.0 * TIME)
@@ -30,16 +29,12 @@ CURVES = {
     "paper": [(np.arange(3), np.zeros(3))],
 }
 RANDOM = np.random.default_rng(0)
-LOG = LogPanel(
-    "log", TIME, ANGLE, ANGLE, ANGLE, (Band("90 %", ANGLE - 1, ANGLE + 1, False), Band("50 %", ANGLE, ANGLE))
-)
-PUSHES = UprightMap(Scale("push [m/s]", (0.0, 0.2)), Scale("friction [-]", (0.5, 1.0, 2.0)), np.ones((2, 3)))
-CONSTANTS = {"kp": RANDOM.uniform(8, 10, 12), "delay": RANDOM.uniform(0, 1, 12), "backlash": RANDOM.uniform(0, 1, 12)}
+LOG = LogPanel("log", TIME, ANGLE, ANGLE, ANGLE, ANGLE - 1, ANGLE + 1)
+PUSHES = UprightMap(("push [m/s]", "friction [-]"), (0.0, 0.2), (0.5, 1.0, 2.0), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.0]])
 MAKERS: dict[str, Callable[[], Figure]] = {
     "excitation": lambda: excitation_and_response(TIME, ANGLE, ANGLE, ANGLE, ANGLE, ANGLE, "motor 1"),
     "excitation of angles alone": lambda: excitation_and_response(TIME, ANGLE, ANGLE, None, None, None, "motor 1"),
     "torque fit": lambda: torque_fit(TIME, ANGLE, MODELS),
-    "latent map": lambda: latent_map(RANDOM.normal(size=(12, 2)), np.array([0.5, 0.2]), CONSTANTS),
     "closed loop": lambda: closed_loop(TIME, ANGLE, ANGLE, MODELS, "motor 1", band=(ANGLE - 0.1, ANGLE + 0.1)),
     "robot": lambda: robot_traces(TIME, ANGLE, MODELS, ANGLE, MODELS, "FR_knee"),
     "curves": lambda: learning_curves(CURVES),

@@ -102,17 +102,6 @@ def test_shared_samples_narrow_the_interval():
     assert shared.difference.value == apart.difference.value == pytest.approx(0.2, abs=0.05)
 
 
-def test_equal_scores_do_not_differ():
-    found = compare_scores(np.ones((3, 4)), np.ones((3, 4)))
-    assert (found.p, found.difference.value) == (1.0, 0.0)
-
-
-def test_the_smallest_p_value_survives_the_correction_of_a_study():
-    found = compare_scores(np.ones((8, 32)), np.zeros((8, 32)))
-    comparisons_of_targets = 2 * 2 * 3 * 4  # ways to use the prior, rivals, measures, twins
-    assert comparisons_of_targets * found.p < 0.05
-
-
 def test_robots_of_adapted_policies_are_resampled_with_those_of_others():
     rng = np.random.default_rng(0)
     robots = rng.uniform(0.0, 1.0, 8)

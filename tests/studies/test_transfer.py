@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import MotorPriorError
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.settings import CONDITIONS, Study
 from motorprior.studies.transfer import difference_table, headline_table, run_study, summarise
@@ -93,9 +93,14 @@ def test_a_clear_difference_is_significant_and_none_is_not():
 
 @pytest.mark.parametrize(
     ("change", "argument"),
-    [({"foreign": "pupper_v2"}, "foreign"), ({"conditions": ("nothing",)}, "conditions"), ({"motors": 4}, "motors")],
+    [
+        ({"foreign": "pupper_v2"}, "foreign"),
+        ({"conditions": ("nothing",)}, "conditions"),
+        ({"motors": 4}, "motors"),
+        ({"validation": "nothing"}, "validation"),
+    ],
 )
 def test_invalid_settings_are_an_error(tmp_path: Path, change: dict, argument: str):
-    with pytest.raises(ConfigError) as error:
+    with pytest.raises(MotorPriorError) as error:
         Study(tmp_path, **change).sized()
     assert error.value.argument == argument

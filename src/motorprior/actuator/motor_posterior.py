@@ -20,10 +20,10 @@ _HEADER = Header(
     "motor posterior",
     2,
     {
-        "joint_names": many(TEXT, least=1),
+        "joint_names": many(TEXT, minimum=1),
         "prior_sha256": TEXT,
         "seconds": number(above=0.0),
-        "surprise": many(number(0.0, 1.0), least=1),
+        "surprise": many(number(0.0, 1.0), minimum=1),
     },
     _REMEDY,
     "posterior.safetensors",

@@ -38,7 +38,7 @@ _HEADER = Header(
         "motor_parameters": many(TEXT),
         "motor_terms": many(one_of(*TERMS)),
         **dict.fromkeys(("period", *_SCALES), number(above=0.0)),
-        "taps": many(integer(0, 10_000), least=1),
+        "taps": many(integer(0, 10_000), minimum=1),
         **dict.fromkeys(("has_armature", "grey_box", "standardised"), TRUTH),
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
         "joint_names": many(TEXT),

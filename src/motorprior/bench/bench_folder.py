@@ -11,7 +11,7 @@ import numpy as np
 from motorprior.artifacts import read_json
 from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
 from motorprior.bench.fleet import Fleet, distributions_of
-from motorprior.bounds import LARGEST_SEED, require_count
+from motorprior.bounds import MAX_SEED, require_count
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import MotorLog
@@ -28,7 +28,7 @@ _SCHEMA = Schema(
         "parameters": TABLE,
         "motors": integer(1, _MAX_COUNT),
         "steps": integer(2, _MAX_COUNT),
-        "seed": integer(0, LARGEST_SEED),
+        "seed": integer(0, MAX_SEED),
     },
     _REMEDY,
     optional=frozenset({"family"}),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from threading import Lock
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
@@ -17,7 +20,7 @@ CONSOLE = Console(stderr=True, highlight=False)
 
 
 class Bar:
-    """Progress of one unit of work; on a pipe it prints a line every ten seconds."""
+    """Progress of one unit of work; without a terminal, a line every ten seconds."""
 
     def __init__(self, progress: Progress, name: str, total: int):
         self._progress, self._name, self._total, self._done = progress, name, total, 0
@@ -33,7 +36,7 @@ class Bar:
             TERMINAL.note(f"  {self._name}: {self._done}/{self._total} {note}")
 
     def remove(self) -> None:
-        """Take it from the screen."""
+        """Remove it from the terminal."""
         self._progress.remove_task(self._task)
 
 
@@ -49,7 +52,7 @@ class Terminal:
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Bar]:
-        """Show progress of ``total`` parts, and how long it took."""
+        """Print the progress of ``total`` parts, then the time."""
         started = time.monotonic()
         if not CONSOLE.is_terminal:
             self.note(f"{name} ...")
@@ -67,7 +70,7 @@ class Terminal:
         CONSOLE.print(text, markup=False, soft_wrap=True)
 
     def _count(self, more: int) -> None:
-        """Draw while there is a bar, on a terminal; threads share one drawing, since rich allows only one."""
+        """Draw while there is a bar; threads share one drawing, since rich allows only one."""
         with self._lock:
             self._bars += more
             if CONSOLE.is_terminal and self._bars == 0:
@@ -77,6 +80,17 @@ class Terminal:
 
 
 TERMINAL = Terminal()
+
+
+def command_line(name: str, config: Any, left_out: Sequence[str] = ()) -> str:
+    """The command line of a dataclass of settings: every option that differs from its default."""
+    words = ["motorprior", *name.split()]
+    for field in fields(config):
+        value = getattr(config, field.name)
+        if field.name not in left_out and value != field.default:
+            values = [] if value is True else map(str, value if isinstance(value, tuple) else [value])
+            words += [f"--{field.name.replace('_', '-')}", *values]
+    return shlex.join(words)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, NoReturn, Union
 
@@ -13,7 +14,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import tyro  # noqa: E402
 
 from motorprior.cli.adapt import AdaptCommand, adapt  # noqa: E402
-from motorprior.cli.calibrate import CalibrateCommand, run_calibrate_command  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
@@ -22,9 +22,8 @@ from motorprior.cli.identify import IdentifyCommand  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
-from motorprior.cli.replay import ReplayCommand, replay  # noqa: E402
+from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
-from motorprior.cli.simulate import SimulateCommand  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
@@ -34,7 +33,16 @@ from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
 from motorprior.pipeline.demo import Demo  # noqa: E402
 from motorprior.pipeline.identify import run_identify  # noqa: E402
 from motorprior.pipeline.log_import.raw_logs import import_logs  # noqa: E402
-from motorprior.pipeline.simulate import run_simulate  # noqa: E402
+from motorprior.pipeline.motor_choice import MotorChoice  # noqa: E402
+from motorprior.pipeline.simulate import Simulate, run_simulate  # noqa: E402
+
+
+@dataclass(frozen=True)
+class SimulateCommand(Simulate):
+    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
+
+    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
+
 
 LOGS: dict[str, tuple[type, Any]] = {
     "import": (LogsImportCommand, partial(import_logs, progress=TERMINAL)),
@@ -42,7 +50,7 @@ LOGS: dict[str, tuple[type, Any]] = {
 }
 COMMANDS: dict[str, tuple[type, Any]] = {
     "demo": (Demo, demo),
-    "calibrate": (CalibrateCommand, run_calibrate_command),
+    "calibrate": (CalibrateCommand, calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (IdentifyCommand, partial(run_identify, progress=TERMINAL)),
     "validate": (ValidateCommand, validate),
@@ -70,7 +78,7 @@ def parse(args: list[str]) -> object:
 
     Raises:
         SystemExit: code 2 for a wrong command line, 0 after --help.
-        ConfigError: settings that do not fit together.
+        ConfigError: invalid settings.
     """
     logs = Annotated[Union[*_one_of(LOGS)], tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
     first, *others = _one_of(COMMANDS)
@@ -78,7 +86,7 @@ def parse(args: list[str]) -> object:
 
 
 def main() -> None:
-    """Run a command line; exit code 2 and one line on bad input, 130 when interrupted."""
+    """Run a command line; exit code 2 and one line for bad input, 130 if interrupted."""
     try:
         config = parse(sys.argv[1:])
         RUN[type(config)](config)

@@ -35,13 +35,11 @@ class RobotChoice:
         if self.virtual and self.port is not None:
             raise ConfigError(f"--port {self.port} and --virtual", remedy="give one of them")
         if not self.virtual and self.robot != VirtualRobotSettings():
-            raise ConfigError(
-                "settings of a virtual robot without --virtual", remedy="give --virtual, or leave them out"
-            )
-        if not self.virtual:
+            raise ConfigError("settings of a virtual robot without --virtual", remedy="give --virtual, or omit them")
+        if self.virtual:
+            with running_virtual_robot(self.kind, self.robot) as port:
+                yield port
+        else:
             from motorprior.hardware.serial_link import resolve_port
 
             yield resolve_port(self.port)
-            return
-        with running_virtual_robot(self.kind, self.robot) as port:
-            yield port

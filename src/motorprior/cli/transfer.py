@@ -1,17 +1,16 @@
-"""``motorprior transfer``: policies in their training simulation and on the twin, or the whole study."""
+"""``motorprior transfer``: policies in their training simulation and on the twin, or the transfer study."""
 
 from __future__ import annotations
 
-import shlex
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import tyro
 from rich.markdown import Markdown
 
-from motorprior.cli.console import CONSOLE, TERMINAL, table
+from motorprior.cli.console import CONSOLE, TERMINAL, command_line, table
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.report import PAGE
+from motorprior.pipeline.stage import PAGE
 from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
@@ -30,44 +29,25 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """The whole study, about two hours on two cores; a rerun resumes. Options from foreign to quick, and those of the
-    executor, are for it."""
+    """Run the whole study, about two hours on two cores; a rerun resumes. The options from foreign to quick and those
+    of the executor need it."""
 
 
 def transfer(config: TransferCommand) -> None:
     """See `run_transfer` and `run_study`."""
-    given = {field.name: getattr(config, field.name) for field in fields(Study)}
+    study = Study(**{field.name: getattr(config, field.name) for field in fields(Study)})
     if not config.study:
-        _refuse_others(given, tuple(field.name for field in fields(Transfer)))
-        values = {field.name: getattr(config, field.name) for field in fields(Transfer)}
-        return show_transfer(run_transfer(Transfer(**values), TERMINAL))
+        settings = {field.name: getattr(config, field.name) for field in fields(Transfer)}
+        for field in fields(Study):
+            if field.name not in settings and getattr(study, field.name) != field.default:
+                raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
+        return show_transfer(run_transfer(Transfer(**settings), TERMINAL))
     if config.walks or config.engine is not None:
         raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
-    run_study(Study(**given), TERMINAL, _command(given))
+    run_study(study, TERMINAL, command_line("transfer --study", study))
     CONSOLE.print(Markdown((config.out / TABLES).read_text("utf-8")))
     print(config.out / PAGE)
     return None
-
-
-def _command(given: dict) -> str:
-    """The command line of these settings, for the page."""
-    words = ["motorprior", "transfer", "--study"]
-    for field in fields(Study):
-        value, option = given[field.name], f"--{field.name.replace('_', '-')}"
-        if value is True:
-            words.append(option)
-        elif isinstance(value, tuple) and value != field.default:
-            words += [option, *value]
-        elif field.default is MISSING or value != field.default:
-            words += [option, str(value)]
-    return shlex.join(words)
-
-
-def _refuse_others(given: dict, known: tuple[str, ...]) -> None:
-    """Reject options of a study without --study."""
-    for field in fields(Study):
-        if field.name not in known and field.default is not MISSING and given[field.name] != field.default:
-            raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
 
 
 def show_transfer(results: Results) -> None:

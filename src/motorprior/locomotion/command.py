@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.bounds import is_range, require_number
-from motorprior.exceptions import ConfigError, spelled
+from motorprior.exceptions import ConfigError, shown
 from motorprior.locomotion.body import BEYOND
 from motorprior.robots.robot import Robot
 
@@ -48,7 +48,7 @@ class Commands:
                 object.__setattr__(self, name, value)
             if value is not None and not is_range(value, -10.0, 10.0):
                 raise ConfigError(
-                    f"commands.{name} {spelled(value)} is not a range within -10..10", argument=f"commands.{name}",
+                    f"commands.{name} {shown(value)} is not a range within -10..10", argument=f"commands.{name}",
                     remedy="give the smaller number first",
                 )  # fmt: skip
         require_number("commands.hold", self.hold, 0.1, 1e6)
@@ -74,7 +74,7 @@ class Commands:
         most, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
         if self.yaw_rate is not None and not is_range(self.yaw_rate, -most, most):
             raise ConfigError(
-                f"commands.yaw_rate {spelled(self.yaw_rate)} is not a range in the robot's -{most:g}..{most:g} rad/s",
+                f"commands.yaw_rate {shown(self.yaw_rate)} is not a range in the robot's -{most:g}..{most:g} rad/s",
                 remedy="give slower turns, or more in [gait] of the robot's file", argument="commands.yaw_rate",
             )  # fmt: skip
         low, high = self.forward or (slowest, fastest)

@@ -38,7 +38,7 @@ _HEADER = Header(
     {
         "control_dt": number(above=0.0),
         "robot": TEXT,
-        "joint_names": many(TEXT, least=1),
+        "joint_names": many(TEXT, minimum=1),
         "gait": one_of(*GAITS),
         "slowest": number(-10.0, 0.0, unit="m/s"),
         "fastest": number(0.0, 10.0, above=0.0, unit="m/s"),

@@ -53,8 +53,8 @@ def record_bench(
     """Record physical motors of a fleet on a virtual dynamometer.
 
     Args:
-        robot: whose loads the motors drive; a name, the path of a .toml file, or the result of `load_robot`.
-        fleet: population that the motors are drawn from; the robot's own if not given.
+        robot: for the loads of the motors; a name, the path of a .toml file, or the result of `load_robot`.
+        fleet: population of the motors; the robot's own if not given.
         motors: number of motors.
         steps: samples per motor.
         preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), narrow
@@ -71,13 +71,13 @@ def record_bench(
     require_bench_size(motors, steps)
     require_seed(seed)
     robot = as_robot(robot)
-    known, excitation = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
-    log = record(training_motors(known, motors, seed), excitation, steps, seed, known)
-    return replace(log, robot=known.robot)  # there is no bench.json that names it
+    population, excitation = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
+    log = record(training_motors(population, motors, seed), excitation, steps, seed, population)
+    return replace(log, robot=population.robot)  # no bench.json names it
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
-    """Record, unless the folder holds this recording already.
+    """Record, unless the stage is finished.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
@@ -96,6 +96,6 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
         (config.out / BENCH_JSON).unlink(missing_ok=True)  # of other motors
         motors = training_motors(fleet, config.motors, config.seed)
         write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
-        facts = BenchSettings(fleet, config.preset, config.motors, config.steps, config.seed)
-        write_json(config.out / BENCH_JSON, facts.as_json())
+        settings = BenchSettings(fleet, config.preset, config.motors, config.steps, config.seed)
+        write_json(config.out / BENCH_JSON, settings.as_json())
         task.advance()

@@ -16,7 +16,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_number
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import MotorLog, stated_gains_of
 from motorprior.pipeline.prior_file import load_prior, robot_gains
 from motorprior.pipeline.stage import fleet_files
@@ -34,19 +34,29 @@ _USED_BY = {  # options of one kind of motors
 _MAX_DELAY = 1.0  # [s]; the delay line holds so many physics steps
 
 
-def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None) -> Fleet:
-    """A fleet, or its name or path, with motors of this robot; the one shipped for it if none is given.
+def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None, argument: str = "fleet") -> Fleet:
+    """A fleet of this robot, by name or path; the one shipped for the robot if None.
+
+    Args:
+        robot: of the motors.
+        fleet: the fleet, its name or its path.
+        argument: name of the setting, for errors.
 
     Raises:
         ArtifactError: see `load_fleet`.
-        ConfigError: a fleet of another robot, or none is named and none is shipped.
+        ConfigError: a fleet of another robot, or None and no fleet is shipped for the robot.
     """
     chosen = robot.default_fleet if fleet is None else fleet
-    found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
+    try:
+        found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
+    except ArtifactError as error:
+        raise ArtifactError(
+            f"{argument}: {error.problem}", where=error.where, remedy=error.remedy, argument=argument
+        ) from error
     if found.robot != robot.name:
         raise ConfigError(
-            f"the fleet is of robot {found.robot!r}, not {robot.name!r}",
-            where=found.name if isinstance(chosen, Fleet) else chosen, remedy=f"use a fleet of {robot.name}",
+            f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}",
+            remedy=f"use a fleet of {robot.name}", argument=argument,
         )  # fmt: skip
     return found
 
@@ -222,9 +232,9 @@ class MotorChoice:
             if value is not None:
                 require_number(name, value)
                 changes[name] = np.full(robot.num_joints, float(value))
-        require_number("delay", self.delay, most=_MAX_DELAY)
+        require_number("delay", self.delay, maximum=_MAX_DELAY)
         require_number("coulomb", self.coulomb)
-        require_number("spread", self.spread, most=0.9)
+        require_number("spread", self.spread, maximum=0.9)
         if self.coulomb and not self.armature:
             raise ConfigError(
                 f"coulomb {self.coulomb:g} N·m without armature", argument="coulomb",

@@ -1,4 +1,4 @@
-"""Where stages report their progress and notes to."""
+"""Progress and notes of stages."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol, TextIO
 
-WARNING = "warning: "  # a note that begins so is a warning
+WARNING = "warning: "  # prefix of the notes that are warnings
 
 
 class Task(Protocol):
-    """A unit of work in progress."""
+    """A unit of work."""
 
     def advance(self, count: int = 1, note: str = "") -> None:
-        """Count ``count`` more finished parts; ``note`` is shown beside them."""
+        """Add ``count`` finished parts; ``note`` is printed next to the progress."""
         ...
 
 
 class Progress(Protocol):
-    """Receives the progress of stages."""
+    """Receives progress and notes of stages."""
 
     def start(self, name: str, total: int) -> AbstractContextManager[Task]:
-        """Begin a unit of work with ``total`` parts; it ends with the context."""
+        """Start a unit of work with ``total`` parts; it ends with the context."""
         ...
 
     def note(self, text: str) -> None:
-        """Show a line to the user."""
+        """Report a line to the user."""
         ...
 
 
 class Silent:
-    """`Progress` and `Task` that show nothing."""
+    """`Progress` and `Task` without output."""
 
     def start(self, name: str, total: int) -> AbstractContextManager[Silent]:
         """See `Progress.start`."""
@@ -45,8 +45,8 @@ class Silent:
         """See `Progress.note`."""
 
 
-class Warned(Silent):
-    """`Progress` and `Task` that turn warnings into Python warnings and show nothing else."""
+class PythonWarnings(Silent):
+    """Turns warnings into Python warnings; no other output."""
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
@@ -77,11 +77,7 @@ class Lines(Silent):
 
 
 class WithoutNotes:
-    """Another `Progress` without its notes: those of a baseline would confuse.
-
-    Args:
-        progress: the other.
-    """
+    """Another `Progress` without its notes, for baselines."""
 
     def __init__(self, progress: Progress):
         self._progress = progress
@@ -94,12 +90,8 @@ class WithoutNotes:
         """See `Progress.note`."""
 
 
-class Heard(WithoutNotes):
-    """Another `Progress` with its notes; collects their warnings.
-
-    Attributes:
-        warnings: so far.
-    """
+class WarningCollector(WithoutNotes):
+    """Another `Progress` that also collects its ``warnings``."""
 
     def __init__(self, progress: Progress):
         super().__init__(progress)
@@ -113,4 +105,4 @@ class Heard(WithoutNotes):
 
 
 SILENT = Silent()
-WARNED = Warned()  # default of functions that are called from Python
+WARNED = PythonWarnings()  # default of functions for Python

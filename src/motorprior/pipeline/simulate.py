@@ -48,7 +48,7 @@ class Simulate:
 
 
 def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
-    """Simulate, unless the folder holds this log already.
+    """Simulate, unless the stage is finished.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
@@ -79,7 +79,7 @@ def simulate(
     seed: int | np.random.Generator = 0,
     suspended: bool = False,
 ) -> Replay:
-    """Hold each row of ``targets`` for one control step of the robot, from rest in its nominal pose.
+    """Simulate a robot that starts at rest in its nominal pose; each row of ``targets`` lasts one control step.
 
     Args:
         robot: a name, the path of a .toml file, or the result of `load_robot`; with legs or without.
@@ -94,7 +94,7 @@ def simulate(
     Raises:
         ConfigError: motors or targets that do not fit the robot.
         ArtifactError: a robot that cannot be read.
-        SimulationFault: a simulation fault.
+        SimulationFault: NaN, a reset or a full buffer of the engine.
     """
     robot = as_robot(robot)
     draw, physics_dt = motor_sampler(motors, robot)
@@ -109,8 +109,8 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
     Raises:
         ConfigError: an unknown excitation.
     """
-    # The second number separates this random stream from that of the motors.
-    signal, rng = excitation_named(kind).target, np.random.default_rng([seed, 0x51E7])
+    signal = excitation_named(kind).target
+    rng = np.random.default_rng([seed, 0x51E7])  # another stream than that of the motors
     steps = max(2, round(seconds / robot.control_dt))
     away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))
@@ -118,18 +118,15 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
 
 
 def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float) -> MotorLog:
-    """Log of the motors of a fixed or suspended robot under ``targets``, a row per physics step of the robot.
-
-    Angles are those of the joints, velocities their differences.
-    """
+    """Log of the motors of a fixed or suspended robot, a row per physics step; velocities are differences of angles."""
     world = World(WorldConfig.of(robot, physics_dt=physics_dt, suspended=robot.base == "free"))
     played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)
     rows = slice(every - 1, None, every)
-    held = round(robot.control_dt / robot.physics_dt)
+    substeps = round(robot.control_dt / robot.physics_dt)
     joint_pos = np.concatenate([targets[:1], played.joint_pos[rows][:-1]])
     log = MotorLog(
         time=robot.physics_dt * np.arange(len(joint_pos)),
-        position_target=np.repeat(targets, held, axis=0),
+        position_target=np.repeat(targets, substeps, axis=0),
         joint_pos=joint_pos,
         joint_vel=np.gradient(joint_pos, robot.physics_dt, axis=0),
         joint_torque=None,

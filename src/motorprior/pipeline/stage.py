@@ -25,7 +25,7 @@ from motorprior.pipeline.progress import Progress
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
-RESULTS, FIGURES, MARKER = "results.json", "figures.json", "stage.json"
+RESULTS, FIGURES, PAGE, MARKER = "results.json", "figures.json", "report.html", "stage.json"
 LOCK = ".lock"
 Result = TypeVar("Result")
 
@@ -46,12 +46,12 @@ def digest(path: Path) -> str:
 def description(
     name: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Description of a stage, as JSON.
+    """Description of a stage as JSON: version, settings, and names and digests of its inputs.
 
     Args:
         name: of the stage.
-        settings: resolved options; paths among them are left out, ``inputs`` represent them.
-        inputs: all files that the stage reads, in a fixed order; by name and content.
+        settings: resolved options; paths are left out, since ``inputs`` represent them.
+        inputs: all files that the stage reads, in a fixed order.
         recipe: content of the preset that an option names.
     """
     return {
@@ -64,7 +64,7 @@ def description(
 
 
 def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
-    """The file of a fleet, shipped or given by path; the robot's own if none is named."""
+    """The file of a fleet, by name or path; the robot's own if None."""
     return [fleet_path(robot.default_fleet if fleet is None else fleet)]
 
 
@@ -80,7 +80,7 @@ def read_results(folder: Path) -> Results:
 
 
 def _plain(value: Any) -> Any:
-    """JSON values without paths and fleet files, which count by content."""
+    """JSON values without paths and fleet files, whose digests are among the inputs."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
     if isinstance(value, list | tuple):
@@ -93,7 +93,7 @@ def _is_path(value: Any) -> bool:
 
 
 def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
-    """Whether ``folder`` holds the result of exactly this stage."""
+    """Whether ``folder`` has the result of this stage."""
     try:
         found = read_json(folder / MARKER)
     except ArtifactError:
@@ -102,16 +102,16 @@ def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
 
 
 def seconds_of(folder: Path) -> float:
-    """Duration [s] of the finished stage in ``folder``, without interrupted runs before."""
+    """Duration [s] of the finished stage in ``folder``, without interrupted runs."""
     return float(read_json(folder / MARKER)["seconds"])
 
 
 @contextmanager
 def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
-    """Run a stage: its folder is locked and unfinished while this is open, and finished after it closes without error.
+    """Run a stage in its locked folder; an exit without error marks it as finished.
 
     Args:
-        folder: where the stage writes.
+        folder: of the stage.
         wanted: its `description`.
 
     Raises:
@@ -126,11 +126,12 @@ def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Create a folder and be its only writer; the same thread may lock it again.
+    """Create and lock a folder; the same thread may lock it again. A new folder that stays empty is removed.
 
     Raises:
         ArtifactError: another process or thread writes there, or it cannot be created.
     """
+    is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder.resolve() / LOCK, timeout=0, is_singleton=True)
@@ -145,10 +146,13 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+        if is_new and not lock.is_locked and {path.name for path in folder.iterdir()} <= {LOCK}:
+            (folder / LOCK).unlink(missing_ok=True)
+            folder.rmdir()
 
 
 def usable_threads(workers: int, progress: Progress) -> int:
-    """``workers``, or the number of cores if that is less."""
+    """The smaller of ``workers`` and the number of cores."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if workers > cores:
         progress.note(f"note: {workers} workers requested, this machine has {cores} cores: using {cores}")
@@ -156,10 +160,10 @@ def usable_threads(workers: int, progress: Progress) -> int:
 
 
 def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, progress: Progress) -> list[Result]:
-    """Results of functions of a `Progress`, in order, ``threads`` at a time; compiled code releases Python's lock.
+    """Results of functions of a `Progress`, in order, ``threads`` at a time.
 
     Raises:
-        BaseException: as soon as one fails; no other is begun, those that run go on.
+        BaseException: the first one of a function. Functions that already run continue, no other starts.
     """
     if threads == 1 or len(works) == 1:
         return [work(progress) for work in works]

@@ -1,4 +1,4 @@
-"""The twin as the body of a virtual robot: here simulation and hardware meet."""
+"""The simulated body of a virtual robot."""
 
 from __future__ import annotations
 
@@ -35,12 +35,14 @@ class TwinBody:
         self._signs = robot.require_wire().joint_signs
         self.live = LiveRobot(robot, motors, suspended, np.random.default_rng([TWIN_STREAM, seed, 1]))
         self._drive: Drive | None = None
+        self._gains: tuple[float, ...] = ()
 
     def advance(self, milliseconds: int, drive: Drive) -> None:
         """See `Body.advance`."""
-        last, self._drive = self._drive, drive
-        if last is None or not _same_gains(drive, last):
+        gains = (*drive.kp, *drive.kd, drive.max_current)
+        if gains != self._gains:
             self.live.set_gains(drive.kp, drive.kd, drive.max_current)
+        self._drive, self._gains = drive, gains
         self.live.advance(milliseconds, self._signs * drive.target)
 
     def sense(self) -> Sensors:
@@ -51,8 +53,3 @@ class TwinBody:
         if (drive := self._drive) is not None:
             current = servo_current(drive.target, pos, vel, drive.kp, drive.kd, drive.max_current)
         return Sensors(pos, vel, current, state.attitude, state.rates)
-
-
-def _same_gains(one: Drive, other: Drive) -> bool:
-    same = np.array_equal(one.kp, other.kp) and np.array_equal(one.kd, other.kd)
-    return same and one.max_current == other.max_current

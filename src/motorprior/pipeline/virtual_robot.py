@@ -1,4 +1,4 @@
-"""A virtual robot in this process, or in one of its own for the commands deploy, record and doctor."""
+"""A virtual robot in this process, or in another process for the commands deploy, record and doctor."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ _HOMING_TIME = 1.0  # [s], a little more than homing takes
 
 @dataclass(frozen=True)
 class VirtualRobotSettings:
-    """A simulated robot that is connected like a real one: pseudo-terminal, firmware, and the twin in real time."""
+    """A simulated robot behind the interface of a real one: pseudo-terminal and firmware, in real time."""
 
     fleet: str | None = None
-    """Fleet that its motors are sampled from; the robot's own if not given."""
+    """Fleet of its motors; the robot's own if not given."""
     seed: int = 0
-    """Number of the robot: every robot has other motors."""
+    """Number of the robot; every number has other motors."""
     suspended: bool = False
-    """Hang it in the air instead of laying it on the ground."""
+    """Suspended in the air instead of on the ground."""
     rate: int = 100
     """Telemetry frames per second, 100 or 200."""
     currents: bool = False
-    """Firmware that sends motor currents."""
+    """The firmware sends motor currents."""
     imu: bool = True
-    """Firmware that reads the IMU; the present one sends zeros."""
+    """The firmware reads the IMU; without, it sends zeros like the present firmware."""
     homing: bool = True
     """Home at the start."""
 
@@ -61,7 +61,7 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
     require_seed(settings.seed)
     if settings.rate not in (100, 200):
         raise ConfigError(f"the firmware has no rate {settings.rate}", remedy="give 100 or 200", argument="rate")
-    motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet), settings.seed)
+    motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = TwinBody(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
     return VirtualRobot(robot, body, config), body
@@ -69,7 +69,7 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
 
 @contextmanager
 def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> Iterator[str]:
-    """A virtual robot in a process of its own while this is open; yields its port.
+    """Run a virtual robot in another process; yields its port.
 
     Raises:
         ConfigError, ArtifactError: see `make_virtual_robot`.
@@ -87,7 +87,7 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
         if isinstance(answer, MotorPriorError):
             raise answer
         if answer is None:
-            raise RobotFault("no port", "the virtual robot did not start", remedy="see what it printed above")
+            raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above")
         if settings.homing:
             time.sleep(_HOMING_TIME)
         yield answer
@@ -98,10 +98,10 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
 
 
 def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection) -> None:
-    """The process: sends the port, or an error, and runs until the other end of the connection is closed."""
+    """Send the port, or an error, and run until the other end of the connection is closed."""
     from motorprior.hardware.real_time import real_time
 
-    os.setsid()  # signals of the terminal are for the host, which has to crouch
+    os.setsid()  # the terminal's signals go to the host, which must crouch the robot
     try:
         virtual, body = make_virtual_robot(load_robot(robot_name), settings)
     except MotorPriorError as error:

@@ -88,7 +88,7 @@ def _drawing(robot: Robot, note: Callable[[str], None]) -> Iterator[Callable[[np
         try:
             render = stack.enter_context(renderer(robot))
         except ConfigError as error:
-            note(f"note: {error.problem}: the film shows stick figures -> {error.remedy}")
+            note(f"note: {error.problem}: the film has stick figures -> {error.remedy}")
             yield stick_figure(robot)
         else:
             yield lambda qpos: Image.fromarray(render(qpos))

@@ -15,8 +15,6 @@ from matplotlib.figure import Figure
 from motorprior.artifacts import dotted
 from motorprior.report.plots_style import model_color, model_key, model_label, png_bytes
 
-Cell = str | float | int | bool | None
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -34,10 +32,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under column titles."""
+    """Rows of cells under column titles; names of models get their label and colour."""
 
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
     caption: str
 
 
@@ -57,7 +55,7 @@ def picture(figure: Figure, caption: str) -> Picture:
 
 
 def page(
-    title: str, sections: Sequence[Section], settings: Mapping[str, Any], command: str, pending: Sequence[str] = ()
+    title: str, sections: Sequence[Section], settings: Mapping[str, Any], command: str, complete: bool = True
 ) -> str:
     """The page as HTML, with all pictures inside.
 
@@ -65,8 +63,8 @@ def page(
         title: of the page.
         sections: in reading order.
         settings: of the run; nested dictionaries are allowed.
-        command: the command that makes the same page.
-        pending: stages without results yet; empty if the report is complete.
+        command: that makes the same page.
+        complete: whether all stages of the run are finished.
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
@@ -78,25 +76,12 @@ def page(
             for name, value in dotted(settings).items()
         ],
         command=command,
-        pending=pending,
-        text=_text,
-        is_number=_is_number,
-        color=lambda cell: model_color(cell) if isinstance(cell, str) and model_key(cell) else None,
+        complete=complete,
+        label=lambda cell: model_label(cell) if model_key(cell) else cell,
+        is_number=lambda cell: re.match(r"[-+]?\d", cell) is not None,
+        color=lambda cell: model_color(cell) if model_key(cell) else None,
     )
 
 
 def _anchor(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-
-
-def _is_number(cell: Cell) -> bool:
-    return re.match(r"[-+]?\d", _text(cell)) is not None
-
-
-def _text(cell: Cell) -> str:
-    """A cell as text: numbers with 3 significant digits, the names of models as in the pictures."""
-    if cell is None or isinstance(cell, bool):
-        return {None: "–", True: "yes", False: "no"}[cell]
-    if isinstance(cell, float):
-        return f"{cell:.3g}"
-    return model_label(cell) if isinstance(cell, str) and model_key(cell) else str(cell)

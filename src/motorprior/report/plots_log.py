@@ -1,4 +1,4 @@
-"""Picture of one motor of a real log: what was recorded against the bands of the motors that a prior draws for it."""
+"""Picture of one motor of a real log with the bands of samples of a prior."""
 
 from __future__ import annotations
 
@@ -7,15 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from motorprior.report.plots_style import (
-    INK,
-    describe,
-    legend_below,
-    model_color,
-    new_figure,
-    panels,
-    target_line,
-)
+from motorprior.report.plots_style import INK, describe, legend_below, model_color, new_figure, panels, target_line
 from motorprior.signals import rmse
 
 _OPACITY = {50: 0.34, 90: 0.18}
@@ -29,24 +21,24 @@ def log_against_bands(
     bands: Mapping[int, tuple[np.ndarray, np.ndarray]],
     title: str,
 ) -> Figure:
-    """One motor's free run over a whole log: angle, and error with the bands around it.
+    """Free run of one motor over a whole log: angle and error, with bands.
 
     Args:
         time: (T,) [s].
-        position_target: (T,) [rad], drawn thin.
+        position_target: (T,) [rad].
         joint_pos: (T,) recorded [rad].
-        model: (T,) simulated by the prior, adapted [rad].
-        bands: level [%] -> lower and upper end (T,) [rad] of what the drawn motors do.
-        title: above the first panel.
+        model: (T,) simulated with the adapted prior [rad].
+        bands: level [%] -> lower and upper bound (T,) [rad] over samples of motors.
+        title: of the figure.
     """
     figure, color = new_figure(4.3), model_color("rollout")
     angle, error = panels(figure, 2, sharex=True, heights=(1.4, 1))[:, 0]
     target_line(angle, time, position_target).set_linewidth(0.5)
     for level, (low, high) in sorted(bands.items(), reverse=True):
         inside = np.mean((joint_pos >= low) & (joint_pos <= high))
-        look = {"color": color, "alpha": _OPACITY.get(level, 0.2), "linewidth": 0}
-        angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **look)
-        error.fill_between(time, low - joint_pos, high - joint_pos, **look)
+        style = {"color": color, "alpha": _OPACITY.get(level, 0.2), "linewidth": 0}
+        angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **style)
+        error.fill_between(time, low - joint_pos, high - joint_pos, **style)
     angle.plot(time, joint_pos, color=INK, linewidth=1.1, label="recorded")
     name = f"prior, adapted: RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
     angle.plot(time, model, color=color, linewidth=0.9, label=name)

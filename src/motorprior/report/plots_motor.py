@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from motorprior.report.plots_style import (
     INK,
-    MUTED,
     TIME,
     describe,
     fit_y,
@@ -36,17 +35,7 @@ def excitation_and_response(
     external_torque: np.ndarray | None,
     title: str,
 ) -> Figure:
-    """Commands and response of a motor: angle, velocity, torque; what was not recorded is None.
-
-    Args:
-        time: (T,) [s].
-        position_target: (T,) [rad].
-        joint_pos: (T,) [rad].
-        joint_vel: (T,) [rad/s].
-        joint_torque: (T,) of the motor on the joint [N·m].
-        external_torque: (T,) of everything else on the joint [N·m].
-        title: of the figure.
-    """
+    """Commands and response of a motor: (T,) angles, velocity and torques in SI units; None if not recorded."""
     figure = new_figure(4.6)
     angle, velocity, torque = panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
     target_line(angle, time, position_target)
@@ -67,13 +56,7 @@ def excitation_and_response(
 
 
 def torque_fit(time: np.ndarray, measured: np.ndarray, predicted: Mapping[str, np.ndarray]) -> Figure:
-    """Measured torque and the torque that models predict one step ahead from the recorded motion.
-
-    Args:
-        time: (T,) [s].
-        measured: (T,) [N·m].
-        predicted: (T,) [N·m] per model.
-    """
+    """Measured (T,) torque [N·m] and the torque that models predict one step ahead from the recorded motion."""
     figure = new_figure(2.6)
     (axes,) = panels(figure, 1)[0]
     model_line(axes, time, measured, "measured").set_linewidth(1.9)
@@ -96,16 +79,16 @@ def closed_loop(
     truth_label: str = "truth",
     band: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Figure:
-    """Joint angle of each model in its own closed loop, and its error.
+    """Joint angle (T,) [rad] of each model in its own closed loop, and its error.
 
     Args:
         time: (T,) [s].
         position_target: (T,) [rad].
-        truth: (T,) [rad].
+        truth: (T,) [rad], of a simulated or measured motor.
         models: (T,) [rad] per model.
         title: of the figure.
-        truth_label: legend of the truth, a simulated or a measured motor.
-        band: lower and upper bound (T,) [rad] of the sampled motors, or None.
+        truth_label: for the legend.
+        band: lower and upper bound (T,) [rad] of the sampled motors.
     """
     figure = new_figure(4.3)
     angle, error = panels(figure, 2, sharex=True, heights=(1.6, 1))[:, 0]
@@ -130,7 +113,7 @@ def closed_loop(
 
 
 def _milli(value: float) -> str:
-    """A root mean square angle in mrad; a model that diverged has none."""
+    """An RMSE in mrad, or "diverged"."""
     return f"{1000 * value:.3g} mrad" if value < 10.0 else "diverged"
 
 
@@ -142,16 +125,7 @@ def robot_traces(
     models_torque: Mapping[str, np.ndarray],
     title: str,
 ) -> Figure:
-    """Angle and torque of one joint inside the simulated robot.
-
-    Args:
-        time: (T,) [s].
-        truth_pos: (T,) [rad], of the robot on physical motors.
-        models_pos: (T,) [rad] per model.
-        truth_torque: (T,) [N·m].
-        models_torque: (T,) [N·m] per model.
-        title: of the figure.
-    """
+    """(T,) angle [rad] and torque [N·m] of one joint of the simulated robot, on physical motors and on each model."""
     figure = new_figure(4.4)
     angle, torque = panels(figure, 2, sharex=True, heights=(1.2, 1))[:, 0]
     for axes, truth, models in ((angle, truth_pos, models_pos), (torque, truth_torque, models_torque)):
@@ -167,36 +141,27 @@ def robot_traces(
 
 
 @dataclass(frozen=True)
-class Band:
-    """Range of a share of sampled motors: its label, lower and upper bound (T,) [rad], filled or as two lines."""
-
-    label: str
-    low: np.ndarray
-    high: np.ndarray
-    is_filled: bool = True
-
-
-@dataclass(frozen=True)
 class LogPanel:
-    """One joint of a log: title, time (T,) [s], and target, measured angle and central motor's angle (T,) [rad]."""
+    """One joint of a log: title, time (T,) [s]; target, measured, central motor's and 5 and 95 % angle (T,) [rad]."""
 
     title: str
     time: np.ndarray
     target: np.ndarray
     measured: np.ndarray
     center: np.ndarray
-    bands: tuple[Band, ...]  # the widest first
+    low: np.ndarray
+    high: np.ndarray
 
 
 def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
-    """A row per log with its first ``seconds``: measured angle, central motor and bands; next to it their error."""
+    """A row per log with its first ``seconds``: measured angle, central motor and band; next to it their error."""
     figure = new_figure(0.7 + 1.75 * len(logs))
     grid = panels(figure, len(logs), 2)
     for (angle, error), log in zip(grid, logs, strict=True):
-        shown = log.time - log.time[0] <= seconds
-        target_line(angle, log.time[shown] - log.time[0], log.target[shown])
-        _against_bands(angle, log, shown, 0.0, 1.0)
-        _against_bands(error, log, shown, log.measured[shown], 1e3)
+        rows = log.time - log.time[0] <= seconds
+        target_line(angle, log.time[rows] - log.time[0], log.target[rows])
+        _with_band(angle, log, rows, 0.0, 1.0)
+        _with_band(error, log, rows, log.measured[rows], 1e3)
         describe(angle, y="angle [rad]", title=log.title)
         describe(error, y="minus measured [mrad]")
     for axes in grid[-1]:
@@ -206,15 +171,9 @@ def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
     return figure
 
 
-def _against_bands(axes: Axes, log: LogPanel, shown: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
-    time = log.time[shown] - log.time[0]
-    for number, band in enumerate(log.bands):
-        low, high = (unit * (edge[shown] - zero) for edge in (band.low, band.high))
-        if band.is_filled:
-            color, alpha = model_color("rollout"), 0.2 + 0.1 * number
-            axes.fill_between(time, low, high, color=color, alpha=alpha, lw=0, label=band.label)
-        else:
-            axes.plot(time, low, color=MUTED, lw=0.7, ls=":", label=band.label)
-            axes.plot(time, high, color=MUTED, lw=0.7, ls=":")
-    model_line(axes, time, unit * (log.measured[shown] - zero), "measured").set_linewidth(1.9)
-    model_line(axes, time, unit * (log.center[shown] - zero), "rollout", "central motor")
+def _with_band(axes: Axes, log: LogPanel, rows: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
+    time, color = log.time[rows] - log.time[0], model_color("rollout")
+    low, high = (unit * (edge[rows] - zero) for edge in (log.low, log.high))
+    axes.fill_between(time, low, high, color=color, alpha=0.2, lw=0, label="fleet, 90 % of draws")
+    model_line(axes, time, unit * (log.measured[rows] - zero), "measured").set_linewidth(1.9)
+    model_line(axes, time, unit * (log.center[rows] - zero), "rollout", "central motor")

@@ -69,7 +69,7 @@ TIME = "time [s]"
 
 
 def model_key(model: str) -> str | None:
-    """The key of MODEL_COLORS of a model or of its variant, such as `rollout` for ``rollout_adapted``."""
+    """Key of MODEL_COLORS for a model or a variant of it, such as `rollout` for ``rollout_adapted``."""
     fitting = [key for key in MODEL_COLORS if model == key or model.startswith((f"{key}_", f"{key} "))]
     return max(fitting, key=len, default=None)
 
@@ -121,7 +121,7 @@ def describe(axes: Axes, x: str | None = None, y: str | None = None, title: str 
 def model_line(
     axes: Axes, x: np.ndarray, y: np.ndarray, model: str, label: str | None = None, color: str | None = None
 ) -> Line2D:
-    """The line of an actuator model, in its own colour if none is given."""
+    """The line of an actuator model, by default in its colour."""
     name = model_label(model) if label is None else label
     (line,) = axes.plot(x, y, color=color or model_color(model), linewidth=1.3, label=name)
     dashes = MODEL_DASHES.get(model_key(model) or "")
@@ -136,7 +136,7 @@ def target_line(axes: Axes, time: np.ndarray, position_target: np.ndarray) -> Li
 
 
 def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) -> None:
-    """One legend of all labels under the figure, where it covers no data."""
+    """One legend of all labels below the figure."""
     every = [axes] if isinstance(axes, Axes) else axes
     found = {text: mark for each in every for mark, text in zip(*each.get_legend_handles_labels(), strict=True)}
     figure.legend(
@@ -147,7 +147,7 @@ def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) 
 def fit_y(axes: Axes, reference: list[np.ndarray], others: list[np.ndarray], margin: float = 0.6) -> None:
     """Limits that contain ``reference`` and, up to ``margin`` times its range beyond it, ``others``.
 
-    A model that diverges then leaves the picture instead of flattening the other lines.
+    A diverging model leaves the picture instead of flattening the other lines.
     """
     low, high = span(reference)
     extent = max(high - low, 1e-6)

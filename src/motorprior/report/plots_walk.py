@@ -29,10 +29,10 @@ Curve = tuple[np.ndarray, np.ndarray]
 
 
 def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
-    """Return of the policy while it learns: the median of the seeds, and every seed as a thin line.
+    """Median over the seeds, and every seed as a thin line.
 
     Args:
-        curves: per training one (iteration (N,) [-], mean return (N,) [m]) for each seed.
+        curves: training -> (iteration (N,) [-], mean return (N,) [m]) of each seed.
     """
     figure = new_figure(3.5)
     (axes,) = panels(figure, 1)[0]
@@ -79,13 +79,8 @@ def seed_curves(iteration: np.ndarray, curves: Mapping[str, np.ndarray]) -> Figu
     return figure
 
 
-def transfer_bars(own: Mapping[str, tuple[float, float]], twin: Mapping[str, tuple[float, float]]) -> Figure:
-    """Every policy in its training simulation (pale) and on the twin, the held-out virtual robot (full colour).
-
-    Args:
-        own: (speed [m/s], time upright [-]) per condition, in its training simulation.
-        twin: the same on the twin.
-    """
+def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequence[float]]) -> Figure:
+    """(speed [m/s], time upright [-]) per condition in the training simulation (pale) and on the twin (full colour)."""
     figure = new_figure(0.62 * max(len(own), 2) + 0.9)
     for column, (axes, title) in enumerate(
         zip(panels(figure, 1, 2, sharey=True)[0], ("forward speed [m/s]", "time upright [-]"), strict=True)
@@ -103,7 +98,7 @@ def transfer_bars(own: Mapping[str, tuple[float, float]], twin: Mapping[str, tup
 
 
 def robustness_maps(maps: Mapping[str, Sequence[UprightMap]]) -> Figure:
-    """Time upright over two disturbances [%]: a row per policy, by the name of its training; a column per map."""
+    """Time upright over two disturbances [%]: a row per training, a column per map."""
     columns = len(next(iter(maps.values())))
     figure = new_figure(2.6 * len(maps))
     for row, (name, shown) in zip(panels(figure, len(maps), columns), maps.items(), strict=True):
@@ -114,25 +109,25 @@ def robustness_maps(maps: Mapping[str, Sequence[UprightMap]]) -> Figure:
 
 
 def _heat_map(axes: Axes, shown: UprightMap) -> None:
-    """Rows from bottom to top, as the values of an axis go."""
+    """Rows from bottom to top."""
     axes.imshow(shown.share, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.7)
     for row, values in enumerate(shown.share):
         for column, value in enumerate(values):
             axes.text(column, row, f"{100.0 * value:.0f}", ha="center", va="center", fontsize=TEXT)
-    axes.set_xticks(range(len(shown.columns.values)), [f"{value:g}" for value in shown.columns.values])
-    axes.set_yticks(range(len(shown.rows.values)), [f"{value:g}" for value in shown.rows.values])
+    axes.set_xticks(range(len(shown.columns)), [f"{value:g}" for value in shown.columns])
+    axes.set_yticks(range(len(shown.rows)), [f"{value:g}" for value in shown.rows])
     axes.grid(False)
-    describe(axes, x=shown.columns.title, y=shown.rows.title)
+    describe(axes, x=shown.titles[1], y=shown.titles[0])
 
 
 def footfalls(stances: Mapping[str, np.ndarray], legs: Sequence[str], span: float, axis: str) -> Figure:
-    """A panel per gait with a row per leg: a bar where its foot is on the ground.
+    """A panel per gait with a row per leg: a bar while its foot is on the ground.
 
     Args:
         stances: title -> (S, legs) whether each foot is on the ground, at S times evenly over the span.
-        legs: their names.
+        legs: names.
         span: of the horizontal axis.
-        axis: its label with its unit.
+        axis: label with unit.
     """
     figure = new_figure(0.62 + len(stances) * (0.2 * len(legs) + 0.38))
     grid = panels(figure, len(stances), sharex=True)[:, 0]

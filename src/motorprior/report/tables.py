@@ -1,4 +1,4 @@
-"""Rows of the tables that the page and the terminal show."""
+"""Rows of the tables on the page and on the terminal."""
 
 from __future__ import annotations
 
@@ -67,26 +67,20 @@ def fidelity_rows(results: Results, columns: tuple[str, ...], motors: str = "tra
 
 
 def calibration_errors(results: Results) -> Table:
-    """Columns and rows of a calibration: joint RMSE [mrad] of each log and their mean, and the share within bands."""
+    """Columns and rows of a calibration: joint RMSE [mrad] of each log and their mean, share within the bands."""
     titles = {
         "start": "starting fleet", "center": "fitted", "left_out": "without this log",
         "per_motor": "a motor per joint", "per_motor_left_out": "without this log",
     }  # fmt: skip
-    bands = {
-        ("calibrate_coverage90", None): "in 90 % bands",
-        ("calibrate_coverage90", "prior"): "in the prior's 90 %",
-        ("calibrate_coverage50", "prior"): "in its 50 %",
-    }
     errors = results.where(quantity="calibrate_rmse")
     models = [model for model in titles if model in errors.distinct("model")]
-    covered = {title: results.where(quantity=key[0], model=key[1]) for key, title in bands.items()}
-    covered = {title: found for title, found in covered.items() if found}
+    covered = results.where(quantity="calibrate_coverage90")
     rows = []
     for log in errors.distinct("log"):
         cells = [f"{1e3 * errors.value(model=model, log=log):.1f}" for model in models]
-        shares = (found.mean() if log is None else found.value(log=log) for found in covered.values())
-        rows.append([log or "mean", *cells, *(f"{100 * share:.0f} %" for share in shares)])
-    return ["log", *(titles[model] for model in models), *covered], rows
+        share = covered.mean() if log is None else covered.value(log=log)
+        rows.append([log or "mean", *cells, f"{100 * share:.0f} %"])
+    return ["log", *(titles[model] for model in models), "in 90 % bands"], rows
 
 
 def calibrated_constants(results: Results) -> Table:

@@ -18,6 +18,8 @@ gives the same bytes again, so every reset makes one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,6 @@ from motorprior.actuator.kernels import (
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
-from motorprior.scratch import scratch_folder
 from motorprior.simulation.randomization import Conditions, nominal_conditions
 from motorprior.simulation.terrain import CELL, Terrain, heights
 from motorprior.simulation.world_config import WorldConfig
@@ -192,8 +193,8 @@ class BulletWorld:
         """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
         height = self._robot.suspended_height if self.config.suspended else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
-        with scratch_folder() as folder:
-            path = folder / "robot.urdf"
+        with TemporaryDirectory(prefix="motorprior-") as folder:
+            path = Path(folder) / "robot.urdf"
             path.write_text(text, encoding="utf-8")
             return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.suspended)
 

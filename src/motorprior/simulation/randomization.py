@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Factors
 from motorprior.bounds import is_number, is_range
-from motorprior.exceptions import ConfigError, spelled
+from motorprior.exceptions import ConfigError, shown
 from motorprior.locomotion.body import TILT_READINGS, readings
 from motorprior.locomotion.sensing import Sensors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
@@ -96,7 +96,7 @@ class Randomization:
             if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
                 argument = f"randomization.{field.name}"
                 raise ConfigError(
-                    f"{argument} {spelled(value)} is not a "
+                    f"{argument} {shown(value)} is not a "
                     f"{'range' if ranged else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
                     remedy="give the smaller number first, both within the bounds" if ranged else "give one number",
                     argument=argument,

@@ -17,7 +17,7 @@ from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, nominal_pd
 from motorprior.pipeline.progress import Progress, Task
-from motorprior.pipeline.stage import description, in_parallel, is_finished, working
+from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, working
 from motorprior.robots.load import load_robot
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
@@ -105,7 +105,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         **{name: [partial(prior, name)] for name in ("paper", "paper_wide", "one_network")},
         **{name: [partial(fitted_pd, config, name)] for name in FITTED_PDS},
         "untrained": [lambda: Condition("untrained", MotorChoice("pd", fleet=fleet, name="untrained"))] * (seed == 0),
-        "pd_randomised": [partial(randomised_pd, config, config.spread or 0.0, "pd_randomised")],
+        "pd_randomised": [partial(fitted_pd, config, "pd_friction", "pd_randomised", config.spread or 0.0)],
     }
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
 
@@ -114,11 +114,6 @@ def fitted_pd(config: Study, fit: str, name: str = "", spread: float = 0.0) -> C
     """A PD fitted to the bench; its constants vary by a relative range ``spread``."""
     constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
     return Condition(name or fit, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name or fit, **constants))
-
-
-def randomised_pd(config: Study, spread: float, name: str) -> Condition:
-    """The PD with friction, all constants randomised by a relative range."""
-    return fitted_pd(config, "pd_friction", name, spread)
 
 
 def fleet_of(config: Study, population: str) -> str | None:
@@ -208,10 +203,14 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
 
     robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
     fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
-    motors = motors_of_robot(robot, fleet, config.seed, seed)
-    log = folder.parent / f"{folder.name}.parquet"
-    steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed)
-    write_log(log, record(motors, preset, steps, log_seed, fleet))
+    log = _robot_folder(config, population, seed, "log") / f"{folder.name}.parquet"
+    settings = {"study": config.seed, "robot": seed, "seconds": LOG_SECONDS}
+    wanted = description("study", settings, [*fleet_files(robot, fleet_of(config, population)), *robot.files])
+    if not is_finished(log.parent, wanted):
+        with working(log.parent, wanted):
+            motors = motors_of_robot(robot, fleet, config.seed, seed)
+            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed)
+            write_log(log, record(motors, preset, steps, log_seed, fleet))
     if "prior_adapted" in config.conditions:
         run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
     if "pd_adapted" in config.conditions:

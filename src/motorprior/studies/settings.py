@@ -17,11 +17,10 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.executor import Kind, require_executor
 
-CONDITIONS = (
+CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
     "untrained", "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "pd_adapted", "one_network", "paper",
     "paper_wide", "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle",
 )  # fmt: skip
-"""Training conditions, in the order of every table; docs/transfer.md describes them."""
 OWN_MOTORS = "own"  # as validation: select on the training motors
 _QUICK = {
     "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
@@ -46,7 +45,7 @@ class Study:
     draws: int = 32
     """Walks of each policy per environment."""
     seconds: float = 10.0
-    """Of a walk [s]."""
+    """Duration of a walk [s]."""
     speed: float | None = None
     """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
     lower speeds the gait walks on any motors."""
@@ -66,7 +65,7 @@ class Study:
     adam_steps: int | None = None
     """Adam steps of each identification; the preset's own number if not given."""
     seed: int = 0
-    """Of the bench and the priors; policies of different studies share no search seed."""
+    """Seed of the bench and the priors; policies of different studies share no search seed."""
     quick: bool = False
     """A smoke test in minutes: 2 seeds, 4 walks of 6 s, 8 iterations, a small bench."""
     robot: str = DEFAULT_ROBOT
@@ -106,7 +105,7 @@ class Study:
         return self.workers if self.executor == "ray" else 1
 
     def sized(self) -> Study:
-        """With the sizes of a quick study if it is one.
+        """Checked settings, with the sizes of a quick study if ``quick``.
 
         Raises:
             ConfigError: names the invalid setting.
@@ -126,7 +125,9 @@ class Study:
         require_bench_size(config.motors, config.bench_steps, "bench_steps")
         require_seed(config.seed)
         require_executor(config.executor, config.ray_address)
-        own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign)
+        own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign, "foreign")
+        if config.validation not in (None, OWN_MOTORS):
+            load_robot_fleet(robot, config.validation, "validation")
         if replace(own, name=foreign.name) == foreign or config.validation in (own.name, foreign.name):
             problem = "fleet, foreign and validation must be three different fleets"
             raise ConfigError(problem, argument="foreign", remedy="change one of them")

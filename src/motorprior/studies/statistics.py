@@ -1,9 +1,9 @@
 """Interquartile means, intervals and permutation tests for few policies, after Agarwal et al., NeurIPS 2021.
 
 Scores are (seeds, draws): a row per trained policy, a column per sample of motors; NaN if undefined. Intervals resample
-policies and samples, the same samples for all rows. (The published bootstrap resamples policies within each task, which
-treats the walks of one policy as independent; its intervals are too narrow.) p-values are exact permutation tests over
-policies: bootstrap tails of eight policies are too light, 25 times at p = 0.0002.
+policies and samples, the same samples for all rows. (The published bootstrap resamples policies within each task, as if
+the walks of one policy were independent; its intervals are too narrow.) p-values are exact permutation tests over
+policies, since bootstrap tails of eight policies are too light.
 """
 
 from __future__ import annotations
@@ -22,11 +22,9 @@ LEVEL = 0.95  # of intervals
 MAX_PERMUTATIONS = 20_000  # that a test enumerates; of more it samples so many
 _SEED = 0x57A7
 _CHUNK = 1000  # resamples in memory at a time
-Statistic = Callable[[np.ndarray], np.ndarray]
-"""(..., scores) -> (...) of the finite scores; NaN if there are none."""
+Statistic = Callable[[np.ndarray], np.ndarray]  # (..., scores) -> (...) of the finite scores; NaN if there are none
 Key = TypeVar("Key", bound=Hashable)
-Sampled = Callable[[np.random.Generator, int], np.ndarray]
-"""(generator, count) -> (count,) values of a statistic, one per resample."""
+Sampled = Callable[[np.random.Generator, int], np.ndarray]  # (generator, count) -> (count,) resampled statistics
 
 
 @dataclass(frozen=True)
@@ -90,12 +88,12 @@ def compare_scores(
     Args:
         one: of the first condition.
         other: of the second.
-        shared: both walked the same samples of motors, which are then resampled together; seeds never are.
+        shared: whether both walked the same samples of motors, which are then resampled together; seeds never are.
         statistic: of the difference; the test uses the statistic of each policy.
         resamples: of the bootstrap.
 
     Raises:
-        ValueError: no scores, or shared samples of another number.
+        ValueError: no scores, or different numbers of shared samples.
     """
     _require_scores(one, other)
     if shared and one.shape[1] != other.shape[1]:
@@ -113,11 +111,11 @@ def compare_scores(
 
 
 def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statistic = iqms) -> Comparison:
-    """Compare policies that walk one robot each with policies that walk all of these robots.
+    """Compare policies that each walk on one robot with policies that walk on all of these robots.
 
     The interval resamples robots, the same for both, and the other policies. The test first subtracts each robot's
-    effect: score of the others on it minus their score on all. That is estimated from one walk per other policy, so p
-    is approximate, and too large if adapted policies never fall and others fall on some robots.
+    effect: score of the others on it minus their score on all. It is estimated from one walk per other policy, so p is
+    approximate, and too large if adapted policies never fall and others fall on some robots.
 
     Args:
         adapted: (robots, draws) scores of the policy of every robot.
@@ -144,18 +142,18 @@ def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statis
 
 
 def compare_pairs(one: np.ndarray, other: np.ndarray, statistic: Statistic = iqms) -> Comparison:
-    """Compare policies of two conditions that walk the same robot each.
+    """Compare two conditions with one policy per robot each, on the same robots.
 
     The interval resamples robots and samples, the same for both. The test permutes the signs of the robots'
     differences: with eight robots p is at least 2 / 256.
 
     Args:
-        one: (robots, draws) scores of the policy of every robot.
-        other: likewise, of the same robots and draws.
+        one: (robots, draws) scores of the first condition.
+        other: (robots, draws) scores of the second.
         statistic: of the difference.
 
     Raises:
-        ValueError: no scores, or other numbers of robots or draws.
+        ValueError: no scores, or different numbers of robots or draws.
     """
     _require_scores(one, other)
     if one.shape != other.shape:
@@ -208,13 +206,9 @@ def _with_interval(value: float | np.ndarray, found: np.ndarray) -> Estimate:
 def permutation_p(one: np.ndarray, other: np.ndarray) -> float:
     """Two-sided permutation p of no difference between two conditions (Pitman 1937).
 
-    Share of all assignments of the policies to the conditions whose means differ by at least as much. Exact for few
-    policies of any distribution: at least 2 / 12870 for eight against eight, 1 / 3 for two against two; 1 without
-    scores.
-
-    Args:
-        one: (policies,) scores of the first condition; NaN if undefined.
-        other: likewise of the second.
+    Share of all assignments of the (policies,) scores to the conditions whose means differ by at least as much, without
+    NaN. Exact for few policies of any distribution: at least 2 / 12870 for eight against eight, 1 / 3 for two against
+    two; 1 without scores.
     """
     one, other = one[np.isfinite(one)], other[np.isfinite(other)]
     if not len(one) or not len(other):
@@ -240,11 +234,7 @@ def _splits(first: int, second: int) -> np.ndarray:
 
 
 def sign_p(differences: np.ndarray) -> float:
-    """Two-sided p of no difference between pairs, by a sign-flip test (Fisher 1935).
-
-    Args:
-        differences: (pairs,) of scores; NaN if undefined.
-    """
+    """Two-sided p of no difference between pairs, by a sign-flip test (Fisher 1935) on (pairs,) differences."""
     known = differences[np.isfinite(differences)]
     count = len(known)
     if not count:
@@ -259,7 +249,7 @@ def sign_p(differences: np.ndarray) -> float:
 
 
 def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:
-    """P values corrected by Holm's step-down procedure, by the same keys."""
+    """P-values corrected by Holm's step-down procedure, by the same keys."""
     corrected, largest = {}, 0.0
     for rank, key in enumerate(sorted(p_values, key=p_values.__getitem__)):
         largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[key]))

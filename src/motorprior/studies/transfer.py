@@ -18,40 +18,28 @@ import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.report import PAGE
-from motorprior.pipeline.stage import locked, usable_threads, write_results
+from motorprior.pipeline.stage import PAGE, locked, usable_threads, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
-from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, learn, randomised_pd
+from motorprior.studies import statistics
+from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, fitted_pd, learn
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.settings import CONDITIONS, OWN_MOTORS, Study
-from motorprior.studies.statistics import (
-    Comparison,
-    Estimate,
-    Statistic,
-    compare_on_robots,
-    compare_pairs,
-    compare_scores,
-    estimate,
-    holm,
-    iqms,
-    means,
-)
 from motorprior.studies.walk_table import OWN, OWN_FOREIGN, WalkTable
 from motorprior.studies.walks import WALKS, walk_table
 
 if TYPE_CHECKING:
     from motorprior.report.page import Table
 
-MEASURES = {
+MEASURES = {  # measure -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG
     "speed": "m/s", "upright": "1", "distance": "m", "heading_deg_per_m": "°/m", "lateral_share": "1", "drift": "m",
     "slip": "m/m", "transport": "1", "torque_beyond": "1", "step_frequency": "Hz", "foot_lift_mm": "mm",
     "body_rate": "rad/s",
 }  # fmt: skip
-"""Measure -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG."""
 COMPARED = ("speed", "upright")
 REFERENCE = "prior"
-PD_RANGES, PD_RANGE_SEEDS = (0.1, 0.2, 0.3, 0.4), range(900, 903)  # of the randomised PD; seeds of no condition
+PD_RANGES = (0.1, 0.2, 0.3, 0.4)  # of the randomised PD, to select from
+PD_RANGE_SEEDS = range(900, 903)  # used by no condition
 TABLES, SPREADS = "tables.md", "spreads.json"
 
 
@@ -66,9 +54,9 @@ class Summary:
         p: the same keys -> p, corrected for all of these comparisons.
     """
 
-    estimates: dict[tuple[str, str, str], Estimate]
+    estimates: dict[tuple[str, str, str], statistics.Estimate]
     upright: dict[tuple[str, str], float]
-    differences: dict[tuple[str, str, str], Comparison]
+    differences: dict[tuple[str, str, str], statistics.Comparison]
     p: dict[tuple[str, str, str], float]
 
 
@@ -105,7 +93,7 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
         return config
     robot = load_robot(config.robot)
     fleet = config.range_fleet(robot)
-    made = {spread: randomised_pd(config, spread, f"pd_randomised_{spread:g}") for spread in PD_RANGES}
+    made = {spread: fitted_pd(config, "pd_friction", f"pd_randomised_{spread:g}", spread) for spread in PD_RANGES}
     tried = [replace(condition, environments=(OUT_OF_FAMILY,)) for condition in made.values()]
     selected_on = config.validation_fleet(robot) or OWN_MOTORS
     search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
@@ -113,7 +101,9 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     table = walk_table(search, [(condition, seed) for seed in seeds for condition in tried], progress)
     found = {
         spread: {
-            measure: estimate(table.scores(OUT_OF_FAMILY, condition.name, measure), statistic_of(measure)).value
+            measure: statistics.estimate(
+                table.scores(OUT_OF_FAMILY, condition.name, measure), statistic_of(measure)
+            ).value
             for measure in COMPARED
         }
         for spread, condition in made.items()
@@ -125,9 +115,9 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     return replace(config, spread=best)
 
 
-def statistic_of(measure: str) -> Statistic:
+def statistic_of(measure: str) -> statistics.Statistic:
     """Mean of the time upright (an interquartile mean would hide falls); interquartile mean otherwise."""
-    return means if measure == "upright" else iqms
+    return statistics.means if measure == "upright" else statistics.iqms
 
 
 def summarise(table: WalkTable) -> Summary:
@@ -139,28 +129,32 @@ def summarise(table: WalkTable) -> Summary:
             for measure in cell.measures():
                 scores = cell.scores(place, condition, measure)
                 if np.isfinite(scores).any():
-                    estimates[place, condition, measure] = estimate(scores, statistic_of(measure))
+                    estimates[place, condition, measure] = statistics.estimate(scores, statistic_of(measure))
             per_policy = cell.scores(place, condition, "upright").mean(axis=1)
             upright[place, condition] = float(np.mean(per_policy >= 0.9))
             trained = condition not in (REFERENCE, "untrained") and place in ENVIRONMENTS
             if trained and len(table.at(place, REFERENCE)):
                 for measure in COMPARED:
                     differences[place, condition, measure] = compare(table, place, condition, REFERENCE, measure)
-    return Summary(estimates, upright, differences, holm({key: each.p for key, each in differences.items()}))
+    return Summary(estimates, upright, differences, statistics.holm({key: each.p for key, each in differences.items()}))
 
 
-def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> Comparison:
+def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> statistics.Comparison:
     """One condition compared with another in an environment, on the same walks, or on the robots that both walked."""
     mine, theirs, statistic = table.at(place, one), table.at(place, other), statistic_of(measure)
     scores = mine.scores(place, one, measure), theirs.scores(place, other, measure)
     if one in ADAPTED and other in ADAPTED:
-        return compare_pairs(*scores, statistic)
+        return statistics.compare_pairs(*scores, statistic)
     if one in ADAPTED:  # the policy of seed k walks robot k, as does draw k of the others
         robots = sorted(set(mine.distinct("seed")) & set(theirs.distinct("draw")))
         mine = WalkTable.of(walk for walk in mine.walks if walk.seed in robots)
         theirs = WalkTable.of(walk for walk in theirs.walks if walk.draw in robots)
-        return compare_on_robots(mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic)
-    return compare_scores(*scores, shared=mine.distinct("draw") == theirs.distinct("draw"), statistic=statistic)
+        return statistics.compare_on_robots(
+            mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic
+        )
+    return statistics.compare_scores(
+        *scores, shared=mine.distinct("draw") == theirs.distinct("draw"), statistic=statistic
+    )
 
 
 def as_results(summary: Summary) -> Results:
@@ -185,8 +179,8 @@ def write_page(out: Path, summary: Summary, settings: dict[str, str], command: s
 
     headline, differences = headline_table(summary), difference_table(summary)
     text = (
-        "Policies trained on each model of a bench's motors, on held-out robots.",
-        "Speed [m/s] and time upright [%], with 95 % intervals; the share of policies upright for 90 % of the time.",
+        "One policy is trained per motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
+        "upright [%] with 95 % intervals, and the share of policies that are upright for 90 % of the time.",
     )
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
     drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")
@@ -247,7 +241,7 @@ def difference_table(summary: Summary) -> Table:
     return Table(("trained on", *places), tuple(rows), caption)
 
 
-def _interval(found: Estimate, factor: float, form: str) -> str:
+def _interval(found: statistics.Estimate, factor: float, form: str) -> str:
     ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
     return f"{factor * found.value:{form}}{ends}"
 

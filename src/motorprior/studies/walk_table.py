@@ -55,7 +55,7 @@ class WalkTable:
         return len(self.walks)
 
     def distinct(self, key: str) -> list:
-        """Distinct values of one of KEYS: names in the order of the rows, numbers sorted."""
+        """Distinct values of one of KEYS: names in row order, numbers sorted."""
         found = list(dict.fromkeys(getattr(walk, key) for walk in self.walks))
         return sorted(found) if key in NUMBERS else found
 

@@ -17,21 +17,13 @@ import numpy as np
 
 from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.transfer.fleet_problem import FleetProblem, Unknown
-from motorprior.transfer.gauss_newton import (
-    GaussianPrior,
-    Optimum,
-    Residuals,
-    gauss_newton_step,
-    jacobian,
-    search,
-)
+from motorprior.transfer.gauss_newton import GaussianPrior, Optimum, Residuals, gauss_newton_step, jacobian, search
 
 IDENTIFIABLE = 0.5  # a constant is identifiable if its posterior variance is below this share of the prior's
 _SPREAD_MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 _MIN_SPREAD = 0.01  # relative
 
-Linear: TypeAlias = tuple[np.ndarray, np.ndarray]
-"""Residuals r (N,) of a log at a centre, and their Jacobian J (N, offsets)."""
+Linear: TypeAlias = tuple[np.ndarray, np.ndarray]  # residuals r (N,) of a log at a centre, Jacobian J (N, offsets)
 
 
 @dataclass(frozen=True)

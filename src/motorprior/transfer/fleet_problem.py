@@ -55,7 +55,7 @@ class Unknown:
 
 
 def unknowns_of(fleet: Fleet, logged: frozenset[str] = frozenset()) -> tuple[Unknown, ...]:
-    """Unknowns of a fleet's centre, without the constants that all logs state.
+    """Unknowns of a fleet's centre, without the ``logged`` constants.
 
     Raises:
         ConfigError: the fleet has no uncertain constant.
@@ -95,7 +95,7 @@ class FleetProblem:
         deviation: standard deviation of the replay error of a joint [rad].
 
     Attributes:
-        logged: constants that all logs state, which are not fitted.
+        logged: constants in all logs, which are not fitted.
     """
 
     def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -25,12 +25,11 @@ _MIN_STROKE = 0.02  # of the standing height; a foot that moves less along the b
 _MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
 _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 
-UNITS = {
+UNITS = {  # of the fields of `GaitQuality`
     "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
     "foot_lift_mm": "mm", "dragged_steps": "1", "slip": "m/m", "step_frequency": "Hz", "body_rate": "rad/s",
     "roll_deg": "°", "pitch_deg": "°", "torque": "N·m", "transport": "1",
 }  # fmt: skip
-"""Of every field of `GaitQuality`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +76,7 @@ class GaitQuality:
 
 
 def completed(episode: Episode, steps: int) -> bool:
-    """Whether an episode lasted so many control steps, without a fall or a simulation fault."""
+    """Whether an episode lasted ``steps`` control steps, without a fall or a simulation fault."""
     return episode.steps >= steps and episode.fault == 0
 
 
@@ -152,13 +151,7 @@ def _commanded_heading(robot: Robot, yaw_rate: float, steps: int) -> np.ndarray:
 
 
 def _lateral_distance(position: np.ndarray, goal: np.ndarray, step: float) -> float:
-    """Final distance to the left of the path of the commanded headings [m].
-
-    Args:
-        position: (F, 2) of the base [m].
-        goal: (F,) commanded headings [rad].
-        step: distance in a control step, of the walk [m].
-    """
+    """Final distance to the left [m] of the path with commanded headings ``goal`` (F,) [rad] and ``step`` [m]."""
     off = position[-1] - position[0] - step * np.array([np.cos(goal[:-1]).sum(), np.sin(goal[:-1]).sum()])
     return float(math.cos(goal[-1]) * off[1] - math.sin(goal[-1]) * off[0])
 
@@ -181,14 +174,9 @@ def _dragged(feet: FootMotion, min_stroke: float) -> float:
 
 
 def _step_peaks(clearance: np.ndarray, ahead: np.ndarray, min_stroke: float) -> np.ndarray:
-    """Maximum clearance [m] in every complete step of a foot.
+    """Maximum clearance [m] in every complete step of a foot, from its clearance and position along the body (F,) [m].
 
     Steps are counted by stroke, not by lift. A foot passes the middle once it is a quarter of the stroke beyond.
-
-    Args:
-        clearance: (F,) [m].
-        ahead: (F,) position along the body [m].
-        min_stroke: stroke below which there is no step [m].
     """
     rear, front = np.percentile(ahead, (5.0, 95.0))
     if front - rear <= min_stroke:
@@ -207,20 +195,12 @@ def _short_walk(upright: float, legs: int, walks: bool) -> GaitQuality:
 
 
 def quality_results(quality: GaitQuality, robot: Robot, model: str, motors: str) -> Results:
-    """One row per finite measure; the lift of every leg is a row of its own, with the leg as its part.
-
-    Args:
-        quality: of a walk.
-        robot: of the walk.
-        model: name of the policy.
-        motors: own, twin or hard, see `results.Result`.
-    """
+    """A row per finite measure of a policy ``model``, for the lift a row per leg; ``motors``: own, twin or hard."""
     rows = []
-    for field in fields(quality):
-        value, legs = getattr(quality, field.name), (None,)
-        if field.name == "foot_lift_mm":
-            legs = tuple(leg.name for leg in robot.legs)
-        for leg, number in zip(legs, value if len(legs) > 1 else (value,), strict=True):
-            if math.isfinite(number):
-                rows.append(Result(field.name, UNITS[field.name], float(number), model, motors, part=leg))
+    for name, unit in UNITS.items():
+        value = getattr(quality, name)
+        parts = zip((leg.name for leg in robot.legs), value, strict=True) if name == "foot_lift_mm" else [(None, value)]
+        rows += [
+            Result(name, unit, float(number), model, motors, part=leg) for leg, number in parts if math.isfinite(number)
+        ]
     return Results.of(rows)

@@ -16,8 +16,7 @@ import numpy as np
 _STEP_LENGTHS = (1.0, 0.4, 0.15)  # shares of the Gauss-Newton step, tried until one lowers the cost
 _TOLERANCE = 3e-3  # relative decrease of the cost below which a search ends
 
-Residuals: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""(P,) -> (N,), each in units of its standard deviation."""
+Residuals: TypeAlias = Callable[[np.ndarray], np.ndarray]  # (P,) -> (N,), in units of their standard deviation
 
 
 @dataclass(frozen=True)

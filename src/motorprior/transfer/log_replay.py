@@ -1,4 +1,4 @@
-"""Replay of a real robot's log: its commands on a simulated robot, to compare joint angles."""
+"""Replay the commands of a real robot's log on a simulated robot, to compare joint angles."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ Motors = TypeVar("Motors", TrueMotors, IdealPd)
 
 
 def logged_constants(log: MotorLog) -> frozenset[str]:
-    """Fleet constants that a log states; empty if its gains are in firmware units."""
+    """Fleet constants among the logged gains; none if those are in firmware units."""
     if log.stated_kp is None or log.gain_unit != PHYSICAL_GAINS:
         return frozenset()
     return frozenset({"kp"} if log.stated_kd is None else {"kp", "kd_over_kp"})
 
 
 def with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
-    """These motors, one per joint, with the log's gains; unchanged if it states none in N·m/rad.
+    """These motors, one per joint, with the logged gains; unchanged if the log has none in N·m/rad.
 
-    If the log states kp alone, kd = logged kp · kd/kp of the motors. Integral gains stay: no log states them.
+    If only kp is logged, kd = logged kp · kd/kp of the motors.
     """
     gains = stated_gains_of(log)
     if gains is None or not logged_constants(log):
@@ -48,13 +48,13 @@ def with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
 
 
 def logged_gains_note(log: MotorLog) -> str:
-    """A note to the user on a log's gains and whether simulated motors use them; empty if it states none."""
+    """A note on the logged gains and their use in the simulation; empty if there are none."""
     gains = " and ".join(gain_texts(log))
     if not gains:
         return ""
     if not logged_constants(log):
-        return f"it states {gains}, in firmware units: motors use the fleet's gains"
-    return f"it states {gains}: motors use these instead of the fleet's"
+        return f"logged gains {gains}, in firmware units: motors use the fleet's gains"
+    return f"logged gains {gains}: motors use these instead of the fleet's"
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
 class Replayer:
     """Replays one log on many sets of motors. Use one per thread.
 
-    A log without postures counts as standing. Rows of a segment from its first fallen one on are not compared.
+    A log without postures counts as standing. The rows of a segment after a fall are not compared.
 
     Args:
         log: all rows, whose commands are replayed.
@@ -149,12 +149,8 @@ class Replayer:
 def initial_targets(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:
     """(joints,) targets before a segment [rad]: the first ones, or a free robot's nominal pose if that is nearer.
 
-    Some logs start in the nominal pose and jump to the first targets, others held the first targets for long.
-
-    Args:
-        joint_pos: (joints,) first measured angles [rad].
-        targets: (joints,) first position targets [rad].
-        robot: of the log.
+    Some logs start in the nominal pose and jump to the first targets, others held the first targets for long. All
+    angles are (joints,) [rad].
     """
     pose = np.asarray(robot.nominal_pose)
     nominal = robot.base == "free" and rms(joint_pos - pose) <= rms(joint_pos - targets)

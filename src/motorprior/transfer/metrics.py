@@ -10,13 +10,10 @@ BENCH_METRICS = {
     "bench_chirp_rmse": "chirp",
 }
 ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf")
+# joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's
 COLUMNS = (*BENCH_METRICS, *ROBOT_METRICS)
-"""Joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's."""
-
-MODELS = (
+MODELS = (  # actuator models
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
     "per_motor", "rollout", "physical",
 )  # fmt: skip
-"""Actuator models in the order of every table."""
-CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")
-"""Actuator models on which policies are trained, in the order of every table."""
+CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")  # actuator models of trainings

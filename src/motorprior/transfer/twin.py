@@ -38,14 +38,8 @@ HARD = replace(
 )  # fmt: skip
 
 
-def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
-    """Motors of one twin; the error of the fleet's centre is the same for all of them."""
-    own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
-    return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
-
-
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
-    """The robot with the range of speeds that all of these policies accept."""
+    """The robot with the range of speeds of all these policies."""
     ranges = [policy.forward for policy in policies]
     return robot.with_speed_range((max(low for low, _ in ranges), min(high for _, high in ranges)))
 
@@ -67,8 +61,12 @@ def twin_simulator(
 
 def twin_of(robot: Robot, fleet: Fleet, walk: WalkConfig) -> WalkSimulator:
     """Simulator with another twin of this fleet in every episode."""
-    world = WorldConfig.of(robot, physics_dt=robot.twin_physics_dt)
-    return WalkSimulator(lambda rng: draw_twin_motors(robot, fleet, rng), world, walk)
+
+    def sample(rng: np.random.Generator) -> Actuator:
+        own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
+        return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
+
+    return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=robot.twin_physics_dt), walk)
 
 
 @dataclass(frozen=True)
@@ -84,6 +82,9 @@ class Walking:
     speed: float
     upright: float
     drift: float
+
+
+WALKING_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 
 def evaluate(
@@ -120,5 +121,5 @@ def _means(episodes: list[Episode], control_dt: float) -> Walking:
 
 
 def share_upright(episode: Episode, steps: int) -> float:
-    """Share of so many control steps before a fall or a simulation fault [-]."""
+    """Share of ``steps`` control steps before a fall or a simulation fault [-]."""
     return (episode.steps - (not completed(episode, steps))) / steps

@@ -14,7 +14,7 @@ from motorprior.identification.baselines import response_fit
 from motorprior.identification.judging import fit_quality
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.pipeline.demo import Demo, that_walks
+from motorprior.pipeline.demo import Demo, with_walking_robot
 from motorprior.pipeline.quick_report.findings import Errors
 from motorprior.pipeline.quick_report.real_motors import (
     TRACES,
@@ -146,9 +146,9 @@ def test_a_free_base_is_held_where_every_row_says_that_it_suspended(
 
 def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):
     given = Demo(robot=arm, logs=logs)
-    assert that_walks(given) == replace(given, robot=Demo().robot)
-    assert that_walks(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
-    assert that_walks(Demo(logs=logs)) == Demo(logs=logs)
+    assert with_walking_robot(given) == replace(given, robot=Demo().robot)
+    assert with_walking_robot(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
+    assert with_walking_robot(Demo(logs=logs)) == Demo(logs=logs)
 
 
 def a_log(name: str, moving: list[bool]) -> MotorLog:

@@ -12,11 +12,11 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.motor_choice import nominal_pd
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.quick_report.findings import Errors, Findings
-from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.pipeline.validation.log_stretches import awake
 from motorprior.report.real_motor_tables import RMSE, Trace
 from motorprior.robots.robot import Robot
 from motorprior.transfer.log_replay import LogReplay, Replayer, prepare, with_logged_gains
+from motorprior.transfer.posture import PostureName, replayers_of
 
 DRAWS = 20
 """Robots drawn from the fleet."""
@@ -43,7 +43,7 @@ def report_by_replay(
     """
     logs = {name: beginning(log, LONGEST / len(logs)) for name, log in logs.items()}
     prepared = {name: prepare(log, robot, f"{log.source}, log {name}") for name, log in logs.items()}
-    replayers = replayers_of(logs, prepared, robot, fleet, posture, progress)
+    replayers = replayers_of(logs, prepared, robot, fleet, posture, progress.note)
     rng, joints = np.random.default_rng(seed), robot.num_joints
     pd, center = nominal_pd(fleet, joints), fleet.center(joints)
     draws = [fleet.sample(joints, rng) for _ in range(DRAWS)]

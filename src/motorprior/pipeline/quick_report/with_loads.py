@@ -17,7 +17,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.pipeline.adapt import motor_constants
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.motor_choice import described_pd
-from motorprior.pipeline.progress import Heard, Progress
+from motorprior.pipeline.progress import Progress, WarningCollector
 from motorprior.pipeline.quick_report.findings import Errors, Findings, constant_results, free_run_trace
 from motorprior.pipeline.quick_report.fleet_comparison import (
     beside_each_other,
@@ -75,7 +75,7 @@ def report_with_loads(
     from motorprior.identification.judging.log_fidelity import whole_runs
 
     known = joined(list(logs.known.values()))
-    heard = Heard(progress)
+    heard = WarningCollector(progress)
     prior = fit_prior(known, PRESET, seed, out=folder, progress=heard)
     with progress.start("tune one PD", TUNING) as task:
         tuned = with_scaled_gains(tuned_pd(known, task.advance, scaled_gains(known)), known)

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet import write_fleet
+import numpy as np
+
+from motorprior.bench.fleet import Fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.pipeline.motor_choice import load_robot_fleet
-from motorprior.pipeline.prior_file import load_prior
-from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
-from motorprior.pipeline.replay.replay import read_logs
+from motorprior.pipeline.progress import SILENT, Progress, Task
+from motorprior.pipeline.replay.replay import plotted_joint, read_logs
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, searches
 from motorprior.transfer.fleet_problem import FleetProblem
-from motorprior.transfer.log_replay import Replayer
+from motorprior.transfer.log_replay import with_logged_gains
+from motorprior.transfer.posture import PostureName, replayers_of
 
-FLEET, PICTURE, PRIOR_BANDS = "fleet.toml", "calibration.png", "prior"
+FLEET, PICTURE = "fleet.toml", "calibration.png"
 
 
 @dataclass(frozen=True)
@@ -38,15 +36,13 @@ class Calibrate:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     fleet: str | None = None
     """Initial fleet; constants that the logs do not identify stay near it. The robot's own if not given."""
-    prior: Path | None = None
-    """Prior identified on a bench of the fitted fleet: also plot its 50 and 90 % bands over the logs."""
     posture: PostureName = "auto"
     """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the one in
     which the fleet's central motor replays it clearly better."""
     starts: int = 3
     """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
     iterations: int = 6
-    """Of each search, at most."""
+    """Maximum of each search."""
     draws: int = 20
     """Samples of the robot's motors from the fitted fleet, for the bands."""
     seed: int = 0
@@ -54,45 +50,24 @@ class Calibrate:
 
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
-    """Calibrate, or read the results if the folder holds them already.
+    """Calibrate, or read the results of the finished stage.
 
     Raises:
-        LogError, ArtifactError, ConfigError: a log, fleet, prior or setting that cannot be used.
+        LogError, ArtifactError, ConfigError: a log, fleet or setting that cannot be used.
     """
     for name in ("starts", "iterations", "draws"):
         require_count(name, getattr(config, name))
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    fleet, prior = load_robot_fleet(robot, config.fleet), config.prior and load_prior(config.prior, robot)
+    fleet = load_robot_fleet(robot, config.fleet)
     folder, prepared = read_logs(config.logs, robot)
-    files = [*folder.files, *robot.files]
-    settings = {name: value for name, value in asdict(config).items() if name != "prior"}
-    wanted = description("calibrate", settings, [*fleet_files(robot, config.fleet), *files])
-    ready = cache(lambda: replayers_of(folder.logs, prepared, robot, fleet, config.posture, progress))
+    inputs = [*fleet_files(robot, config.fleet), *folder.files, *robot.files]
+    wanted = description("calibrate", asdict(config), inputs)
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            _calibrate(config, FleetProblem(fleet, robot, ready()), progress)
-    if config.prior is None or prior is None:
-        return read_results(config.out)
-    bands = config.out / PRIOR_BANDS
-    wanted = description("calibrate", settings, [config.prior, config.out / FLEET, *files])
-    if not is_finished(bands, wanted):
-        with working(bands, wanted):
-            _draw_prior(config, bands, ready(), robot, prior, progress)
-    return read_results(config.out) + read_results(bands)
-
-
-def _draw_prior(
-    config: Calibrate, folder: Path, replayers: dict[str, Replayer], robot: Robot, prior: MotorPrior, progress: Progress
-) -> None:
-    """The bands of a prior and of the fitted fleet: picture and coverage."""
-    from motorprior.pipeline.replay.calibration_bands import draw_prior_bands
-
-    fleet = load_robot_fleet(robot, str(config.out / FLEET))
-    with progress.start(f"{config.draws} draws of the prior", len(replayers)) as task:
-        picture, covered = draw_prior_bands(replayers, robot, fleet, prior, config.draws, config.seed, task)
-    (folder / PICTURE).write_bytes(picture)
-    write_results(folder, covered)
+            replayers = replayers_of(folder.logs, prepared, robot, fleet, config.posture, progress.note)
+            _calibrate(config, FleetProblem(fleet, robot, replayers), progress)
+    return read_results(config.out)
 
 
 def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> None:
@@ -102,16 +77,49 @@ def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> 
     fleet = calibrated_fleet(problem, found)
     heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(names)}; spread is between motors."
     write_fleet(config.out / FLEET, fleet, _sources(problem, found), heading)
-    from motorprior.pipeline.replay.calibration_bands import draw_bands  # imports matplotlib
-
     with progress.start(f"{config.draws} draws of the fleet", len(names)) as task:
         picture, covered = draw_bands(problem, found.center, fleet, config.draws, config.seed, task)
     (config.out / PICTURE).write_bytes(picture)
     write_results(config.out, _errors(problem, found) + covered + _constants(problem, found) + _motors(problem, found))
 
 
+def draw_bands(
+    problem: FleetProblem, center: np.ndarray, fleet: Fleet, draws: int, seed: int, task: Task
+) -> tuple[bytes, Results]:
+    """Replay every log on samples of a fleet.
+
+    Args:
+        problem: logs and robot.
+        center: (unknowns,) of the fit.
+        fleet: the fitted one.
+        draws: samples of the robot's motors.
+        seed: of the samples.
+        task: advances with every log.
+
+    Returns:
+        A PNG with the 90 % band of the plotted joint of every log, and per log the share of the measured angles of
+        excited joints within the bands.
+    """
+    from motorprior.report.plots_motor import LogPanel, calibration  # here: they import matplotlib
+    from motorprior.report.plots_style import png_bytes
+
+    rng, panels, covered, count = np.random.default_rng(seed), [], [], problem.robot.num_joints
+    for name, replayer in problem.replayers.items():
+        log = replayer.prepared
+        motors = [with_logged_gains(fleet.sample(count, rng), log).actuator() for _ in range(draws)]
+        low, high = np.quantile([replayer.joint_pos(each) for each in motors], [0.05, 0.95], axis=0)
+        inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
+        covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
+        joint = plotted_joint(problem.robot, log)
+        central = replayer.joint_pos(problem.actuator(name, center))
+        columns = (each[:, joint] for each in (log.position_target, log.joint_pos, central, low, high))
+        panels.append(LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns))
+        task.advance()
+    return png_bytes(calibration(panels)), Results.of(covered)
+
+
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
-    """Source of each number."""
+    """Source of each constant, for the fleet's file."""
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"

@@ -20,13 +20,13 @@ from motorprior.pipeline.log_import.log_folder import LogFolder, read_log_folder
 from motorprior.pipeline.motor_choice import gains_for, load_robot_fleet, nominal_pd
 from motorprior.pipeline.prior_file import load_prior
 from motorprior.pipeline.progress import SILENT, Progress, Task
-from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.pipeline.stage import description, fleet_files, is_finished, read_results, working, write_results
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.log_replay import LogReplay, Replayer, prepare, with_logged_gains
+from motorprior.transfer.posture import PostureName, replayers_of
 
 TRACES = "traces.safetensors"
 
@@ -55,7 +55,7 @@ class Replay:
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
-    """Check and replay, or read the results if the folder holds them already.
+    """Check and replay, or read the results of the finished stage.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
@@ -66,7 +66,9 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     load_robot_fleet(robot, config.fleet)
     folder, prepared = read_logs(config.logs, robot)
     for name, log in folder.logs.items():
-        _note_findings(name, log, robot, progress)
+        for finding in check_log(log, robot.limits).findings:
+            if finding.severity != "info":
+                progress.note(f"log {name}: {finding.severity}: {finding.message}")
     prior = load_prior(config.prior, robot)
     inputs = [config.prior, *fleet_files(robot, config.fleet), *folder.files, *robot.files]
     wanted = description("replay", asdict(config), inputs)
@@ -77,7 +79,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
 
 
 def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]:
-    """A log, or all logs of a folder; and the same by name without repeated measurements.
+    """A log, or all logs of a folder; and by name without repeated measurements.
 
     Raises:
         LogError: a log that cannot be read or replayed.
@@ -87,17 +89,9 @@ def read_logs(path: Path, robot: Robot) -> tuple[LogFolder, dict[str, MotorLog]]
     except LogError as error:
         if error.argument != "columns":
             raise
-        remedy = (
-            "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the .parquet files"
-        )
+        remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the new files"
         raise LogError(error.problem, where=error.where, remedy=remedy) from error
     return folder, {name: prepare(log, robot, f"{path}, log {name}") for name, log in folder.logs.items()}
-
-
-def _note_findings(name: str, log: MotorLog, robot: Robot, progress: Progress) -> None:
-    for finding in check_log(log, robot.limits).findings:
-        if finding.severity != "info":
-            progress.note(f"log {name}: {finding.severity}: {finding.message}")
 
 
 def _replay_all(
@@ -111,7 +105,7 @@ def _replay_all(
     measured = Results()
     traces: dict[str, np.ndarray] = {}
     fleet = load_robot_fleet(robot, config.fleet)
-    replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress)
+    replayers = replayers_of(logs, prepared, robot, fleet, config.posture, progress.note)
     with progress.start(f"replay of {len(logs)} real logs", len(logs) * (2 + 2 * config.draws)) as task:
         for name in logs:
             results = _replay_models(config, robot, fleet, replayers[name], prior, task)
@@ -162,7 +156,7 @@ def _errors(name: str, log: MotorLog, results: dict[str, list[LogReplay]]) -> Re
     return Results.of(rows)
 
 
-def shown_joint(robot: Robot, log: MotorLog) -> int:
+def plotted_joint(robot: Robot, log: MotorLog) -> int:
     """The joint of a log to plot: the first excited knee, or else the first excited joint."""
     excited = excited_joints(log)
     last = {leg.joints[-1] for leg in robot.legs}
@@ -172,7 +166,7 @@ def shown_joint(robot: Robot, log: MotorLog) -> int:
 
 def _log_traces(name: str, robot: Robot, log: MotorLog, results: dict[str, list[LogReplay]]) -> dict[str, np.ndarray]:
     """The plotted joint of a log, for the report; samples as median and 90 % band."""
-    joint = shown_joint(robot, log)
+    joint = plotted_joint(robot, log)
     traces = {
         f"{name}/joint": np.array(joint),
         f"{name}/time": log.time,

@@ -1,1 +1,1 @@
-"""What policies are worth on motors that they were not trained on."""
+"""Evaluation of policies on motors that they were not trained on."""

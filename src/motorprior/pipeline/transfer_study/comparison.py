@@ -17,16 +17,7 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.twin import (
-    DRAWS,
-    DURATION_STEPS,
-    evaluate,
-    straight_ahead,
-    twin_simulator,
-    with_shared_speeds,
-)
-
-_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
+from motorprior.transfer import twin
 
 
 def compare(
@@ -36,13 +27,13 @@ def compare(
     *,
     progress: Progress = WARNED,
 ) -> Results:
-    """Walk every policy on every set of motors: 24 samples of 5 s, straight ahead at the maximum speed of all policies.
+    """Evaluate every policy on every set of motors: 24 walks of 5 s, straight ahead at the shared maximum speed.
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
         policies: by training condition; several of one condition are its seeds.
-        twins: sets of motors by name. A fleet is the held-out twin: unseen motors, physics at the robot's
-            ``twin_physics_dt``, encoder noise. Anything else is simulated as in training.
+        twins: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors, physics at the robot's
+            ``twin_physics_dt``, encoder noise; other motors as in training.
         progress: reports to the user.
 
     Returns:
@@ -64,7 +55,9 @@ def compare(
             policy.require_robot(robot, name)
             policy.require_clock(robot.control_dt, name)
     gaits: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
-    commands = straight_ahead(with_shared_speeds(robot, (policy for each in seeds.values() for policy in each)))
+    commands = twin.straight_ahead(
+        twin.with_shared_speeds(robot, (policy for each in seeds.values() for policy in each))
+    )
     simulators = {
         (name, *gait): _simulator(robot.with_speed_range(gait[0]), twins[name], gait[1], commands)
         for name in twins
@@ -72,13 +65,13 @@ def compare(
     }
     count = sum(map(len, seeds.values())) * len(twins)
     rows = []
-    with progress.start(f"compare: {count} x {DRAWS} walks", DRAWS * count) as task:
+    with progress.start(f"compare: {count} x {twin.DRAWS} walks", twin.DRAWS * count) as task:
         for model, each in seeds.items():
             for motor_set in twins:
                 for seed, policy in enumerate(each):
                     simulator = simulators[motor_set, policy.forward, policy.gait]
-                    walking, _ = evaluate(robot, policy, simulator, task.advance)
-                    for quantity, unit in _UNITS.items():
+                    walking, _ = twin.evaluate(robot, policy, simulator, task.advance)
+                    for quantity, unit in twin.WALKING_UNITS.items():
                         value = getattr(walking, quantity)
                         rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))
     return Results.of(rows)
@@ -86,7 +79,7 @@ def compare(
 
 def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Commands) -> WalkSimulator:
     if isinstance(motors, Fleet):
-        return twin_simulator(robot, motors, gait, commands)
+        return twin.twin_simulator(robot, motors, gait, commands)
     sample, physics_dt = motor_sampler(motors, robot)
-    walk = WalkConfig(DURATION_STEPS, commands=commands, gait=gait)
+    walk = WalkConfig(twin.DURATION_STEPS, commands=commands, gait=gait)
     return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=physics_dt), walk)

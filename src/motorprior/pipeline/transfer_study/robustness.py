@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-
-import numpy as np
+from typing import cast
 
 from motorprior.bounds import require_count
 from motorprior.locomotion.policy import Policy
@@ -17,32 +15,19 @@ from motorprior.pipeline.transfer_study.transfer import trained_walk
 from motorprior.pipeline.walking.walk import POLICY
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.transfer.robustness import (
-    MAPS,
-    ROBUSTNESS_DRAWS,
-    Grid,
-    UprightMap,
-    grids,
-    save_maps,
-    upright_row,
-)
+from motorprior.transfer.robustness import MAPS, ROBUSTNESS_DRAWS, Grid, UprightMap, grids, save_maps, upright_share
 from motorprior.transfer.twin import DURATION_STEPS, straight_ahead
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """Robustness maps of a policy."""
+    """Robustness maps of a policy: folder of `motorprior walk`, folder for the maps, robot, rows at a time."""
 
     walk: Path
-    """Folder of `motorprior walk`."""
     out: Path
-    """Folder for the maps."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or a .toml file."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Rows of a map at a time; the result does not depend on it."""
+    robot: str
+    workers: int = 1
 
 
 def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
@@ -53,16 +38,13 @@ def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
     """
     require_count("workers", config.workers)
     robot, path = load_robot(config.robot), config.walk / POLICY
-    robot.require_legs()
-    settings = asdict(config)
-    del settings["workers"]
-    wanted = description("robustness", settings, [path, *robot.files])
+    wanted = description("robustness", {"robot": config.robot, "file": MAPS}, [path, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             save_maps(config.out / MAPS, robustness(path, robot, config.workers, progress))
 
 
-def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> tuple[UprightMap, ...]:
+def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> list[UprightMap]:
     """Walk straight ahead at the policy's maximum speed in every cell of `transfer.robustness.grids`.
 
     In MuJoCo on flat ground; the result does not depend on ``workers``.
@@ -77,23 +59,19 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
         ArtifactError, ConfigError: an unreadable policy, or missing motors.
     """
     robot = Policy.load(path).commanded(robot)
-    found, name = grids(robot), path.parent.name
-    cells = sum(len(grid.rows.values) * len(grid.columns.values) for grid in found)
-    with progress.start(f"robustness of {name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:
-        works = [partial(_row, path, robot, grid, value, task) for grid in found for value in grid.rows.values]
-        rows = in_parallel(works, usable_threads(workers, progress), progress)
-    maps = []
-    for grid in found:
-        share, rows = np.array(rows[: len(grid.rows.values)]), rows[len(grid.rows.values) :]
-        maps.append(UprightMap(grid.rows, grid.columns, share))
-    return tuple(maps)
+    found = grids(robot)
+    cells = sum(len(grid.rows) * len(grid.columns) for grid in found)
+    with progress.start(f"robustness of {path.parent.name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:
+        works = [partial(_row, path, robot, grid, value, task) for grid in found for value in grid.rows]
+        shares = iter(in_parallel(works, usable_threads(workers, progress), progress))
+    return [UprightMap(grid.titles, grid.rows, grid.columns, [next(shares) for _ in grid.rows]) for grid in found]
 
 
-def _row(path: Path, robot: Robot, grid: Grid, value: float, task: Task, _: Progress) -> np.ndarray:
-    cells = [
-        WalkConfig(DURATION_STEPS, randomization=grid.cell(value, each), commands=straight_ahead(robot))
-        for each in grid.columns.values
-    ]
-    walks = [trained_walk(path, robot, "mujoco", walk) for walk in cells]
-    simulators = [each.simulator for each in walks if isinstance(each.simulator, WalkSimulator)]
-    return upright_row(walks[0].policy, simulators, task.advance)
+def _row(path: Path, robot: Robot, grid: Grid, value: float, task: Task, _: Progress) -> list[float]:
+    shares = []
+    for column in grid.columns:
+        walk = WalkConfig(DURATION_STEPS, randomization=grid.cell(value, column), commands=straight_ahead(robot))
+        trained = trained_walk(path, robot, "mujoco", walk)
+        shares.append(upright_share(trained.policy, cast(WalkSimulator, trained.simulator)))
+        task.advance()
+    return shares

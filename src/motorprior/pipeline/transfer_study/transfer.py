@@ -18,7 +18,7 @@ from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
-from motorprior.pipeline.motor_choice import load_robot_fleet
+from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import (
     description,
@@ -42,18 +42,9 @@ from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
-from motorprior.transfer.twin import (
-    DRAWS,
-    DURATION_STEPS,
-    Walking,
-    evaluate,
-    straight_ahead,
-    twin_simulator,
-    with_shared_speeds,
-)
+from motorprior.transfer import twin
 
 TRACES = "traces.safetensors"
-_UNITS = {"speed": "m/s", "upright": "1", "drift": "m"}
 
 
 @dataclass(frozen=True)
@@ -92,7 +83,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     del settings["workers"]  # the result does not depend on it
     wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
     if not is_finished(config.out, wanted):
-        commands = straight_ahead(with_shared_speeds(robot, policies))
+        commands = twin.straight_ahead(twin.with_shared_speeds(robot, policies))
         walks: list[TrainedWalk] = []
         with ExitStack() as simulators:
             for path in files:
@@ -136,12 +127,11 @@ def trained_walk(
     """
     policy, robot = policy_for(path, robot)
     if walk is None:
-        commands = commands or straight_ahead(robot)
-        walk = WalkConfig(DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
-    condition = choice_from_json(policy.provenance.get("motors"), path).condition()
-    return TrainedWalk(
-        path.parent.name, robot, policy, condition, training_scene(policy, path, robot, walk, engine).simulator()
-    )
+        commands = commands or twin.straight_ahead(robot)
+        walk = WalkConfig(twin.DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
+    motors = choice_from_json(policy.provenance.get("motors"), path)
+    scene = training_scene(policy, path, robot, walk, engine, motors)
+    return TrainedWalk(path.parent.name, robot, policy, motors.condition(), scene.simulator())
 
 
 def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
@@ -156,45 +146,47 @@ def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
     return policy, policy.commanded(robot)
 
 
-def training_scene(policy: Policy, path: Path, robot: Robot, walk: WalkConfig, engine: Engine | None = None) -> Scene:
+def training_scene(
+    policy: Policy,
+    path: Path,
+    robot: Robot,
+    walk: WalkConfig,
+    engine: Engine | None = None,
+    motors: MotorChoice | None = None,
+) -> Scene:
     """The simulation in which a policy was trained.
 
     Args:
         policy: the trained policy.
-        path: its file, for messages and for the files of its motors.
+        path: its file, for errors and to find the files of its motors.
         robot: with the policy's commands.
         walk: the episode, with the policy's gait.
         engine: instead of that of the training.
+        motors: of the training; read from the policy's provenance if not given.
 
     Raises:
         ArtifactError, ConfigError: missing motors, or damaged provenance.
     """
-    choice = choice_from_json(policy.provenance.get("motors"), path)
+    motors = motors or choice_from_json(policy.provenance.get("motors"), path)
     try:
-        sample = choice.sampler(robot)
+        sample = motors.sampler(robot)
     except (ArtifactError, ConfigError) as error:
         where = path if error.where is None else f"{path}: {error.where}"
         raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
-    trained_in, roughness = _ground(policy, path)
-    engine = engine or trained_in
-    terrain = Terrain(roughness if engine == "pybullet" else 0.0)
-    return Scene(robot, engine, sample, choice.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
+    stated: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
+    stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
+    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
+    engine = engine or cast(Engine, stated["engine"])
+    terrain = Terrain(float(stated["roughness"]) if engine == "pybullet" else 0.0)
+    return Scene(robot, engine, sample, motors.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:
-    """Randomization of its training; none if not stated."""
+    """Randomization of its training; none if the provenance has none."""
     try:
         return Randomization(**policy.provenance.get("randomization", {}))
     except (TypeError, ConfigError) as error:
         raise ArtifactError(f"its randomization: {error}", where=path, remedy="train again") from error
-
-
-def _ground(policy: Policy, path: Path) -> tuple[Engine, float]:
-    """Engine and roughness [m] of its training; MuJoCo and flat if not stated."""
-    stated: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
-    stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
-    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
-    return cast(Engine, stated["engine"]), float(stated["roughness"])
 
 
 def _evaluate_all(
@@ -208,7 +200,8 @@ def _evaluate_all(
         condition, seed = walk.condition, seeds[walk.condition]
         for name, (walking, trace) in environments.items():
             rows += [
-                Result(key, unit, getattr(walking, key), condition, name, seed=seed) for key, unit in _UNITS.items()
+                Result(key, unit, getattr(walking, key), condition, name, seed=seed)
+                for key, unit in twin.WALKING_UNITS.items()
             ]
             traces.setdefault(f"{name}/{condition}", trace)
         seeds[condition] += 1
@@ -218,8 +211,10 @@ def _evaluate_all(
 
 def _own_and_twin(
     walk: TrainedWalk, fleet: Fleet, commands: Commands, progress: Progress
-) -> dict[str, tuple[Walking, np.ndarray]]:
+) -> dict[str, tuple[twin.Walking, np.ndarray]]:
     robot, policy = walk.robot, walk.policy
-    simulators = {"own": walk.simulator, "twin": twin_simulator(robot, fleet, policy.gait, commands)}
-    with progress.start(f"transfer of {walk.name}: {len(simulators)} x {DRAWS} walks", len(simulators) * DRAWS) as task:
-        return {name: evaluate(robot, policy, simulator, task.advance) for name, simulator in simulators.items()}
+    simulators = {"own": walk.simulator, "twin": twin.twin_simulator(robot, fleet, policy.gait, commands)}
+    with progress.start(
+        f"transfer of {walk.name}: {len(simulators)} x {twin.DRAWS} walks", len(simulators) * twin.DRAWS
+    ) as task:
+        return {name: twin.evaluate(robot, policy, simulator, task.advance) for name, simulator in simulators.items()}

@@ -9,7 +9,7 @@ from pathlib import Path
 from motorprior.artifacts import write_text
 from motorprior.exceptions import ConfigError
 from motorprior.pipeline.progress import SILENT, Progress
-from motorprior.pipeline.report import PAGE
+from motorprior.pipeline.stage import PAGE
 from motorprior.pipeline.transfer_study.robustness import robustness
 from motorprior.pipeline.transfer_study.transfer import trained_walk
 from motorprior.pipeline.walking.walk import CURVE, POLICY
@@ -44,7 +44,7 @@ def build_walk_report(
     if not trainings:
         raise ConfigError(
             f"no {POLICY} in it or one folder below", where=run,
-            remedy="give a folder that `motorprior demo` or `motorprior walk` wrote",
+            remedy="give a folder that `motorprior walk` wrote",
         )  # fmt: skip
     robot, traces, maps = load_robot(robot_name), {}, {}
     for name, (first, *_) in trainings.items():

@@ -8,10 +8,8 @@ import pytest
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.pipeline.progress import SILENT
-from motorprior.pipeline.replay.log_postures import PostureName, replayers_of
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.transfer.posture import FALLEN_TILT
+from motorprior.transfer.posture import FALLEN_TILT, PostureName, replayers_of
 
 ROWS = 400
 
@@ -27,32 +25,23 @@ def still_log() -> MotorLog:
     )  # fmt: skip
 
 
-class Notes:
-    """`Progress` that keeps its notes."""
-
-    def __init__(self):
-        self.lines: list[str] = []
-        self.start = SILENT.start
-
-    def note(self, text: str) -> None:
-        self.lines.append(text)
-
-
 @pytest.mark.parametrize(("posture", "used"), [("auto", "suspended"), ("standing", "standing")])
 def test_an_option_overrides_the_posture_in_the_log(posture: PostureName, used: str):
     fleet, log = load_fleet("pupper_v2"), replace(still_log(), posture=np.full(ROWS, POSTURES.index("suspended")))
-    (replayer,) = replayers_of({"a": log}, {"a": log}, ROBOT, fleet, posture, SILENT).values()
+    (replayer,) = replayers_of({"a": log}, {"a": log}, ROBOT, fleet, posture, lambda text: None).values()
     assert replayer.prepared.posture is not None and POSTURES[replayer.prepared.posture[0]] == used
 
 
 def test_rows_after_a_fall_are_excluded():
-    log, notes = still_log(), Notes()
+    log, notes = still_log(), []
     assert log.base_orientation is not None
     log.base_orientation[160:, 0] = FALLEN_TILT + 0.1
-    (replayer,) = replayers_of({"a": log}, {"a": log}, ROBOT, load_fleet("pupper_v2"), "standing", notes).values()
-    assert (~replayer.compared).sum() == 240 and "240 rows" in notes.lines[0]
+    (replayer,) = replayers_of(
+        {"a": log}, {"a": log}, ROBOT, load_fleet("pupper_v2"), "standing", notes.append
+    ).values()
+    assert (~replayer.compared).sum() == 240 and "240 rows" in notes[0]
 
 
 def test_a_fixed_robot_has_one_posture():
     with pytest.raises(ConfigError, match="the base of 'pupper_v2' is fixed"):
-        replayers_of({}, {}, replace(ROBOT, base="fixed"), load_fleet("pupper_v2"), "suspended", Notes())
+        replayers_of({}, {}, replace(ROBOT, base="fixed"), load_fleet("pupper_v2"), "suspended", lambda text: None)
