@@ -29,7 +29,7 @@ from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.timetable import Timetable
+from motorprior.locomotion.command import Timetable
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, motor_sampler
@@ -41,7 +41,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.policy_search import Champion, contest, new_search, train
+from motorprior.search.policy_search import BestPolicy, updated_best, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST, Randomization
@@ -195,15 +195,15 @@ def seconds_to_goal(stage: Stage, seed: int) -> tuple[float, float]:
     draw, physics_dt = motor_sampler(MotorPrior.load(stage.prior), stage.robot)
     shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
     scene = Scene(stage.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
-    search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)
+    search, best = new_search(ArsConfig(seed=seed), shape), BestPolicy.none_yet(shape)
     executor, seconds, walking = make_executor(scene.simulator, stage.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
         began = time.monotonic()
         if iterations == 0:
-            champion = contest(search, shape, executor, champion)
-        champion = train(search, shape, executor, iterations, champion)
+            best = updated_best(search, shape, executor, best)
+        best = train(search, shape, executor, iterations, best)
         seconds += time.monotonic() - began
-        rows = stage.walks("sampled", champion.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
+        rows = stage.walks("sampled", best.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
         speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
         heading, aside = (
             rows.mean(quantity=name) if rows.where(quantity=name) else float("inf")  # all fell at once
@@ -231,7 +231,7 @@ def top_speeds(settings: Settings, stage: Stage) -> list[Result]:
     commands varies in training.
     """
     slowest, usual = stage.robot.require_legs().forward
-    robot = stage.robot.told((slowest, TOP * usual))
+    robot = stage.robot.with_speeds((slowest, TOP * usual))
     stage = replace(stage, robot=robot)
     walk = WalkConfig(Walk.episode_steps, commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
     oracle = fast_policy(settings, stage, lambda: twin_of(robot, stage.fleet, walk))
@@ -244,10 +244,10 @@ def fast_policy(settings: Settings, stage: Stage, simulator: Callable[[], WalkSi
     """The best policy of a search on these motors, seed 0."""
     shape = PolicyShape.of(stage.robot, "trot", 0, symmetric=True)
     executor = make_executor(simulator, stage.workers)
-    search, champion = new_search(ArsConfig(seed=0), shape), Champion.none_yet(shape)
-    champion = train(search, shape, executor, settings.top_iterations, champion)
+    search, best = new_search(ArsConfig(seed=0), shape), BestPolicy.none_yet(shape)
+    best = train(search, shape, executor, settings.top_iterations, best)
     executor.close()
-    return champion.policy
+    return best.policy
 
 
 def top_speed(stage: Stage, place: str, policy: PolicyArrays) -> float:
@@ -266,7 +266,7 @@ def measure(settings: Settings) -> Results:
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
     stage = Stage(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
-    found, gait = [], Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
+    found, gait = [], BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
     for place in PLACES:
         found += stage.watch(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):

@@ -12,7 +12,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_process import ProcessExecutor
-from motorprior.search.policy_search import Champion, new_search, train
+from motorprior.search.policy_search import BestPolicy, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 
 
@@ -26,9 +26,9 @@ def two() -> Iterator[ProcessExecutor]:
 def searched(executor: Executor) -> bytes:
     shape = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
     search = new_search(ArsConfig(num_directions=2, num_top_directions=2, seed=5), shape)
-    champion = train(search, shape, executor, 1, Champion.none_yet(shape))
+    best = train(search, shape, executor, 1, BestPolicy.none_yet(shape))
     executor.close()
-    return b"".join(np.asarray(each).tobytes() for each in (*search.state().values(), *champion.state().values()))
+    return b"".join(np.asarray(each).tobytes() for each in (*search.state().values(), *best.state().values()))
 
 
 def test_a_search_ends_at_the_same_bytes():

@@ -11,8 +11,8 @@ from motorprior.locomotion.policy import act
 from motorprior.locomotion.symmetry import mirror_of
 from motorprior.locomotion.task import observe
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.moments import Moments
 from motorprior.search.policy_shape import PolicyShape
+from motorprior.search.running_stats import RunningStats
 
 RIGHT_TO_LEFT = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 ABDUCTIONS = np.tile([-1.0, 1.0, 1.0], 4)
@@ -76,7 +76,7 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forw
 @pytest.mark.parametrize("units", [0, 5])
 def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_action(gait: GaitName, units, rng):
     shape = PolicyShape.of(PUPPER_V2, gait, units, symmetric=True)
-    seen = Moments.of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
+    seen = RunningStats.of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
     policy, mirror = shape.policy(0.15 * rng.standard_normal(shape.size), seen), mirror_of(PUPPER_V2, gait)
     assert len(policy.hidden) == 2 * units
     one, other, clipped = np.zeros(ACTIONS), np.zeros(ACTIONS), 0

@@ -5,7 +5,7 @@ import pytest
 
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.search.ars import Ars, ArsConfig, perturbed
-from motorprior.search.moments import Moments
+from motorprior.search.running_stats import RunningStats
 
 TARGET = np.array([1.0, -2.0, 0.5, 0.0, 3.0])
 
@@ -18,7 +18,7 @@ def iterate(search, score=quadratic):
     """One iteration with two made-up observations per candidate."""
     tried = [perturbed(search.parameters, c, search.config, search.iteration) for c in search.ask()]
     returns = np.array([score(parameters) for parameters in tried]).reshape(-1, 2)
-    moments = [Moments.of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried]
+    moments = [RunningStats.of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried]
     search.tell(returns, moments)
 
 
@@ -94,9 +94,9 @@ def test_equal_returns_leave_the_parameters_alone():
 def test_merged_statistics_equal_numpy_over_everything():
     rng = np.random.default_rng(0)
     parts = [rng.normal(50.0, 3.0, (n, 4)) for n in (7, 0, 1, 120)]
-    merged = Moments.empty(4)
+    merged = RunningStats.empty(4)
     for part in parts:
-        merged = merged.merge(Moments.of(part))
+        merged = merged.merge(RunningStats.of(part))
     everything = np.concatenate(parts)
     assert merged.count == 128
     np.testing.assert_allclose(merged.mean, everything.mean(axis=0), rtol=1e-13)

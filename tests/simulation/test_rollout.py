@@ -27,7 +27,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.policy_search import Champion, advance, new_search, train
+from motorprior.search.policy_search import BestPolicy, advance, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.mujoco_backend import MujocoBackend
@@ -226,10 +226,10 @@ def test_any_number_of_workers_gives_the_same_search():
         executor = make_executor(lambda: WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk), workers)
         search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), SHAPE)
         try:
-            champion = train(search, SHAPE, executor, 2, Champion.none_yet(SHAPE))
+            best = train(search, SHAPE, executor, 2, BestPolicy.none_yet(SHAPE))
         finally:
             executor.close()
-        found = [*search.state().values(), *champion.state().values()]
+        found = [*search.state().values(), *best.state().values()]
         return b"".join(np.asarray(value).tobytes() for value in found)
 
     serial = searched(1)

@@ -52,7 +52,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     policy.check()
     policy.require_robot(robot)
     policy.require_clock(robot.control_dt)
-    gait = policy.commanded(robot).require_legs()
+    gait = robot.with_speeds(policy.forward).require_legs()
     _require("forward", settings.forward, *gait.forward, or_equal=True)
     _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
     command = autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate

@@ -260,7 +260,7 @@ class Robot:
             )
         return self.gait
 
-    def told(self, forward: tuple[float, float]) -> Robot:
+    def with_speeds(self, forward: tuple[float, float]) -> Robot:
         """The same robot, told speeds within this range [m/s] instead of its usual one.
 
         Raises:

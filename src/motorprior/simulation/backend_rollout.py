@@ -11,7 +11,7 @@ import numpy as np
 
 from motorprior.backend import Backend
 from motorprior.locomotion.body import action_size
-from motorprior.locomotion.control_step import accumulate_moments
+from motorprior.locomotion.control_step import update_stats
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.robots.robot import Robot
@@ -46,7 +46,7 @@ class BackendSimulator:
         while not ended:
             if trace:
                 rows.append(np.concatenate([info["base_pos"], info["base_quat"], info["measured_joint_pos"]]))
-            count = accumulate_moments(observation, count, mean, m2)
+            count = update_stats(observation, count, mean, m2)
             act(policy, observation, action)
             observation, earned, terminated, truncated, info = self._env.step(action)
             total, ended = total + earned, terminated or truncated

@@ -19,7 +19,7 @@ from motorprior.locomotion.body import Body, action_size, body_of, observation_s
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     GaitState,
-    accumulate_moments,
+    update_stats,
     begin_gait,
     command_step,
     evaluate_step,
@@ -30,7 +30,7 @@ from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.locomotion.timetable import Timetable
+from motorprior.locomotion.command import Timetable
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World
@@ -183,7 +183,7 @@ def _episode(
             trace[step, :nq] = world.qpos
             trace[step, nq : nq + nv] = world.qvel
             trace[step, nq + nv :] = world.torque
-        accumulate_moments(s.observation, step, mean, m2)
+        update_stats(s.observation, step, mean, m2)
         act(policy, s.observation, s.action)
         reward, ended, fault = walk_step(body, world, motors, s, control_dt, task)
         total += reward

@@ -47,7 +47,7 @@ def draw_twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Ac
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
     """The robot with the range of speeds that all of these policies accept."""
     ranges = [policy.forward for policy in policies]
-    return robot.told((max(low for low, _ in ranges), min(high for _, high in ranges)))
+    return robot.with_speeds((max(low for low, _ in ranges), min(high for _, high in ranges)))
 
 
 def straight_ahead(robot: Robot) -> Commands:

@@ -66,7 +66,7 @@ def compare(
     gaits: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
     commands = straight_ahead(with_shared_speeds(robot, (policy for each in seeds.values() for policy in each)))
     simulators = {
-        (name, *gait): _simulator(robot.told(gait[0]), twins[name], gait[1], commands)
+        (name, *gait): _simulator(robot.with_speeds(gait[0]), twins[name], gait[1], commands)
         for name in twins
         for gait in gaits
     }

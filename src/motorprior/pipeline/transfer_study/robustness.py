@@ -76,7 +76,7 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
     Raises:
         ArtifactError, ConfigError: an unreadable policy, or missing motors.
     """
-    robot = Policy.load(path).commanded(robot)
+    robot = robot.with_speeds(Policy.load(path).forward)
     found, name = grids(robot), path.parent.name
     cells = sum(len(grid.rows.values) * len(grid.columns.values) for grid in found)
     with progress.start(f"robustness of {name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:

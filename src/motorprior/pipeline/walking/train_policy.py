@@ -23,7 +23,7 @@ from motorprior.pipeline.walking.walk import training_notes
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
-from motorprior.search.policy_search import Champion, Iteration, contest, new_search, train
+from motorprior.search.policy_search import BestPolicy, Iteration, updated_best, new_search, train
 from motorprior.search.policy_shape import PolicyShape, units_for
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST, Randomization
@@ -98,17 +98,17 @@ def train_policy(
     walk = WalkConfig(episode_steps, randomization=randomization, commands=commands, gait=gait)
     sources = [motors, *([] if validation is None else [load_robot_fleet(robot, validation)])]
     scenes = [Scene(robot, "mujoco", *motor_sampler(source, robot), walk) for source in sources]
-    search, champion, curve = new_search(config, shape, start), Champion.none_yet(shape), Curve()
+    search, champion, curve = new_search(config, shape, start), BestPolicy.none_yet(shape), Curve()
     with (
         executors(scenes, usable_threads(workers, progress)) as (executor, evaluator),
         progress.start(f"train: {iterations} iterations", iterations) as task,
     ):
 
-        def report(point: Iteration, best: Champion) -> None:
+        def report(point: Iteration, best: BestPolicy) -> None:
             curve.append(as_point(point))
             task.advance(1, f"return {point.mean_return:.2f} m, speed error {point.mean_speed_error:.2f} m/s")
 
-        champion = contest(search, shape, evaluator, champion)  # the initial policy is kept if nothing improves on it
+        champion = updated_best(search, shape, evaluator, champion)  # the initial policy is kept if nothing improves on it
         champion = train(search, shape, executor, iterations, champion, report, evaluator, patience)
     report_faults(curve, 2 * config.num_directions, progress)
     provenance = {

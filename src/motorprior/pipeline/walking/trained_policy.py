@@ -13,7 +13,7 @@ from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import Progress
 from motorprior.robots.robot import Robot
-from motorprior.search.policy_search import Champion
+from motorprior.search.policy_search import BestPolicy
 
 
 def report_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
@@ -37,7 +37,7 @@ def report_faults(curve: list[dict], episodes: int, progress: Progress) -> None:
         )
 
 
-def policy_of(robot: Robot, gait: GaitName, champion: Champion, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
+def policy_of(robot: Robot, gait: GaitName, champion: BestPolicy, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
     """The best policy of a training.
 
     Args:

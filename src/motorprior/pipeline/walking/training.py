@@ -18,7 +18,7 @@ from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.walking.walk_metrics import EVENTS, Metrics, tensorboard_events
 from motorprior.search.ars import Ars, ArsConfig
 from motorprior.search.executor import Executor, Kind, make_executor, many_executors
-from motorprior.search.policy_search import Champion, Iteration, contest, is_settled, new_search, train
+from motorprior.search.policy_search import BestPolicy, Iteration, updated_best, is_settled, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.fatal_errors import saved_on_fatal_error
@@ -74,10 +74,10 @@ class Training:
     episode_steps: int
     folder: Path
     wanted: dict[str, Any]
-    save: Callable[[Champion], None]
+    save: Callable[[BestPolicy], None]
     tensorboard: bool = False
 
-    def run(self, executor: Executor, evaluator: Executor, progress: Progress, name: str) -> tuple[Champion, Curve]:
+    def run(self, executor: Executor, evaluator: Executor, progress: Progress, name: str) -> tuple[BestPolicy, Curve]:
         """Train from the checkpoint, if there is one; save one when interrupted or when episodes fail.
 
         Args:
@@ -87,16 +87,16 @@ class Training:
             name: of the training.
         """
         search, champion, curve = self._load() or (
-            new_search(self.search, self.shape, self.start), Champion.none_yet(self.shape), [],
+            new_search(self.search, self.shape, self.start), BestPolicy.none_yet(self.shape), [],
         )  # fmt: skip
         if search.iteration == 0:  # the initial policy is kept if nothing improves on it
-            champion = contest(search, self.shape, evaluator, champion)
+            champion = updated_best(search, self.shape, evaluator, champion)
         else:
             progress.note(f"{name}: continues after iteration {search.iteration}")
         latest = {**search.state(), **champion.state()}
         saved, took = time.monotonic(), 0.0
 
-        def report(point: Iteration, best: Champion) -> None:
+        def report(point: Iteration, best: BestPolicy) -> None:
             nonlocal latest, saved, took
             curve.append(as_point(point))
             latest = {**search.state(), **best.state()}
@@ -131,7 +131,7 @@ class Training:
         points = curve[: int(state["iteration"])]  # interrupted between the two, the curve is a point ahead
         write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
 
-    def _load(self) -> tuple[Ars, Champion, Curve] | None:
+    def _load(self) -> tuple[Ars, BestPolicy, Curve] | None:
         """The training of an interrupted run with the same settings."""
         path = self.folder / CHECKPOINT
         if not path.is_file():
@@ -141,7 +141,7 @@ class Training:
             if header.get("wanted") != self.wanted:
                 return None
             best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
-            return Ars.restore(self.search, state), Champion.restore(best), header["curve"]
+            return Ars.restore(self.search, state), BestPolicy.restore(best), header["curve"]
         except (ArtifactError, KeyError) as error:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
@@ -150,7 +150,7 @@ class Training:
         """Save everything, and the best policy so far, when MuJoCo ends the process."""
         self._save_checkpoint(latest, curve)
         what = f"{int(latest['iteration'])} iterations"
-        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
+        best = BestPolicy.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
         if best.iteration >= 0:
             self.save(best)
             what += f" and the best policy so far, of iteration {best.iteration},"

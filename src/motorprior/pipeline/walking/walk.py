@@ -29,7 +29,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Kind, require_executor
-from motorprior.search.policy_search import Champion
+from motorprior.search.policy_search import BestPolicy
 from motorprior.search.policy_shape import PolicyShape, units_for
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.mujoco_backend import DrawMotors
@@ -202,7 +202,7 @@ def _train(plan: _Plan, progress: Progress, name: str) -> None:
     config = plan.config
     workers = config.workers if config.ray_address is not None else usable_threads(config.workers, progress)
 
-    def save(best: Champion) -> None:
+    def save(best: BestPolicy) -> None:
         _policy(plan, best).save(config.out / POLICY)
 
     training = Training(
@@ -216,7 +216,7 @@ def _train(plan: _Plan, progress: Progress, name: str) -> None:
     write_json(config.out / CURVE, curve)
 
 
-def _policy(plan: _Plan, champion: Champion) -> Policy:
+def _policy(plan: _Plan, champion: BestPolicy) -> Policy:
     config = plan.config
     validation = None if config.validation is None else _validation_choice(config.validation)
     provenance = {

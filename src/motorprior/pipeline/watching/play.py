@@ -15,7 +15,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.timetable import Timetable
+from motorprior.locomotion.command import Timetable
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import locked, write_results

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.locomotion.timetable import Timetable
+from motorprior.locomotion.command import Timetable
 from motorprior.logs.formats.csv_table import read_number_table
 from motorprior.robots.robot import Robot
 
