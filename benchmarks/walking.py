@@ -27,9 +27,8 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet
-from motorprior.locomotion.command import Commands
+from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.command import Timetable
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, motor_sampler
@@ -41,7 +40,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.policy_search import BestPolicy, updated_best, new_search, train
+from motorprior.search.policy_search import BestPolicy, new_search, train, updated_best
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST, Randomization

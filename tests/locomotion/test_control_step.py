@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.locomotion.body import LEAD, MAX_TRAINING_COMMAND, body_of
+from motorprior.locomotion.body import LEAD, MAX_COMMAND, body_of
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
     MAX_DRIFT,
@@ -54,7 +54,7 @@ def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate()
 
 
 def test_a_command_beyond_the_robots_range_is_the_end_of_the_range():
-    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([MAX_TRAINING_COMMAND * BODY.fastest, BODY.yaw_rate])
+    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([MAX_COMMAND * BODY.fastest, BODY.yaw_rate])
     assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.slowest, -BODY.yaw_rate])
 
 

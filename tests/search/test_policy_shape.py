@@ -9,9 +9,9 @@ from policies import ACTIONS, OBSERVATIONS, as_file_content
 
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
-from motorprior.search.running_stats import RunningStats
-from motorprior.search.policy_search import BestPolicy, Round, advance, updated_best, new_search, train
+from motorprior.search.policy_search import BestPolicy, Round, advance, new_search, train, updated_best
 from motorprior.search.policy_shape import PolicyShape
+from motorprior.search.running_stats import RunningStats
 from motorprior.simulation.rollout import Episode
 
 SIZE = ACTIONS * (OBSERVATIONS + 1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.bounds import is_range, require_number
 from motorprior.exceptions import ConfigError, spelled
-from motorprior.locomotion.body import MAX_TRAINING_COMMAND
+from motorprior.locomotion.body import MAX_COMMAND
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
@@ -77,7 +77,7 @@ class Commands:
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
         rng, size = np.random.default_rng([_STREAM, seed]), robot.require_legs()
-        forward = self.forward or (size.forward[0], MAX_TRAINING_COMMAND * size.forward[1])
+        forward = self.forward or (size.forward[0], MAX_COMMAND * size.forward[1])
         turn = self.yaw_rate or (-size.yaw_rate, size.yaw_rate)
         each = max(1, round(self.hold / robot.control_dt))
         count = -(-steps // each)

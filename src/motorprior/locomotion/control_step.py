@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.locomotion.body import FOLLOWED, MAX_TRAINING_COMMAND, Body, action_size
+from motorprior.locomotion.body import FOLLOWED, MAX_COMMAND, Body, action_size
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -96,13 +96,13 @@ def follow_command(
     Args:
         body: of the robot.
         gait: command and heading are updated in place.
-        forward: commanded speed [m/s], clipped to the robot's range, up to MAX_TRAINING_COMMAND times its highest.
+        forward: commanded speed [m/s], clipped to the robot's range, up to MAX_COMMAND times its highest.
         yaw_rate: commanded yaw rate [rad/s], to the left; clipped to the robot's range.
         control_dt: control period [s].
         observation: shape (observations,), its last six are overwritten.
     """
     step = control_dt / RAMP
-    forward = min(MAX_TRAINING_COMMAND * body.fastest, max(body.slowest, forward))
+    forward = min(MAX_COMMAND * body.fastest, max(body.slowest, forward))
     yaw_rate = min(body.yaw_rate, max(-body.yaw_rate, yaw_rate))
     gait.twist[0] += min(step * body.fastest, max(-step * body.fastest, forward - gait.twist[0]))
     gait.twist[1] += min(step * body.yaw_rate, max(-step * body.yaw_rate, yaw_rate - gait.twist[1]))

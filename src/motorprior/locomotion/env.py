@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def observation_bounds(num_joints: int) -> np.ndarray:
-    """Bounds of |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase."""
+    """Bounds: |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase."""
     return np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *[4.0 * np.pi] * num_joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
 
 

@@ -130,7 +130,7 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
     """Scale an action to physical units; zero is the usual gait with the commanded stride.
 
-    frequency = f (1 + 0.4 a), intensity = 1 + 0.75 a, height = a · swing_height / 2, ratio = r 2^a, turn = a · yaw_rate.
+    Frequency f (1 + 0.4 a), intensity 1 + 0.75 a, height a · swing_height / 2, ratio r 2^a, turn a · yaw_rate.
 
     Args:
         body: of the robot; its usual frequency f, ratio r, swing_height, yaw_rate, and largest residual.

@@ -1,4 +1,4 @@
-"""How a robot is simulated, in any engine."""
+"""Settings of a simulated robot, for any engine."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from motorprior.robots.robot import Robot
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """How the robot is simulated.
+    """Settings of a simulated robot.
 
     Attributes:
-        robot: which.
+        robot: its description.
         physics_dt: step [s]; must divide control_dt.
         control_dt: time a position target is held [s].
         suspended: a free base is fixed in the air.
@@ -28,13 +28,8 @@ class WorldConfig:
     def of(
         cls, robot: Robot, *, physics_dt: float | None = None, control_dt: float | None = None, suspended: bool = False
     ) -> WorldConfig:
-        """The robot's own clocks where no others are given."""
-        return cls(
-            robot,
-            robot.physics_dt if physics_dt is None else physics_dt,
-            robot.control_dt if control_dt is None else control_dt,
-            suspended,
-        )
+        """With the robot's own clocks by default."""
+        return cls(robot, physics_dt or robot.physics_dt, control_dt or robot.control_dt, suspended)
 
     @property
     def is_fixed(self) -> bool:

@@ -12,7 +12,7 @@ from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, usable_threads, working
 from motorprior.pipeline.transfer_study.transfer import training_scene
-from motorprior.pipeline.walking.trained_policy import policy_of
+from motorprior.pipeline.walking.training import policy_of
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
 from motorprior.robots.load import load_robot

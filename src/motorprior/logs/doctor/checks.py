@@ -38,7 +38,7 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gr
             ``robot.limits_of(log.joint_names)``, NaN where they are not known, infinite of a joint that turns
             on and on; None if none is known.
         gravity: torque of gravity on the joints at angles of theirs, as
-            `motorprior.simulation.suspended_load.gravity_of_held` has it; None where it is not known.
+            `motorprior.simulation.suspended_load.gravity_torque` has it; None where it is not known.
 
     Returns:
         Findings, errors first, each with what was measured, its bound and a remedy; ``usable`` where there is no error.

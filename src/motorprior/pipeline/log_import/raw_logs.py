@@ -186,9 +186,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     if wanted:
         _require_no_load(path, log, wanted)
     if config.suspended:
-        from motorprior.simulation.suspended_load import require_held
+        from motorprior.simulation.suspended_load import require_fixed_base
 
-        require_held(log, robot, path, "suspended")
+        require_fixed_base(log, robot, path, "suspended")
     period = config.period or (robot.physics_dt if wanted else None)
     log, gaps = begin_at_gaps(log, period or 0.0)
     for told in filter(None, (gaps, taken_for_granted(path, config.columns))):
@@ -202,9 +202,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
 
 def _note_signs(path: Path, log: MotorLog, robot: Robot, progress: Progress) -> None:
     """Warn where the loads of the model are those of other signs of the joints."""
-    from motorprior.simulation.suspended_load import gravity_of_held
+    from motorprior.simulation.suspended_load import gravity_torque
 
-    gravity = gravity_of_held(log, robot)
+    gravity = gravity_torque(log, robot)
     for finding in [] if gravity is None else signs(log, gravity):
         progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
 
