@@ -73,8 +73,10 @@ def make_scene(
     commands = commands or Commands()
     robot = commands.extend_range(as_robot(robot))
     walk = WalkConfig(episode_steps, task or TaskWeights(), randomization or Randomization(), commands, gait)
-    files = {name: Path(choice[name]) for name in ("prior", "posterior") if choice.get(name) is not None}
-    chosen = MotorChoice(**{"actuator": "fleet"} | choice | files)
+    for name in ("prior", "posterior"):
+        if choice.get(name) is not None:
+            choice[name] = Path(choice[name])
+    chosen = MotorChoice(choice.pop("actuator", "fleet"), **choice)
     if motors is None:
         draw_motors, physics_dt = chosen.sampler(robot), chosen.physics_dt(robot)
     else:

@@ -23,7 +23,7 @@ from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
 
 

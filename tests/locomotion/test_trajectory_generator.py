@@ -142,13 +142,6 @@ def test_with_support_a_pd_stands_in_the_pose_it_is_told_and_without_it_sags():
     assert abs(sag[0]) < 0.3 * sag[1] and sag[1] > 0.003
 
 
-def test_diagonal_legs_agree_and_half_a_cycle_swaps_the_pairs():
-    for phase in (0.0, 0.125, 0.375, 0.8125):
-        now, later = targets(phase).reshape(4, 3), targets((phase + 0.5) % 1.0).reshape(4, 3)
-        np.testing.assert_allclose(now[[0, 1]], later[[1, 0]], atol=1e-12)
-        np.testing.assert_allclose(now[[2, 3]], later[[3, 2]], atol=1e-12)
-
-
 def test_fastest_walks_and_turns_stay_inside_the_joint_limits():
     for body in (body_of(PUPPER_V2, gait) for gait in GAITS):
         for phase in np.linspace(0, 0.99, 40):

@@ -47,7 +47,7 @@ def found(draw: DrawMotors) -> str:
         command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
     )  # fmt: skip
     walk = WalkConfig(episode_steps=80, randomization=everything)
-    shape = PolicyShape.of(PUPPER_V2, "trot", units=2, symmetric=True)
+    shape = PolicyShape.of(PUPPER_V2, "trot", hidden_units=4, symmetric=True)
     search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
     executor = SerialExecutor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), walk))
     best = train(search, shape, executor, 3, BestPolicy.none_yet(shape))

@@ -45,5 +45,5 @@ def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
             f"gait {gait!r} is for four legs, one at each corner of the body",
             remedy="use the gait trot, whose phases are in the robot's file", argument="gait",
         )  # fmt: skip
-    phases = dict(zip(_CORNERS, _PHASES[gait], strict=True))
-    return np.array([phases[corner] for corner in corners]), 1.0 / 3.0 if gait == "walk" else 1.0
+    phases = np.array([_PHASES[gait][_CORNERS.index(corner)] for corner in corners])
+    return phases, 1.0 / 3.0 if gait == "walk" else 1.0
