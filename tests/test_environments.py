@@ -121,8 +121,8 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
 def test_commands_beyond_the_robots_usual_range_are_followed():
     env = make_env(actuator="pd", commands=Commands.steady(0.8))
     env.reset(seed=0)
-    told = [env.step(np.zeros(ACTIONS))[0][-4] for _ in range(60)]
-    assert told[-1] == pytest.approx(0.8) and told[10] < 0.4, "it speeds up in half a second"
+    speeds = [env.step(np.zeros(ACTIONS))[0][-4] for _ in range(60)]
+    assert speeds[-1] == pytest.approx(0.8) and speeds[10] < 0.4, "it speeds up in half a second"
     env.close()
 
 
@@ -138,5 +138,5 @@ def example(*args: object) -> subprocess.CompletedProcess[str]:
 def test_the_example_trains_on_sampled_motors(prior):
     done = example(prior, 4096)
     assert done.returncode == 0, done.stderr
-    said = r"told 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, up for \d\.\d of 5 s"
-    assert re.fullmatch(said, done.stdout.splitlines()[-1])
+    line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
+    assert re.fullmatch(line, done.stdout.splitlines()[-1])

@@ -1,4 +1,4 @@
-"""What a robot is told to do stays within its ranges, comes back for the same seed, and is spread evenly."""
+"""Commands stay in their ranges, are evenly spread, and depend on the seed alone."""
 
 import numpy as np
 

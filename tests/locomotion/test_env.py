@@ -99,8 +99,8 @@ def test_order_of_a_control_step():
         frequency, intensity, height, ratio, turn = command[12:]
         later = advance_phase(phase, frequency, 0.01)
         for row, at in zip(path, (phase, later), strict=True):  # the old phase, and the next for the lead
-            told = BODY, at, intensity * twist[0], intensity * twist[1] + share * turn
-            joint_targets(*told, frequency, height, (0.0, 0.0), ratio, share * BODY.swing_height, row)
+            command = BODY, at, intensity * twist[0], intensity * twist[1] + share * turn
+            joint_targets(*command, frequency, height, (0.0, 0.0), ratio, share * BODY.swing_height, row)
         wanted = path[0] + BODY.lead * (path[1] - path[0]) / 0.01 + command[:12]
         add_support(BODY, phase, ratio, share, path[0], wanted)
         target = target + np.clip(wanted - target, -0.01 * MAX_TARGET_SPEED, 0.01 * MAX_TARGET_SPEED)

@@ -1,4 +1,4 @@
-"""Feet in stance move with the ground, feet in swing come back softly, and a robot told to stand stands."""
+"""Feet in stance move with the ground, feet in swing return smoothly, and a robot commanded to stand stands."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.

@@ -128,10 +128,6 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
     """Slope of the legs' extension, forward and to the left [m/m]: level · (tilt + LEVEL_RATE · its rate).
 
     Legs on the low side extend further, which stiffens a body on soft motors against tilt.
-
-    Args:
-        body: of the robot.
-        observation: shape (observations,), roll and pitch [rad] and their rates [rad/s] come first.
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
@@ -237,18 +233,9 @@ def evaluate_step(
 
 @njit(cache=True)
 def update_stats(observation: np.ndarray, count: int, mean: np.ndarray, m2: np.ndarray) -> int:
-    """Add one observation to the running statistics of an episode (Welford 1962).
+    """Add one observation x to mean and m2 = Σ (x - mean)² of ``count`` earlier ones, in place; returns count + 1.
 
-    d = x - mean, mean += d / n, M2 += d (x - mean) with the new mean.
-
-    Args:
-        observation: x, shape (observations,).
-        count: observations so far.
-        mean: shape (observations,), updated in place.
-        m2: Σ (x - mean)², shape (observations,), updated in place.
-
-    Returns:
-        n = count + 1.
+    d = x - mean, mean += d / n, m2 += d (x - mean) with the new mean (Welford 1962).
     """
     count += 1
     for i in range(observation.shape[0]):

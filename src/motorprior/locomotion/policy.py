@@ -82,10 +82,7 @@ def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
 
     Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
 
-    Args:
-        policy: its arrays.
-        observation: shape (observations,), see `motorprior.locomotion.task.observe`.
-        out: shape (actions,), in [-1, 1], overwritten.
+    Writes (actions,) to ``out``.
     """
     weights, hidden = policy.weights, policy.hidden
     actions, observations = weights.shape[0], weights.shape[1] - 1
@@ -114,13 +111,7 @@ def _normalised(policy: PolicyArrays, observation: np.ndarray, index: int) -> fl
 
 @njit(cache=True)
 def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
-    """First-order low-pass at 3 Hz: s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt).
-
-    Args:
-        action: shape (actions,), clipped to [-1, 1] first.
-        control_dt: control period [s].
-        state: s, shape (actions,), the filtered action, updated in place; zeros at the start of an episode.
-    """
+    """First-order low-pass at 3 Hz, s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt), in place."""
     alpha = 1.0 - math.exp(-2.0 * math.pi * ACTION_CUTOFF * control_dt)
     for i in range(state.shape[0]):
         state[i] += alpha * (min(1.0, max(-1.0, action[i])) - state[i])
@@ -207,11 +198,7 @@ class Policy:
         )  # fmt: skip
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
-        """Refuse a policy that ``robot`` cannot run.
-
-        Raises:
-            ConfigError: it was trained for another robot, or one of other joints.
-        """
+        """Raise ConfigError for a policy of another robot, or one with other joints."""
         remedy = f"use a policy trained for {robot.name}"
         if self.robot != robot.name:
             raise ConfigError(f"policy of robot {self.robot!r}, wanted {robot.name!r}", where=where, remedy=remedy)
@@ -220,11 +207,7 @@ class Policy:
             raise ConfigError(problem, where=where, remedy=remedy)
 
     def require_gait(self, gait: str, where: str | Path | None = None) -> None:
-        """Refuse a policy of another gait.
-
-        Raises:
-            ConfigError: it was trained for another one.
-        """
+        """Raise ConfigError for a policy of another gait."""
         if self.gait != gait:
             raise ConfigError(
                 f"the policy was trained to {self.gait}, wanted gait {gait!r}", where=where,
@@ -232,11 +215,7 @@ class Policy:
             )  # fmt: skip
 
     def require_clock(self, control_dt: float, where: str | Path | None = None) -> None:
-        """Refuse another control rate than in training: the low-pass filter and the gait depend on it.
-
-        Raises:
-            ConfigError: it was trained with another control period than ``control_dt`` [s].
-        """
+        """Raise ConfigError for another control period [s] than in training: low-pass filter and gait depend on it."""
         if not math.isclose(self.control_dt, control_dt, rel_tol=1e-9):
             problem = f"trained with a control period of {self.control_dt:g} s, here it is {control_dt:g} s"
             raise ConfigError(problem, where=where, remedy=f"train a policy at {control_dt:g} s")

@@ -19,13 +19,7 @@ from motorprior.locomotion.leg_kinematics import leg_angles, lever_arms
 
 @njit(cache=True)
 def advance_phase(phase: float, frequency: float, control_dt: float) -> float:
-    """Phase of the gait one control step later: (phase + frequency · control_dt) mod 1.
-
-    Args:
-        phase: gait phase in [0, 1).
-        frequency: steps per leg and second [Hz], not negative.
-        control_dt: control period [s].
-    """
+    """Phase of the gait, in [0, 1), one control step later: (phase + frequency [Hz] · control_dt [s]) mod 1."""
     advanced = phase + frequency * control_dt
     return advanced - math.floor(advanced)
 

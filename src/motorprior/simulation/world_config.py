@@ -38,11 +38,7 @@ class WorldConfig:
 
     @property
     def substeps(self) -> int:
-        """Physics steps per control step.
-
-        Raises:
-            ConfigError: physics_dt does not divide control_dt.
-        """
+        """Physics steps per control step; ConfigError if physics_dt does not divide control_dt."""
         count = round(self.control_dt / self.physics_dt)
         if count < 1 or abs(count * self.physics_dt - self.control_dt) > 1e-9:
             raise ConfigError(f"physics_dt {self.physics_dt} s does not divide control_dt {self.control_dt} s")

@@ -60,7 +60,7 @@ class Walk:
     episode_steps: int = 1000
     """Control steps per episode. Policies of short episodes may fall later, from errors that grow slowly."""
     gait: GaitName = "trot"
-    """Gait."""
+    """Gait: phases of the legs."""
     commands: Commands = field(default_factory=Commands)
     """Commanded speeds, also above the robot's usual range."""
     hidden_units: int = 0
