@@ -36,7 +36,7 @@ from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
 # (control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step
 Motion = tuple[np.ndarray, np.ndarray]

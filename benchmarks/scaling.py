@@ -26,7 +26,7 @@ from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 EPISODE_STEPS, REPEATS = 250, 9
 
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from motorprior.locomotion.command import Commands
-from motorprior.locomotion.timetable import Timetable
+from motorprior.locomotion.command import Commands, Timetable
 from motorprior.results import Result
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode

@@ -31,9 +31,8 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet
-from motorprior.locomotion.command import Commands
+from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, motor_sampler
@@ -45,7 +44,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import make_executor
-from motorprior.search.policy_search import Champion, contest, new_search, train
+from motorprior.search.policy_search import BestPolicy, new_search, train, updated_best
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.randomization import ROBUST, Randomization
@@ -183,15 +182,15 @@ def seconds_to_goal(environments: Environments, seed: int) -> tuple[float, float
     draw, physics_dt = motor_sampler(MotorPrior.load(environments.prior), environments.robot)
     shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
     scene = Scene(environments.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
-    search, champion = new_search(ArsConfig(seed=seed), shape), Champion.none_yet(shape)
+    search, best = new_search(ArsConfig(seed=seed), shape), BestPolicy.none_yet(shape)
     executor, seconds, walking = make_executor(scene.simulator, environments.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
         began = time.monotonic()
         if iterations == 0:
-            champion = contest(search, shape, executor, champion)
-        champion = train(search, shape, executor, iterations, champion)
+            best = updated_best(search, shape, executor, best)
+        best = train(search, shape, executor, iterations, best)
         seconds += time.monotonic() - began
-        rows = environments.walks("sampled", champion.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
+        rows = environments.walks("sampled", best.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
         speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
         heading, aside = (
             rows.mean(quantity=name) if rows.where(quantity=name) else float("inf")  # all fell within two seconds
@@ -234,10 +233,10 @@ def fast_policy(settings: Settings, environments: Environments, simulator: Calla
     """The best policy of a training in this simulator, seed 0."""
     shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
     executor = make_executor(simulator, environments.workers)
-    search, champion = new_search(ArsConfig(seed=0), shape), Champion.none_yet(shape)
-    champion = train(search, shape, executor, settings.top_iterations, champion)
+    search, best = new_search(ArsConfig(seed=0), shape), BestPolicy.none_yet(shape)
+    best = train(search, shape, executor, settings.top_iterations, best)
     executor.close()
-    return champion.policy
+    return best.policy
 
 
 def top_speed(environments: Environments, place: str, policy: PolicyArrays) -> float:
@@ -258,7 +257,7 @@ def measure(settings: Settings) -> Results:
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
     environments = Environments(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
-    found, gait = [], Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
+    found, gait = [], BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
     for place in PLACES:
         found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):

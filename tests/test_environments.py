@@ -121,8 +121,8 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
 def test_commands_beyond_the_robots_usual_range_are_followed():
     env = make_env(actuator="pd", commands=Commands.steady(0.8))
     env.reset(seed=0)
-    told = [env.step(np.zeros(ACTIONS))[0][-4] for _ in range(60)]
-    assert told[-1] == pytest.approx(0.8) and told[10] < 0.4, "it speeds up in half a second"
+    speeds = [env.step(np.zeros(ACTIONS))[0][-4] for _ in range(60)]
+    assert speeds[-1] == pytest.approx(0.8) and speeds[10] < 0.4, "it speeds up in half a second"
     env.close()
 
 

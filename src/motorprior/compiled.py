@@ -1,8 +1,4 @@
-"""``njit`` with this library's own cache; without numba the same functions run as plain Python, as on the robot.
-
-A walking policy needs a few hundred multiplications per control step, so one implementation serves both. A parity test
-compares them.
-"""
+"""``njit`` with this library's own cache folder; without numba, as on the robot, the functions run as plain Python."""
 
 from __future__ import annotations
 
@@ -29,20 +25,19 @@ else:
         def decorate(function: Callable) -> Callable:
             if numba is None:
                 return function
-            # Numba reads this global setting when a function is decorated: set it for that moment only, so that the
-            # user's functions, and a folder that the user chose, are not affected.
-            chosen = numba.config.CACHE_DIR
-            numba.config.CACHE_DIR = chosen or kernel_folder()
+            # Numba reads this global setting when it decorates a function; the user's own functions keep theirs.
+            users = numba.config.CACHE_DIR
+            numba.config.CACHE_DIR = users or kernel_folder()
             try:
                 return numba.njit(**options)(function)
             finally:
-                numba.config.CACHE_DIR = chosen
+                numba.config.CACHE_DIR = users
 
         return decorate
 
 
 def source_digest(package: Path) -> str:
-    """Digest of name, size and time of every Python file of the package."""
+    """Digest of names, sizes and modification times of the package's Python files."""
     parts = []
     for path in sorted(package.rglob("*.py")):
         status = path.stat()
@@ -52,9 +47,9 @@ def source_digest(package: Path) -> str:
 
 @cache
 def kernel_folder() -> str:
-    """Cache folder for the present state of all sources; "" (numba's default) if the home cannot be written.
+    """Cache folder for the present sources; "" (numba's default) if the home folder is not writable.
 
-    Numba checks only the file of a kernel: after a change in a function that it calls, it would reuse old machine code.
+    Numba checks only a kernel's own file: after a change in a function that it calls, it would reuse old machine code.
     """
     try:
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "motorprior" / "kernels"

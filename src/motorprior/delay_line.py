@@ -1,8 +1,6 @@
-"""Values of the past: a ring of rows in a memory, one row per step, the oldest overwritten first.
+"""Delay line: a ring buffer of rows, one per step, in the rows of a memory (rows, n) from row ``first`` on.
 
-Motors keep their position targets [rad] in one, a policy's sensors their readings. The line is all rows of the memory
-(rows, n) from row ``first`` on; other state may stand before it. Its length must be at least one more than the largest
-age of `row_of_age`, and two more than the whole steps in that of `interpolated`.
+Its length must be at least 1 + the largest age of `row_of_age`, and 2 + the whole steps of that of `interpolated`.
 """
 
 from __future__ import annotations
@@ -14,14 +12,14 @@ from motorprior.compiled import njit
 
 @njit(cache=True, nogil=True)
 def fill_line(memory: np.ndarray, first: int, values: np.ndarray) -> None:
-    """Set every row of the line to the values (n,), as if they had always been these."""
+    """Set every row of the line to the values (n,)."""
     for row in range(first, memory.shape[0]):
         memory[row, :] = values
 
 
 @njit(cache=True, nogil=True, inline="always")
 def write_line(memory: np.ndarray, first: int, now: int, values: np.ndarray) -> int:
-    """Write the values (n,) of step number ``now``; returns their place in the line."""
+    """Write the values (n,) of step number ``now``; returns their index in the line."""
     newest = now % (memory.shape[0] - first)
     for column in range(values.shape[0]):
         memory[first + newest, column] = values[column]

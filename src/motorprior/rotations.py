@@ -1,4 +1,4 @@
-"""Rotations, quaternions as (w, x, y, z), angles in rad. Compiled, so the rollout kernel can inline them."""
+"""Compiled rotations; quaternions (w, x, y, z), angles in rad."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def roll_pitch_below(up: np.ndarray, quaternion: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a body whose accelerometer finds ``up``, as `roll_pitch_yaw` has them where up is z.
+    """Roll and pitch [rad] of a body relative to gravity; those of `roll_pitch_yaw` if ``up`` is z.
 
     u = rotation_base_to_worldᵀ·up, roll = atan2(u_y, u_z), pitch = -asin(u_x).
 

@@ -1,4 +1,4 @@
-"""Small signal formulas used on both sides of the simulator."""
+"""RMS, RMSE, runs of a mask, high-frequency content."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def runs_of_true(mask: np.ndarray) -> np.ndarray:
 
 
 def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:
-    """RMS of what a signal holds above ``cutoff`` [Hz], by Parseval's theorem.
+    """RMS of a signal's content above ``cutoff`` [Hz], by Parseval's theorem.
 
     Args:
         signal: shape (time, ...), any unit.
         period: sample period [s].
-        cutoff: frequency above which the spectrum counts [Hz].
+        cutoff: lower limit of the frequencies [Hz].
 
     Returns:
         Shape (...), the unit of ``signal``.

@@ -49,7 +49,7 @@ def walk(out: Path, workers: int, fail_at: int | None = None) -> subprocess.Comp
 def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tmp_path: Path):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert walk(whole, 1).returncode == 0
-    # an iteration has 32 episodes, the contests at the start and after the tenth 16 each: episode 366 is in the 11th
+    # an iteration has 32 episodes, the evaluations at the start and after the tenth 16 each: episode 366 is in the 11th
     failed = walk(broken, 2, fail_at=366)
     assert failed.returncode == 2
     said = failed.stderr.strip().splitlines()[-1]

@@ -11,7 +11,7 @@ import pytest
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.policy import Policy
-from motorprior.search.policy_search import CONTEST_DRAWS
+from motorprior.search.policy_search import EVALUATION_DRAWS
 from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.transfer import twin
@@ -92,7 +92,7 @@ def test_episodes_that_fail_cost_no_finished_iteration(
     healthy, episodes = WalkSimulator.run, iter(range(10_000))
 
     def run(self: WalkSimulator, *args: Any) -> Any:
-        if next(episodes) == CONTEST_DRAWS + 70:  # in the third iteration of 32 episodes
+        if next(episodes) == EVALUATION_DRAWS + 70:  # in the third iteration of 32 episodes
             raise SimulationFault("lost", remedy="try again")
         return healthy(self, *args)
 

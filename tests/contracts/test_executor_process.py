@@ -12,7 +12,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_process import ProcessExecutor
-from motorprior.search.policy_search import Champion, new_search, train
+from motorprior.search.policy_search import BestPolicy, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 
 
@@ -24,11 +24,11 @@ def two() -> Iterator[ProcessExecutor]:
 
 
 def searched(executor: Executor) -> bytes:
-    shape = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
+    shape = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
     search = new_search(ArsConfig(num_directions=2, num_top_directions=2, seed=5), shape)
-    champion = train(search, shape, executor, 1, Champion.none_yet(shape))
+    best = train(search, shape, executor, 1, BestPolicy.none_yet(shape))
     executor.close()
-    return b"".join(np.asarray(each).tobytes() for each in (*search.state().values(), *champion.state().values()))
+    return b"".join(np.asarray(each).tobytes() for each in (*search.state().values(), *best.state().values()))
 
 
 def test_a_search_ends_at_the_same_bytes():
@@ -51,8 +51,8 @@ def test_a_fault_reaches_the_caller_and_the_process_goes_on(two: ProcessExecutor
     assert two.map(count, "x", [1])[0][:2] == ("x", 1)
 
 
-def test_a_process_that_ends_is_named_with_its_task():
+def test_a_process_that_ends_is_a_fault():
     executor = ProcessExecutor(Counter, 1)
-    with pytest.raises(SimulationFault, match="task 7 ended with 3: the engine is gone"):
+    with pytest.raises(SimulationFault, match="a process ended"):
         executor.map(die, None, [7])
     executor.close()

@@ -17,13 +17,13 @@ from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Executor, make_executor
-from motorprior.search.policy_search import Champion, new_search, train
+from motorprior.search.policy_search import BestPolicy, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
+SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
 
 
@@ -39,9 +39,9 @@ def make_walker():
 def searched(executor: Executor, iterations: int = 2, progress=None) -> bytes:
     """Everything a search has found, as bytes."""
     search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), SHAPE)
-    champion = train(search, SHAPE, executor, iterations, Champion.none_yet(SHAPE), progress)
+    best = train(search, SHAPE, executor, iterations, BestPolicy.none_yet(SHAPE), progress)
     assert np.any(search.parameters != 0.0)
-    found = [*search.state().values(), *champion.state().values()]
+    found = [*search.state().values(), *best.state().values()]
     return b"".join(np.asarray(value).tobytes() for value in found)
 
 

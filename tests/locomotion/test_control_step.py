@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.locomotion.body import BEYOND, LEAD, body_of
+from motorprior.locomotion.body import LEAD, MAX_COMMAND, body_of
 from motorprior.locomotion.control_step import (
-    FURTHEST_DRIFT,
-    FURTHEST_HEADING,
     LEVEL_RATE,
+    MAX_DRIFT,
+    MAX_HEADING_ERROR,
+    MAX_TARGET_SPEED,
     RAMP,
-    TARGET_SPEED,
-    accumulate_moments,
     begin_gait,
     command_step,
     follow_command,
     levelling,
     new_gait,
+    update_stats,
 )
-from motorprior.locomotion.foot_slip import sliding
 from motorprior.locomotion.gaits import GAITS
+from motorprior.locomotion.task import sliding
 from motorprior.locomotion.trajectory_generator import add_support, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -54,14 +54,14 @@ def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate()
 
 
 def test_a_command_beyond_the_robots_range_is_the_end_of_the_range():
-    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([BEYOND * BODY.fastest, BODY.yaw_rate])
+    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([MAX_COMMAND * BODY.fastest, BODY.yaw_rate])
     assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.slowest, -BODY.yaw_rate])
 
 
 def test_the_heading_error_is_the_turn_that_was_not_commanded():
     gait = begun()
     assert followed(gait, forward=0.3, steps=100, rate=0.2)[18] == pytest.approx(0.2)
-    assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == FURTHEST_HEADING
+    assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == MAX_HEADING_ERROR
     turning, seen, commanded = begun(), np.zeros(OBSERVATIONS), 0.0
     for _ in range(150):  # a robot that turns as it is told, ramp and all
         seen[4] = min(BODY.yaw_rate * (commanded + DT) / RAMP, 0.4)
@@ -77,7 +77,7 @@ def test_the_drift_is_the_way_aside_that_follows_from_the_heading_error():
     before = gait.scalars[2]
     after = followed(gait, 0.3, steps=50)[17]
     assert after - before == pytest.approx(50 * DT * 0.3 * math.sin(0.1))
-    assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(FURTHEST_DRIFT * BODY.fastest)
+    assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(MAX_DRIFT * BODY.fastest)
     standing = begun()
     assert followed(standing, 0.0, steps=100, rate=0.3)[17] == 0.0
 
@@ -148,7 +148,7 @@ def test_targets_never_change_faster_than_the_bound_nor_leave_the_joint_limits(g
         fastest = max(fastest, np.abs(gait.target - before).max() / DT)
         assert np.all(gait.target >= body.lower) and np.all(gait.target <= body.upper)
         before = gait.target.copy()
-    assert 0.3 * TARGET_SPEED < fastest <= TARGET_SPEED + 1e-9
+    assert 0.3 * MAX_TARGET_SPEED < fastest <= MAX_TARGET_SPEED + 1e-9
 
 
 def feet_at(x, y=0.0, height=0.0):
@@ -173,7 +173,7 @@ def test_statistics_of_an_episode_equal_numpy():
     observations = np.random.default_rng(0).normal(3.0, 2.0, (50, OBSERVATIONS))
     count, mean, m2 = 0, np.zeros(OBSERVATIONS), np.zeros(OBSERVATIONS)
     for observation in observations:
-        count = accumulate_moments(observation, count, mean, m2)
+        count = update_stats(observation, count, mean, m2)
     assert count == 50
     np.testing.assert_allclose(mean, observations.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(m2 / 50, observations.var(axis=0), rtol=1e-12)

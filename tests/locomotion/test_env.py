@@ -11,9 +11,9 @@ from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
-    FURTHEST_HEADING,
+    MAX_HEADING_ERROR,
+    MAX_TARGET_SPEED,
     RAMP,
-    TARGET_SPEED,
     begin_gait,
     command_step,
     evaluate_step,
@@ -23,7 +23,7 @@ from motorprior.locomotion.control_step import (
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import action_to_command, low_pass
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
-from motorprior.locomotion.trajectory_generator import add_support, advance_phase, how_much, joint_targets
+from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
 
@@ -87,8 +87,8 @@ def test_order_of_a_control_step():
         twist = np.minimum(twist + ramp, [SPEED, TURN])  # before the observation
         goal += 0.01 * twist[1]
         np.testing.assert_allclose(info["command"], twist, atol=1e-12)
-        share = how_much(BODY, *twist)
-        np.testing.assert_allclose(observation[18:21], [share * max(-goal, -FURTHEST_HEADING), *twist], atol=1e-12)
+        share = gait_share(BODY, *twist)
+        np.testing.assert_allclose(observation[18:21], [share * max(-goal, -MAX_HEADING_ERROR), *twist], atol=1e-12)
         np.testing.assert_allclose(
             observation[21:], [share * math.cos(2 * math.pi * phase), share * math.sin(2 * math.pi * phase)], atol=1e-12
         )
@@ -99,11 +99,11 @@ def test_order_of_a_control_step():
         frequency, intensity, height, ratio, turn = command[12:]
         later = advance_phase(phase, frequency, 0.01)
         for row, at in zip(path, (phase, later), strict=True):  # the old phase, and the next for the lead
-            told = BODY, at, intensity * twist[0], intensity * twist[1] + share * turn
-            joint_targets(*told, frequency, height, (0.0, 0.0), ratio, share * BODY.swing_height, row)
+            gait = BODY, at, intensity * twist[0], intensity * twist[1] + share * turn
+            joint_targets(*gait, frequency, height, (0.0, 0.0), ratio, share * BODY.swing_height, row)
         wanted = path[0] + BODY.lead * (path[1] - path[0]) / 0.01 + command[:12]
         add_support(BODY, phase, ratio, share, path[0], wanted)
-        target = target + np.clip(wanted - target, -0.01 * TARGET_SPEED, 0.01 * TARGET_SPEED)
+        target = target + np.clip(wanted - target, -0.01 * MAX_TARGET_SPEED, 0.01 * MAX_TARGET_SPEED)
         target = np.clip(target, JOINT_LOWER, JOINT_UPPER)
         np.testing.assert_allclose(backend.targets[-1], target, atol=1e-12)
         np.testing.assert_array_equal(info["position_target"], backend.targets[-1])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from policies import ACTIONS, OBSERVATIONS
+from policies import ACTIONS, OBSERVATIONS, stats_of
 
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
@@ -11,7 +11,6 @@ from motorprior.locomotion.policy import act
 from motorprior.locomotion.symmetry import mirror_of
 from motorprior.locomotion.task import observe
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.moments import Moments
 from motorprior.search.policy_shape import PolicyShape
 
 RIGHT_TO_LEFT = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
@@ -75,8 +74,8 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forw
 @pytest.mark.parametrize("gait", GAITS)
 @pytest.mark.parametrize("units", [0, 5])
 def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_action(gait: GaitName, units, rng):
-    shape = PolicyShape.of(PUPPER_V2, gait, units, symmetric=True)
-    seen = Moments.of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
+    shape = PolicyShape.of(PUPPER_V2, gait, 2 * units, symmetric=True)
+    seen = stats_of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
     policy, mirror = shape.policy(0.15 * rng.standard_normal(shape.size), seen), mirror_of(PUPPER_V2, gait)
     assert len(policy.hidden) == 2 * units
     one, other, clipped = np.zeros(ACTIONS), np.zeros(ACTIONS), 0

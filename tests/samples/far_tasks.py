@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from typing import Any
 
 import numpy as np
@@ -48,23 +47,6 @@ def fail(simulator: Any, shared: Any, task: int) -> None:
     raise SimulationFault("broken down " + "x" * 300, where="here", remedy="mend it " + "y" * 200)
 
 
-class OddError(Exception):
-    """Cannot be made again from its arguments."""
-
-    def __init__(self, one: str, other: str):
-        super().__init__(one)
-
-
-def fail_oddly(simulator: Any, shared: str, task: int) -> Any:
-    """Something that no process can send, or an end of file of its own."""
-    if shared == "error":
-        raise OddError("odd", "other")
-    if shared == "result":
-        return lambda: None
-    raise EOFError("a file ended")
-
-
 def die(simulator: Any, shared: Any, task: int) -> None:
-    """End the process, whose last words are about it."""
-    print("the engine is gone", file=sys.stderr, flush=True)
+    """End the process."""
     os._exit(3)

@@ -9,6 +9,7 @@ from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
+from motorprior.search.running_stats import RunningStats
 
 ROBOT = SHIPPED[0]
 OBSERVATIONS, ACTIONS = observation_size(ROBOT.num_joints), action_size(ROBOT.num_joints)
@@ -23,6 +24,12 @@ def random_policy(
     weights = scale * rng.standard_normal((actions, observations + 1))
     hidden, readout = rng.standard_normal((units, observations + 1)), scale * rng.standard_normal((units, actions))
     return PolicyArrays(weights, hidden, readout, np.full(observations, mean), np.full(observations, std))
+
+
+def stats_of(observations: np.ndarray) -> RunningStats:
+    """Statistics of (N, observation) values."""
+    mean = observations.mean(axis=0) if len(observations) else np.zeros(observations.shape[1])
+    return RunningStats(len(observations), mean, np.square(observations - mean).sum(axis=0))
 
 
 def as_file_content(arrays: PolicyArrays, **changes: Any) -> Policy:

@@ -6,7 +6,7 @@ import numpy as np
 
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
-from motorprior.simulation.suspended_load import gravity_of_held
+from motorprior.simulation.suspended_load import gravity_torque
 
 JOINTS = ("shoulder", "elbow")
 KP, FRICTION, LAG = 20.0, 0.01, 0.03
@@ -45,7 +45,7 @@ def slow_motion(robot: str, kp: float = KP) -> MotorLog:
         time=time, position_target=angle, joint_pos=angle.copy(), joint_names=JOINTS, robot="arm", motor="servo",
         source="weighed arm",
     )  # fmt: skip
-    gravity = gravity_of_held(log, load_robot(robot))
+    gravity = gravity_torque(log, load_robot(robot))
     assert gravity is not None
     log.position_target[:] = angle - gravity(angle) / kp + FRICTION * np.sign(speed) + LAG * speed
     return log

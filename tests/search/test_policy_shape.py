@@ -5,16 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from policies import ACTIONS, OBSERVATIONS, as_file_content
+from policies import OBSERVATIONS, as_file_content, stats_of
 
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
-from motorprior.search.moments import Moments
-from motorprior.search.policy_search import Champion, Round, advance, contest, new_search, train
+from motorprior.search.policy_search import BestPolicy, Round, advance, new_search, train, updated_best
 from motorprior.search.policy_shape import PolicyShape
+from motorprior.search.running_stats import RunningStats
 from motorprior.simulation.rollout import Episode
-
-SIZE = ACTIONS * (OBSERVATIONS + 1)
 
 
 def shape_of(units: int = 0, symmetric: bool = True, gait: str = "trot") -> PolicyShape:
@@ -22,14 +20,9 @@ def shape_of(units: int = 0, symmetric: bool = True, gait: str = "trot") -> Poli
 
 
 @pytest.fixture
-def seen() -> Moments:
+def seen() -> RunningStats:
     rng = np.random.default_rng(0)
-    return Moments.of(rng.normal(0.4, rng.uniform(0.2, 2.0, OBSERVATIONS), (200, OBSERVATIONS)))
-
-
-@pytest.mark.parametrize(("units", "size"), [(0, SIZE), (3, SIZE + 3 * (OBSERVATIONS + 1 + ACTIONS))])
-def test_number_of_parameters(units: int, size: int):
-    assert shape_of(units).size == shape_of(units, symmetric=False).size == size
+    return stats_of(rng.normal(0.4, rng.uniform(0.2, 2.0, OBSERVATIONS), (200, OBSERVATIONS)))
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
@@ -45,18 +38,18 @@ def test_a_search_that_starts_from_a_policy_begins_with_that_very_policy(units, 
 
 def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
     shape = shape_of()
-    both, swap = shape.seen(seen), shape_of().mirror.observation  # pyright: ignore[reportOptionalMemberAccess]
+    both, swap = shape.symmetric_stats(seen), shape_of().mirror.observation  # pyright: ignore[reportOptionalMemberAccess]
     observations = np.random.default_rng(3).normal(0.4, 1.0, (30, OBSERVATIONS))
-    together = Moments.of(np.concatenate([observations, swap.of(observations)]))
-    merged = shape.seen(Moments.of(observations))
+    together = stats_of(np.concatenate([observations, swap.of(observations)]))
+    merged = shape.symmetric_stats(stats_of(observations))
     np.testing.assert_allclose(merged.mean, together.mean, atol=1e-13)
     np.testing.assert_allclose(merged.std(), together.std(), rtol=1e-12)
     np.testing.assert_allclose(swap.of(both.mean), both.mean, atol=1e-15)
-    assert both.count == 2 * seen.count and shape_of(symmetric=False).seen(seen) is seen
+    assert both.count == 2 * seen.count and shape_of(symmetric=False).symmetric_stats(seen) is seen
 
 
-class Judge:
-    """An executor whose episodes all earn the same; it remembers what walked."""
+class Constant:
+    """An executor whose episodes all have the same return; it records policies and tasks."""
 
     def __init__(self, total: float):
         self.total, self.walked, self.tasks = total, [], []
@@ -71,21 +64,21 @@ class Judge:
         pass
 
 
-def test_the_averaged_policy_challenges_the_champion_and_must_be_better():
+def test_the_averaged_policy_replaces_the_best_only_if_it_is_better():
     shape = shape_of()
-    search, judge = new_search(ArsConfig(), shape), Judge(1.0)
+    search, evaluator = new_search(ArsConfig(), shape), Constant(1.0)
     search.parameters, search.average = np.full(shape.size, 0.5), np.full(shape.size, 0.1)
-    champion = contest(search, shape, judge, Champion.none_yet(shape))
-    np.testing.assert_allclose(judge.walked[0].weights, shape.policy(search.average, search.observations).weights)
-    assert champion.score == 1.0 and champion.policy is not None
+    best = updated_best(search, shape, evaluator, BestPolicy.none_yet(shape))
+    np.testing.assert_allclose(evaluator.walked[0].weights, shape.policy(search.average, search.observations).weights)
+    assert best.score == 1.0 and best.policy is not None
     search.average = np.full(shape.size, 0.2)
-    assert contest(search, shape, judge, champion) is champion, "as good is not better"
-    judge.total = 1.1
-    assert contest(search, shape, judge, champion).score == 1.1
+    assert updated_best(search, shape, evaluator, best) is best, "as good is not better"
+    evaluator.total = 1.1
+    assert updated_best(search, shape, evaluator, best).score == 1.1
 
 
 def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do():
-    shape, walker = shape_of(), Judge(1.0)
+    shape, walker = shape_of(), Constant(1.0)
     search = new_search(ArsConfig(num_directions=5, num_top_directions=5), shape)
     for _ in range(3):
         advance(search, shape, walker)
@@ -100,11 +93,10 @@ def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do
 
 
 @pytest.mark.parametrize(("patience", "ends"), [(1, 10), (3, 30), (None, 45)])
-def test_a_training_ends_when_the_champion_has_won_often_enough(patience, ends):
-    """Nothing is better than the first champion: the candidates walk elsewhere than the contests."""
+def test_a_training_ends_after_enough_evaluations_without_a_better_policy(patience, ends):
     shape = shape_of()
-    search, candidates, judge = new_search(ArsConfig(), shape), Judge(5.0), Judge(1.0)
-    champion = contest(search, shape, judge, Champion.none_yet(shape))
-    kept = train(search, shape, candidates, 45, champion, judge=judge, patience=patience)
-    assert kept is champion and search.iteration == ends
-    assert len(judge.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
+    search, candidates, evaluator = new_search(ArsConfig(), shape), Constant(5.0), Constant(1.0)
+    best = updated_best(search, shape, evaluator, BestPolicy.none_yet(shape))
+    kept = train(search, shape, candidates, 45, best, evaluator=evaluator, patience=patience)
+    assert kept is best and search.iteration == ends
+    assert len(evaluator.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends

@@ -1,4 +1,4 @@
-"""A fatal error of MuJoCo ends the process once, with one line that promises no more than was kept."""
+"""A fatal error of MuJoCo saves the results and ends the process with one line."""
 
 import subprocess
 import sys
@@ -10,33 +10,33 @@ import contextlib, ctypes, sys, threading, time
 from motorprior.simulation import fatal_errors
 from motorprior.simulation.mj_call import library
 
-def rescue():
-    sys.stderr.write("rescued ")
+def save():
+    sys.stderr.write("saving ")
     time.sleep(0.3)
     if sys.argv[1] == "full":
         raise OSError("disk full")
-    return "7 iterations are kept"
+    return "7 iterations are saved"
 
 die = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(("mju_error", library()))
 fatal_errors.install_handler()
-with contextlib.nullcontext() if sys.argv[1] == "none" else fatal_errors.saved_on_fatal_error(rescue):
+with contextlib.nullcontext() if sys.argv[1] == "none" else fatal_errors.saved_on_fatal_error(save):
     threads = [threading.Thread(target=die, args=(b"out of memory",)) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
 """
-SAID = {
-    "kept": "7 iterations are kept; run the same command again to continue",
-    "none": "nothing was being kept",
-    "full": "what there was could not be kept (OSError: disk full)",
+REPORTED = {
+    "kept": "7 iterations are saved; run the same command again to continue",
+    "none": "there were no results to save",
+    "full": "the results could not be saved (OSError: disk full)",
 }
 
 
-@pytest.mark.parametrize("case", SAID)
-def test_threads_that_fail_at_once_are_rescued_once_and_one_line_says_what_was_kept(case: str):
+@pytest.mark.parametrize("case", REPORTED)
+def test_threads_that_fail_at_once_save_once_and_report_in_one_line(case: str):
     ended = subprocess.run([sys.executable, "-c", FATAL, case], capture_output=True, text=True, check=False)
     assert ended.returncode == 2
-    assert ended.stderr.count("rescued") == (case != "none")
-    assert ended.stderr.splitlines()[-1] == f"error: MuJoCo stopped: out of memory -> {SAID[case]}"
+    assert ended.stderr.count("saving") == (case != "none")
+    assert ended.stderr.splitlines()[-1] == f"error: MuJoCo stopped: out of memory -> {REPORTED[case]}"
     assert ended.stderr.count("MuJoCo stopped") == 1

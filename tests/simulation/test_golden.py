@@ -15,7 +15,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import SerialExecutor
-from motorprior.search.policy_search import Champion, new_search, train
+from motorprior.search.policy_search import BestPolicy, new_search, train
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
@@ -47,11 +47,11 @@ def found(draw: DrawMotors) -> str:
         command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
     )  # fmt: skip
     walk = WalkConfig(episode_steps=80, randomization=everything)
-    shape = PolicyShape.of(PUPPER_V2, "trot", units=2, symmetric=True)
+    shape = PolicyShape.of(PUPPER_V2, "trot", hidden_units=4, symmetric=True)
     search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
     executor = SerialExecutor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), walk))
-    champion = train(search, shape, executor, 3, Champion.none_yet(shape))
-    arrays = [*search.state().values(), *champion.state().values()]
+    best = train(search, shape, executor, 3, BestPolicy.none_yet(shape))
+    arrays = [*search.state().values(), *best.state().values()]
     return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
 
 

@@ -25,10 +25,6 @@ from motorprior.locomotion.policy import PolicyArrays, zero_policy
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import make_executor
-from motorprior.search.policy_search import Champion, advance, new_search, train
-from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization
@@ -37,7 +33,6 @@ from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
 STEPS = 120
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", units=0, symmetric=True)
 FLEET = load_fleet("pupper_v2")
 
 
@@ -218,34 +213,3 @@ def test_the_zero_policy_trots_and_stays_up():
         episode = simulator.run(zero_policy(12), 0, trace=True)
         assert episode.steps == STEPS and episode.fault == 0
         assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings
-
-
-def test_any_number_of_workers_gives_the_same_search():
-    def searched(workers):
-        walk = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01))
-        executor = make_executor(lambda: WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk), workers)
-        search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=5), SHAPE)
-        try:
-            champion = train(search, SHAPE, executor, 2, Champion.none_yet(SHAPE))
-        finally:
-            executor.close()
-        found = [*search.state().values(), *champion.state().values()]
-        return b"".join(np.asarray(value).tobytes() for value in found)
-
-    serial = searched(1)
-    assert searched(2) == serial and searched(3) == serial
-    assert np.any(np.frombuffer(serial[: SHAPE.size * 8]) != 0.0)  # the parameters come first, and have moved
-
-
-def test_both_signs_of_a_direction_walk_on_the_same_motors():
-    drawn = []
-
-    def draw(rng):
-        drawn.append(rng.bit_generator.state["state"]["state"])
-        return draw_pd(rng)
-
-    executor = make_executor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), WalkConfig(episode_steps=2)), 1)
-    search = new_search(ArsConfig(num_directions=3, num_top_directions=3, seed=1), SHAPE)
-    for _ in range(2):
-        advance(search, SHAPE, executor)
-    assert drawn[::2] == drawn[1::2] and len(set(drawn)) == 6

@@ -11,7 +11,7 @@ from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFF
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.suspended_load import gravity_of_held, with_loads
+from motorprior.simulation.suspended_load import gravity_torque, with_loads
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -109,6 +109,6 @@ def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pit
 def test_gravity_of_a_held_robot_is_its_load_at_rest():
     suspended = np.full(20, POSTURES.index("suspended"))
     log = replace(swaying(spec.NOMINAL_POSE, 0.0, rows=20), posture=suspended)
-    gravity = gravity_of_held(log, PUPPER_V2)
+    gravity = gravity_torque(log, PUPPER_V2)
     assert gravity is not None
     np.testing.assert_array_equal(gravity(log.joint_pos), with_loads(log, PUPPER_V2).external_torque)

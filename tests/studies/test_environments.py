@@ -8,7 +8,7 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
+from motorprior.search.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.studies.environments import ENVIRONMENTS, HeldOutWalks, motors_of_robot, walk_seed
 from motorprior.transfer.twin import EVALUATION_SEED
@@ -26,7 +26,7 @@ def walks_in(name: str = "fleet", only: int | None = None) -> HeldOutWalks:
 def test_no_walk_has_a_training_seed(study: int):
     walked = {walk_seed(study, draw) for draw in range(64)}
     rounds = [(iteration, direction) for iteration in range(100) for direction in range(16)]
-    rounds += [(CONTEST, draw) for draw in range(CONTEST_DRAWS)]
+    rounds += [(EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
     trained = {episode_seed(SEEDS_APART * study + policy, *each) for policy in range(8) for each in rounds}
     assert len(walked) == 64 and not walked & trained and not walked & set(range(EVALUATION_SEED, EVALUATION_SEED + 64))
 

@@ -41,7 +41,7 @@ def run_logs_check(config: LogsCheck) -> None:
     Raises:
         LogError: after all logs are checked, if one has errors.
     """
-    from motorprior.simulation.suspended_load import gravity_of_held
+    from motorprior.simulation.suspended_load import gravity_torque
 
     require_paths(config.paths)
     robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
@@ -49,7 +49,7 @@ def run_logs_check(config: LogsCheck) -> None:
     for path in config.paths:
         log = read_log(path, given, config.columns)
         known = config.robot is not None or log.joint_names == robot.joint_names
-        limits, gravity = (robot.limits_of(log.joint_names), gravity_of_held(log, robot)) if known else (None, None)
+        limits, gravity = (robot.limits_of(log.joint_names), gravity_torque(log, robot)) if known else (None, None)
         report = check_log(log, limits, gravity)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]

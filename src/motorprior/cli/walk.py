@@ -1,4 +1,4 @@
-"""``motorprior walk``: ARS trains a PMTG policy on motors drawn for every episode."""
+"""``motorprior walk``: train a PMTG policy by ARS on motors drawn for every episode."""
 
 from __future__ import annotations
 

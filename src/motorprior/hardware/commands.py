@@ -46,7 +46,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     policy.check()
     policy.require_robot(robot)
     policy.require_clock(robot.control_dt)
-    gait = policy.commanded(robot).require_legs()
+    gait = robot.with_speed_range(policy.forward).require_legs()
     _require("forward", settings.forward, *gait.forward, or_equal=True)
     _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)

@@ -42,7 +42,7 @@ class PolicyMotion:
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
         self._robot, self._policy, self._has_imu = robot, policy.arrays(), has_imu
-        self._controller = GaitController(policy.commanded(robot), policy.control_dt, policy.gait)
+        self._controller = GaitController(robot.with_speed_range(policy.forward), policy.control_dt, policy.gait)
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = self.yaw_rate = 0.0
         self.gyro_bias = np.zeros(3)

@@ -10,73 +10,47 @@ from motorprior.locomotion.gaits import phases_of
 from motorprior.locomotion.leg_kinematics import lever_arms
 from motorprior.robots.robot import Robot
 
-MODULATION = 5
-"""Number of the last entries of an action: frequency, intensity, height, swing/stance ratio, turn."""
-TILT_READINGS = 5
-"""Number of the first entries of an observation: roll, pitch, and the rates about x, y and z; the joints follow."""
-YAW_RATE = 4
-"""Place of the rate about z in an observation."""
-FOLLOWED = 6
-"""Number of the last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and sine of
-the phase."""
-BEYOND = 1.2
-"""Fastest command of a training over a robot's fastest [-]: at the edge of what they were trained for policies fall."""
+MODULATION = 5  # last entries of an action: frequency, intensity, height, swing/stance ratio, turn
+TILT_READINGS = 5  # first entries of an observation: roll, pitch, rates about x, y and z; the joints follow
+YAW_RATE = 4  # index of the rate about z in an observation
+FOLLOWED = 6  # last entries of an observation: drift, heading error, commanded speed and yaw rate, cos and sin of phase
+# Largest command of a training over the robot's largest: policies fall at the edge of their training range.
+MAX_COMMAND = 1.2
+# Stiffness against pitch that a walking body needs [weight · height]. The small robot has 14 by its motors alone; a
+# robot of 15 kg with gains of 30 N·m/rad has 2 and falls; with 5 it walks.
 UPRIGHT = 5.0
-"""Stiffness against pitch that a walking body needs, in weight times height [-]. The small robot has 14 by its motors
-alone; one of 15 kg with gains of 30 N·m/rad has 2, falls, and walks with 5."""
+# Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and torque limit; on
+# the fleets of the small robot 0.8 to 1 walk alike.
 LEAD = 0.9
-"""Share of a PD's lag kd/kp that the targets of the gait lead by [-]. All of it would be right for a motor without
-delay that reaches every torque; on the fleets of the small robot 0.8 to 1 walk alike."""
 
 
 class Body(NamedTuple):
     """Arrays of a robot with n joints and L legs in one gait; see `robots.robot.Robot` for sources."""
 
-    nominal_pose: np.ndarray
-    """(n,) joint angles of the nominal pose [rad]"""
-    lower: np.ndarray
-    """(n,) lower joint limits [rad]"""
+    nominal_pose: np.ndarray  # (n,) [rad]
+    lower: np.ndarray  # (n,) joint limits [rad]
     upper: np.ndarray
-    """(n,) upper joint limits [rad]"""
-    lead: np.ndarray
-    """(n,) time by which targets lead the gait [s], LEAD · kd/kp"""
-    yielding: np.ndarray
-    """(n,) angle by which a joint yields to a torque, 1/kp [rad/(N·m)]"""
-    weight: float
-    """[N]"""
-    level: float
-    """share of an observed tilt that the legs reach against [-], see `_level`"""
-    legs: np.ndarray
-    """(L, 3) int64: joints of abduction, hip and knee"""
-    lengths: np.ndarray
-    """(L, 2) thigh and shank [m]"""
-    foot_radius: np.ndarray
-    """(L,) [m]"""
+    lead: np.ndarray  # (n,) time by which targets lead the gait [s], LEAD · kd/kp
+    yielding: np.ndarray  # (n,) compliance 1/kp [rad/(N·m)]
+    weight: float  # [N]
+    level: float  # share of an observed tilt that the legs compensate [-], see `_level`
+    legs: np.ndarray  # (L, 3) int64: joints of abduction, hip and knee
+    lengths: np.ndarray  # (L, 2) thigh and shank [m]
+    foot_radius: np.ndarray  # (L,) [m]
+    # (L, 4) foot in the nominal pose [m]: forward and left of the base's origin, then forward of and below the hip axis
+    # in the plane of the leg
     rest: np.ndarray
-    """(L, 4) foot in the nominal pose: forward and left of the base's origin, then forward of and below the hip axis in
-    the plane of the leg [m]"""
-    phases: np.ndarray
-    """(L,) phases of the legs in the cycle of the gait, in [0, 1)"""
-    swing_stance_ratio: float
-    """usual time in swing over time in stance [-]"""
-    frequency: float
-    """usual frequency [Hz]"""
-    swing_height: float
-    """lift of a foot in swing [m]"""
-    slowest: float
-    """lowest commanded speed [m/s], 0 or negative"""
-    fastest: float
-    """highest commanded speed [m/s]"""
-    yaw_rate: float
-    """highest commanded yaw rate [rad/s]"""
-    residual: float
-    """largest correction of a target [rad]"""
-    lowest: float
-    """height of a fallen base [m]"""
-    highest: float
-    """height of a base that has taken off [m]"""
-    reference_torque: float
-    """torque that the reward's penalty counts as 1 [N·m]"""
+    phases: np.ndarray  # (L,) phases of the legs in the cycle of the gait, in [0, 1)
+    swing_stance_ratio: float  # usual time in swing over time in stance [-]
+    frequency: float  # usual [Hz]
+    swing_height: float  # lift of a foot in swing [m]
+    slowest: float  # lowest commanded speed [m/s], 0 or negative
+    fastest: float  # highest commanded speed [m/s]
+    yaw_rate: float  # highest commanded yaw rate [rad/s]
+    residual: float  # largest correction of a target [rad]
+    lowest: float  # base height of a fallen robot [m]
+    highest: float  # base height of a robot that has taken off [m]
+    reference_torque: float  # torque that the reward's penalty counts as 1 [N·m]
 
 
 def body_of(robot: Robot, gait: str = "trot") -> Body:
@@ -114,10 +88,10 @@ def body_of(robot: Robot, gait: str = "trot") -> Body:
 
 
 def _level(robot: Robot) -> float:
-    """How much a robot needs its legs to level it: UPRIGHT m·g·h over its stiffness against pitch, less 1, at least 0.
+    """max(0, UPRIGHT · m·g·h / stiffness against pitch - 1).
 
-    Two of its legs carry it, each of stiffness k = 1 / Σ arm² / kp at the foot, with the `lever_arms` of hip and knee,
-    at the distance x of the feet fore and aft: 2 k x². Tilt makes the weight pull with m·g·h.
+    Two legs carry the robot. Each has the stiffness k = 1 / Σ arm² / kp at the foot, with the `lever_arms` of hip and
+    knee. With the feet at ±x fore and aft the stiffness against pitch is 2 k x².
     """
     stiffness = 0.0
     for leg in robot.legs:
@@ -129,12 +103,12 @@ def _level(robot: Robot) -> float:
 
 
 def readings(num_joints: int) -> int:
-    """Observed quantities that a sensor reads: attitude, rates, joint angles."""
+    """Number of observed sensor readings: attitude, rates, joint angles."""
     return TILT_READINGS + num_joints
 
 
 def observation_size(num_joints: int) -> int:
-    """Length of an observation: what sensors read, then what the gait follows."""
+    """Length of an observation: sensor readings, then drift, heading error, command and phase."""
     return readings(num_joints) + FOLLOWED
 
 

@@ -1,4 +1,4 @@
-"""What a robot is told to do: speed and yaw rate over time, given or drawn anew for every episode."""
+"""Commanded speed and yaw rate over an episode: drawn anew for every episode, or given at fixed times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.bounds import is_range, require_number
 from motorprior.exceptions import ConfigError, shown
-from motorprior.locomotion.body import BEYOND
+from motorprior.locomotion.body import MAX_COMMAND
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
@@ -17,20 +17,20 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Commands:
-    """Commands of an episode, each held for a while.
+    """Random commands of an episode, each held for a while.
 
-    The speeds of an episode are spread evenly over their range, in random order. The defaults are for training: all
-    that the robot is built for, and BEYOND it: at the edge of what they were trained for, policies fall.
+    The speeds of an episode are spread evenly over their range, in random order.
 
     Attributes:
-        forward: lowest and highest speed [m/s]; if not given the robot's slowest, and BEYOND times its fastest.
+        forward: lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies
+            fall at the edge of their training range.
         yaw_rate: lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given.
-        hold: time that a command is held [s].
+        hold: duration of a command [s].
         straight: share of the commands without a turn [-].
         still: share of the commands to stand still [-].
 
     Raises:
-        ConfigError: a range that is upside down, or a number out of bounds.
+        ConfigError: a range whose first number is larger, or a number out of bounds.
     """
 
     forward: Range | None = None
@@ -40,10 +40,9 @@ class Commands:
     still: float = 0.1
 
     def __post_init__(self) -> None:
-        """Refuse ranges upside down and numbers out of bounds."""
         for name in ("forward", "yaw_rate"):
             value = getattr(self, name)
-            if isinstance(value, list):
+            if isinstance(value, list):  # from JSON
                 value = tuple(value)
                 object.__setattr__(self, name, value)
             if value is not None and not is_range(value, -10.0, 10.0):
@@ -57,24 +56,19 @@ class Commands:
 
     @classmethod
     def steady(cls, forward: float, yaw_rate: float = 0.0) -> Commands:
-        """One command from beginning to end.
-
-        Args:
-            forward: [m/s].
-            yaw_rate: [rad/s], to the left.
-        """
+        """One command [m/s], [rad/s] for the whole episode."""
         return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
 
-    def on(self, robot: Robot) -> Robot:
-        """The robot, told all speeds of its usual range and of these commands: faster ones may be trained for.
+    def extend_range(self, robot: Robot) -> Robot:
+        """The robot with its speed range extended by that of these commands.
 
         Raises:
-            ConfigError: a yaw rate beyond the robot's.
+            ConfigError: a yaw rate outside the robot's range.
         """
-        most, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
-        if self.yaw_rate is not None and not is_range(self.yaw_rate, -most, most):
+        limit, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
+        if self.yaw_rate is not None and not is_range(self.yaw_rate, -limit, limit):
             raise ConfigError(
-                f"commands.yaw_rate {shown(self.yaw_rate)} is not a range in the robot's -{most:g}..{most:g} rad/s",
+                f"commands.yaw_rate {shown(self.yaw_rate)} is not a range in the robot's -{limit:g}..{limit:g} rad/s",
                 remedy="give slower turns, or more in [gait] of the robot's file", argument="commands.yaw_rate",
             )  # fmt: skip
         low, high = self.forward or (slowest, fastest)
@@ -83,7 +77,7 @@ class Commands:
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
         rng, size = np.random.default_rng([_STREAM, seed]), robot.require_legs()
-        forward = self.forward or (size.forward[0], BEYOND * size.forward[1])
+        forward = self.forward or (size.forward[0], MAX_COMMAND * size.forward[1])
         turn = self.yaw_rate or (-size.yaw_rate, size.yaw_rate)
         each = max(1, round(self.hold / robot.control_dt))
         count = -(-steps // each)
@@ -93,3 +87,21 @@ class Commands:
         moving = rng.uniform(size=count) >= self.still
         held = np.stack([speeds * moving, turns * moving], axis=1)
         return held[np.arange(steps) // each]
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """Commands at given times, the same in every episode.
+
+    Attributes:
+        rows: time [s], speed [m/s] and yaw rate [rad/s], held until the next; times increase.
+    """
+
+    rows: tuple[tuple[float, float, float], ...]
+
+    def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
+        """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step, 0 before the first row; no randomness."""
+        table = np.array([(-np.inf, 0.0, 0.0), *self.rows])
+        time = robot.control_dt * np.arange(steps)
+        row = np.searchsorted(table[:, 0], time + 1e-6 * robot.control_dt, side="right") - 1
+        return np.ascontiguousarray(table[row, 1:])

@@ -1,7 +1,6 @@
 """One control step, compiled: the parts before the physics and the part after it.
 
-The Gymnasium env (by its `GaitController`) and the compiled rollout call these and nothing else, so they agree bit for
-bit:
+The Gymnasium env (through `GaitController`) and the compiled rollout both call these, so they agree bit for bit:
 
     reset: begin_gait, observe, sense, follow_command
     step:  command_step(action)        targets of the present phase; the phase advances
@@ -18,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.locomotion.body import BEYOND, FOLLOWED, Body, action_size
-from motorprior.locomotion.foot_slip import sliding
+from motorprior.locomotion.body import FOLLOWED, MAX_COMMAND, Body, action_size
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -29,44 +27,33 @@ from motorprior.locomotion.policy import (
     action_to_command,
     low_pass,
 )
-from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, observe, reward, wrapped
-from motorprior.locomotion.trajectory_generator import add_support, advance_phase, how_much, joint_targets
+from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, observe, reward, sliding, wrapped
+from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.rotations import roll_pitch_yaw
 
-TARGET_SPEED = 40.0
-"""Fastest change of a position target [rad/s]; a swing would begin with a jump. 30 rad/s walk as well, 60 no better."""
-LEVEL_RATE = 0.1
-"""Weight of the body's rate beside its tilt in levelling [s]."""
-RAMP = 0.5
-"""Time in which the command in force goes from standing to the fastest speed or turn [s]."""
-FURTHEST_HEADING = 0.5
-"""Largest observed heading error [rad]; a robot that was turned by hand does not spin back."""
-FURTHEST_DRIFT = 0.1
-"""Largest drift, as a share of the way in a second at the fastest speed [-]: 2.3 standard deviations of what trainings
-of 5 s saw. With a share of 0.3, walks of 20 s met seven, which a linear policy multiplied until the robot fell."""
-_PHASE, _HEADING, _DRIFT, _GOAL, _FORWARD, _LEFT, _OFF = 0, 1, 2, 3, 4, 5, 6
+MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 walk alike
+LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
+RAMP = 0.5  # [s] in which the command in force goes from standing to the largest speed or yaw rate
+MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
+# Largest observed drift, as a share of the distance in a second at the largest speed: 2.3 standard deviations of
+# trainings of 5 s. With 0.3, walks of 20 s reached seven, which a linear policy multiplied until the robot fell.
+MAX_DRIFT = 0.1
+_PHASE, _HEADING, _DRIFT, _GOAL, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
 
 
 class GaitState(NamedTuple):
-    """Memory and scratch of a gait."""
+    """State and scratch memory of a gait."""
 
-    filtered: np.ndarray
-    """(actions,) low-passed action"""
-    command: np.ndarray
-    """(actions,) scratch: the action in units"""
-    target: np.ndarray
-    """(joints,) position targets of the last control step [rad]"""
-    path: np.ndarray
-    """(2, joints) scratch: the gait now and one control step later [rad]"""
-    twist: np.ndarray
-    """(2,) command in force: speed [m/s], yaw rate [rad/s]"""
+    filtered: np.ndarray  # (actions,) low-passed action
+    command: np.ndarray  # (actions,) scratch: the action in physical units
+    target: np.ndarray  # (joints,) position targets of the last control step [rad]
+    path: np.ndarray  # (2, joints) scratch: the gait now and one control step later [rad]
+    twist: np.ndarray  # (2,) command in force: speed [m/s], yaw rate [rad/s]
+    # (7,) phase in [0, 1); heading error, integrated from the gyroscope [rad]; drift to the body's left of the
+    # commanded path, integrated from it [m]; commanded heading [rad]; filtered speeds, forward and left [m/s]; sum over
+    # the steps of |filtered forward speed - commanded speed| [m/s]
     scalars: np.ndarray
-    """(7,) phase in [0, 1); heading error that the gyroscope adds up [rad]; drift to the body's left of the commanded
-    path that follows from it [m]; heading that the commands lead to [rad]; filtered speeds, forward and left [m/s]; sum
-    over the steps of |filtered forward speed - commanded speed| [m/s]"""
-
-    feet: np.ndarray
-    """(legs, 4) centre of each foot [m] and angle of its shank about the body's y axis [rad] one control step ago"""
+    feet: np.ndarray  # (legs, 4) centre [m] and shank angle about the body's y axis [rad] one control step ago
 
     @property
     def phase(self) -> float:
@@ -76,11 +63,11 @@ class GaitState(NamedTuple):
     @property
     def speed_errors(self) -> float:
         """Sum over the control steps so far of |filtered forward speed - commanded speed| [m/s]."""
-        return float(self.scalars[_OFF])
+        return float(self.scalars[_SPEED_ERRORS])
 
 
 def new_gait(num_joints: int, num_legs: int) -> GaitState:
-    """Memory of a robot's gait; `begin_gait` fills it."""
+    """Memory of a robot's gait; `begin_gait` initialises it."""
     actions = action_size(num_joints)
     shapes = (actions, actions, num_joints, (2, num_joints), 2, 7, (num_legs, 4))
     return GaitState(*(np.zeros(shape) for shape in shapes))
@@ -88,7 +75,7 @@ def new_gait(num_joints: int, num_legs: int) -> GaitState:
 
 @njit(cache=True)
 def begin_gait(body: Body, gait: GaitState) -> None:
-    """Stand in the nominal pose, at rest, at phase 0, on the commanded heading and way."""
+    """Nominal pose, phase 0, no speed, no heading error and no drift."""
     gait.filtered[:] = 0.0
     gait.twist[:] = 0.0
     gait.scalars[:] = 0.0
@@ -100,38 +87,36 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 def follow_command(
     body: Body, gait: GaitState, forward: float, yaw_rate: float, control_dt: float, observation: np.ndarray
 ) -> None:
-    """Complete an observation whose readings are there: drift, heading error, command in force, phase.
+    """Complete an observation after its readings: drift, heading error, command in force, phase.
 
-    The command in force follows the given one at a bounded rate. The heading error ψ adds up the observed rate less the
-    commanded one, the drift adds up v sin ψ at the commanded speed v: without it a robot that pulls to one side walks
-    straight on at a small constant error. The observed drift is to the left of the way that the robot goes, backward
-    that is to the body's right: a turn against it brings the robot back on either way, where one against the drift to
-    the body's left would lead it further aside backward. It fades out, within a few steps, below a tenth of the fastest
-    speed: after a turn on the spot the line is another one. Standing, neither adds up anything: the constant error of a
-    gyroscope would turn the robot at its next step. All but the command fade out as the robot comes to a stand.
+    The command in force follows the given one at a bounded rate. The heading error ψ integrates the observed heading
+    rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a robot that pulls to
+    one side would walk on at a small constant error. All but the command fade out as the robot comes to a stand.
 
     Args:
         body: of the robot.
         gait: command and heading are updated in place.
-        forward: commanded speed [m/s]; at least the robot's slowest, at most BEYOND times its fastest.
-        yaw_rate: commanded yaw rate [rad/s], to the left; at most the robot's.
+        forward: commanded speed [m/s], clipped to the robot's range, up to MAX_COMMAND times its highest.
+        yaw_rate: commanded yaw rate [rad/s], to the left; clipped to the robot's range.
         control_dt: control period [s].
         observation: shape (observations,), its last six are overwritten.
     """
     step = control_dt / RAMP
-    forward = min(BEYOND * body.fastest, max(body.slowest, forward))
+    forward = min(MAX_COMMAND * body.fastest, max(body.slowest, forward))
     yaw_rate = min(body.yaw_rate, max(-body.yaw_rate, yaw_rate))
     gait.twist[0] += min(step * body.fastest, max(-step * body.fastest, forward - gait.twist[0]))
     gait.twist[1] += min(step * body.yaw_rate, max(-step * body.yaw_rate, yaw_rate - gait.twist[1]))
-    share, angle = how_much(body, gait.twist[0], gait.twist[1]), 2.0 * math.pi * gait.scalars[_PHASE]
+    share, angle = gait_share(body, gait.twist[0], gait.twist[1]), 2.0 * math.pi * gait.scalars[_PHASE]
     gait.scalars[_GOAL] += control_dt * gait.twist[1]
-    if share > 0.0:
+    if share > 0.0:  # a standing robot would integrate its gyroscope's bias
         gait.scalars[_HEADING] += control_dt * (heading_rate(observation) - gait.twist[1])
-    gait.scalars[_HEADING] = min(FURTHEST_HEADING, max(-FURTHEST_HEADING, gait.scalars[_HEADING]))
+    gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
     drift = gait.scalars[_DRIFT] + control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
-    farthest, along = FURTHEST_DRIFT * body.fastest, how_much(body, gait.twist[0], 0.0)
-    gait.scalars[_DRIFT] = along * min(farthest, max(-farthest, drift))
+    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path is another one.
+    max_drift, along = MAX_DRIFT * body.fastest, gait_share(body, gait.twist[0], 0.0)
+    gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
     first = observation.shape[0] - FOLLOWED
+    # Observed to the left of the direction of motion: the same turn then corrects it forward and backward.
     observation[first] = math.copysign(1.0, gait.twist[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
     observation[first + 2], observation[first + 3] = gait.twist[0], gait.twist[1]
@@ -140,13 +125,9 @@ def follow_command(
 
 @njit(cache=True)
 def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
-    """Rise of the legs, forward and to the left [m/m], against the tilt: level · (tilt + LEVEL_RATE · its rate).
+    """Slope of the legs' extension, forward and to the left [m/m]: level · (tilt + LEVEL_RATE · its rate).
 
-    Legs on the low side reach further, which makes a body that its motors carry softly stiffer against tilt.
-
-    Args:
-        body: of the robot, see its ``level``.
-        observation: shape (observations,), roll and pitch [rad] and their rates [rad/s] come first.
+    Legs on the low side extend further, which stiffens a body on soft motors against tilt.
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
@@ -157,22 +138,21 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
 def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: GaitState, control_dt: float) -> None:
     """From an action to the position targets ``gait.target``; the phase advances.
 
-    Low-pass and scale the action; targets = gait + lead · its rate + support + residual, changed by at most
-    TARGET_SPEED, within the joints' limits. The support is what a PD yields under the weight. The lead is what a PD
-    lags behind that does not know the target's speed: its damping kd pulls towards rest, which an error of kd/kp times
-    the speed makes up for.
+    Low-pass and scale the action; targets = gait + lead · its rate + support + residual, with a rate up to
+    MAX_TARGET_SPEED, within the joint limits. The support compensates the PD's deflection under the weight. The lead
+    compensates its damping, which acts on joint_vel and not on the velocity error: an error of kd/kp times the speed.
 
     Args:
         body: of the robot.
         action: shape (actions,), clipped to [-1, 1].
-        observation: shape (observations,), the one that the action answers.
+        observation: shape (observations,), from which the action follows.
         gait: updated in place.
         control_dt: control period [s].
     """
     low_pass(action, control_dt, gait.filtered)
     action_to_command(body, gait.filtered, gait.command)
     joints, command = gait.target.shape[0], gait.command
-    share = how_much(body, gait.twist[0], gait.twist[1])
+    share = gait_share(body, gait.twist[0], gait.twist[1])
     frequency, ratio = float(command[joints + FREQUENCY]), float(command[joints + SWING_STANCE_RATIO])
     height = float(command[joints + HEIGHT])
     forward = command[joints + INTENSITY] * gait.twist[0]
@@ -185,10 +165,10 @@ def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: 
     for joint in range(joints):
         command[joint] += body.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / control_dt
     add_support(body, phase, ratio, share, gait.path[0], command)
-    furthest = TARGET_SPEED * control_dt
+    max_change = MAX_TARGET_SPEED * control_dt
     for joint in range(joints):
         change = gait.path[0, joint] + command[joint] - gait.target[joint]
-        target = gait.target[joint] + min(furthest, max(-furthest, change))
+        target = gait.target[joint] + min(max_change, max(-max_change, change))
         gait.target[joint] = min(body.upper[joint], max(body.lower[joint], target))
     gait.scalars[_PHASE] = later
 
@@ -211,8 +191,7 @@ def evaluate_step(
 ) -> tuple[float, bool]:
     """From the state after the physics to readings, reward and the end of the episode.
 
-    A fault of the backend ends the episode with reward 0 and leaves ``observation`` as it was, since the
-    state means nothing then.
+    A fault of the backend ends the episode with reward 0 and leaves ``observation`` as it was: the state is invalid.
 
     Args:
         body: of the robot.
@@ -221,7 +200,7 @@ def evaluate_step(
         base_lin_vel: shape (3,) [m/s], world.
         base_ang_vel: shape (3,) [rad/s], body frame.
         measured_joint_pos: shape (joints,) [rad].
-        foot_pos: shape (legs, 3), centres of the feet [m], world; NaN where they are not known.
+        foot_pos: shape (legs, 3), centres of the feet [m], world; NaN if unknown.
         sum_torque_squared: over joints, mean over the physics steps [(N·m)²].
         fault: the backend's, 0 for none.
         gait: its filtered speeds, its sum of speed errors and its feet are updated in place.
@@ -242,7 +221,7 @@ def evaluate_step(
     scalars[_FORWARD] += share * (cosine * base_lin_vel[0] + sine * base_lin_vel[1] - scalars[_FORWARD])
     scalars[_LEFT] += share * (cosine * base_lin_vel[1] - sine * base_lin_vel[0] - scalars[_LEFT])
     speed_error = scalars[_FORWARD] - gait.twist[0]
-    scalars[_OFF] += abs(speed_error)
+    scalars[_SPEED_ERRORS] += abs(speed_error)
     slip = sliding(body, gait.feet, foot_pos, measured_joint_pos, pitch, yaw, control_dt)
     effort = sum_torque_squared / (body.reference_torque * body.reference_torque)
     earned = reward(
@@ -253,19 +232,10 @@ def evaluate_step(
 
 
 @njit(cache=True)
-def accumulate_moments(observation: np.ndarray, count: int, mean: np.ndarray, m2: np.ndarray) -> int:
-    """Add one observation to the statistics of an episode (Welford 1962).
+def update_stats(observation: np.ndarray, count: int, mean: np.ndarray, m2: np.ndarray) -> int:
+    """Add one observation x to mean and m2 = Σ (x - mean)² of ``count`` earlier ones, in place; returns count + 1.
 
-    d = x - mean, mean += d / n, M2 += d (x - mean) with the new mean.
-
-    Args:
-        observation: x, shape (observations,).
-        count: observations so far.
-        mean: shape (observations,), updated in place.
-        m2: Σ (x - mean)², shape (observations,), updated in place.
-
-    Returns:
-        n = count + 1.
+    d = x - mean, mean += d / n, m2 += d (x - mean) with the new mean (Welford 1962).
     """
     count += 1
     for i in range(observation.shape[0]):

@@ -12,12 +12,11 @@ from gymnasium.spaces import Box
 from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import action_size
-from motorprior.locomotion.command import Commands
+from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.control_step import evaluate_step
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
 from motorprior.locomotion.task import TaskWeights
-from motorprior.locomotion.timetable import Timetable
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -25,10 +24,7 @@ if TYPE_CHECKING:
 
 
 def observation_bounds(num_joints: int) -> np.ndarray:
-    """Of |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase.
-
-    No episode that goes on comes near them.
-    """
+    """Bounds: |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase."""
     return np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *[4.0 * np.pi] * num_joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
 
 
@@ -37,13 +33,13 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Args:
         robot: a legged one.
-        backend: what moves; must hold each target for the robot's control period.
+        backend: simulated or real robot; must hold each target for the robot's control period.
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.
-        draw_sensors: how the sensors err, and which way gravity pulls, from the backend's seed and ``episode_steps``;
-            perfect ones on level ground if None. A backend whose ground slopes needs them.
-        commands: drawn by the backend's seed; all that the robot is built for if not given.
-        gait: which leg steps when, see `locomotion.gaits`.
+        draw_sensors: sensor errors and direction of gravity from the backend's seed and ``episode_steps``; perfect
+            sensors on level ground if None. A backend with sloping ground needs them.
+        commands: drawn by the backend's seed; the robot's whole range if not given.
+        gait: see `locomotion.gaits`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
@@ -59,8 +55,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         gait: str = "trot",
     ):
         require_count("episode_steps", episode_steps)
-        furthest, self._action_shape = observation_bounds(robot.num_joints), (action_size(robot.num_joints),)
-        self.observation_space = Box(-furthest, furthest, dtype=np.float64)
+        bounds, self._action_shape = observation_bounds(robot.num_joints), (action_size(robot.num_joints),)
+        self.observation_space = Box(-bounds, bounds, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, self._action_shape, np.float64)
         self._controller, self._backend = GaitController(robot, robot.control_dt, gait), backend
         self._robot, self._commands, self._schedule = robot, commands or Commands(), np.zeros((0, 2))
@@ -77,14 +73,14 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Begin an episode.
 
         Args:
-            seed: goes to the backend as it is; without one the env's own generator draws the backend's seed.
-            options: none are known.
+            seed: of the backend; drawn by the env's own generator if not given.
+            options: unused.
 
         Returns:
             Observation, shape (observations,), and the info that `step` describes.
 
         Raises:
-            SimulationFault: the backend failed already.
+            SimulationFault: the backend reports a fault.
         """
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else int(seed)
@@ -123,7 +119,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def speed_errors(self) -> float:
-        """Of the episode so far, see `GaitState.speed_errors` [m/s]."""
+        """See `GaitState.speed_errors` [m/s]."""
         return self._controller.gait.speed_errors
 
     def close(self) -> None:
@@ -131,33 +127,22 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._backend.close()
 
     def _observed(self, state: BackendState) -> np.ndarray:
-        """The observation of this control step, whose readings are true so far."""
+        """Apply sensor errors and the command to the true readings of this control step."""
         sense(self._sensors, self._steps, state.base_quat, self._controller.observation)
         forward, yaw_rate = self._schedule[min(self._steps, self._episode_steps - 1)]
         return self._controller.follow(forward, yaw_rate).copy()
 
     def _evaluate(self, state: BackendState) -> tuple[float, bool]:
-        """Reward [m] and end of the episode; fills the readings of the observation."""
+        """Reward [m] and end of the episode; writes the readings of the observation."""
         controller = self._controller
         earned, terminated = evaluate_step(
-            controller.body,
-            state.base_pos,
-            state.base_quat,
-            state.base_lin_vel,
-            state.base_ang_vel,
-            state.measured_joint_pos,
-            state.foot_pos,
-            float(state.torque_squared_sum),
-            int(state.fault),
-            controller.gait,
-            controller.control_dt,
-            self._weights,
-            controller.observation,
-        )
+            controller.body, state.base_pos, state.base_quat, state.base_lin_vel, state.base_ang_vel,
+            state.measured_joint_pos, state.foot_pos, float(state.torque_squared_sum), int(state.fault),
+            controller.gait, controller.control_dt, self._weights, controller.observation,
+        )  # fmt: skip
         return float(earned), bool(terminated)
 
     def _info(self, state: BackendState) -> dict[str, Any]:
-        """What a recorder or a study wants to know about the step."""
         return {
             "fault": int(state.fault),
             "phase": self._controller.gait.phase,

@@ -1,8 +1,7 @@
-"""Gaits: which leg steps when."""
+"""Gaits: phases of the legs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,32 +13,20 @@ GaitName = Literal["trot", "walk", "pace", "bound", "pronk"]
 GAITS: tuple[GaitName, ...] = get_args(GaitName)
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """Phases of the four legs of a gait and its usual time in swing over time in stance.
-
-    The leg of phase p touches down when the cycle is at 1 - p.
-    """
-
-    front_right: float
-    front_left: float
-    rear_right: float
-    rear_left: float
-    swing_stance_ratio: float = 1.0
-
-
-_PATTERNS: dict[str, Pattern] = {
-    "walk": Pattern(0.25, 0.75, 0.5, 0.0, 1.0 / 3.0),  # rear left, front left, rear right, front right: one at a time
-    "pace": Pattern(0.0, 0.5, 0.0, 0.5),
-    "bound": Pattern(0.0, 0.0, 0.5, 0.5),
-    "pronk": Pattern(0.0, 0.0, 0.0, 0.0),
+_CORNERS = ("front right", "front left", "rear right", "rear left")
+# Phases of the legs at _CORNERS; the leg of phase p touches down when the cycle is at 1 - p.
+_PHASES = {
+    "walk": (0.25, 0.75, 0.5, 0.0),  # rear left, front left, rear right, front right: one at a time
+    "pace": (0.0, 0.5, 0.0, 0.5),
+    "bound": (0.0, 0.0, 0.5, 0.5),
+    "pronk": (0.0, 0.0, 0.0, 0.0),
 }
 
 
 def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
     """(legs,) phases of a robot's legs in a gait, in [0, 1), and its usual time in swing over time in stance.
 
-    A trot has the phases that the robot's own description gives.
+    The phases of a trot are in the robot's description.
 
     Raises:
         ConfigError: an unknown gait, or one for four legs on a robot that has others.
@@ -48,18 +35,15 @@ def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
         raise ConfigError(f"gait {gait!r} is unknown", remedy=f"use one of {', '.join(GAITS)}", argument="gait")
     if gait == "trot":
         return np.array([leg.phase for leg in robot.legs]), 1.0
-    pattern, corners = _PATTERNS[gait], _corners(robot)
-    if len(set(corners)) != len(robot.legs) or len(robot.legs) != 4:
-        raise ConfigError(
-            f"gait {gait!r} is for four legs, one at each corner of the body",
-            remedy="use the gait trot, which has the phases of the robot's own file", argument="gait",
-        )  # fmt: skip
-    return np.array([getattr(pattern, corner) for corner in corners]), pattern.swing_stance_ratio
-
-
-def _corners(robot: Robot) -> list[str]:
     middle = float(np.mean([leg.rest[0] for leg in robot.legs]))
-    return [
-        f"{'front' if leg.rest[0] > middle else 'rear'}_{'left' if leg.rest[1] > 0.0 else 'right'}"
+    corners = [
+        f"{'front' if leg.rest[0] > middle else 'rear'} {'left' if leg.rest[1] > 0.0 else 'right'}"
         for leg in robot.legs
     ]
+    if sorted(corners) != sorted(_CORNERS):
+        raise ConfigError(
+            f"gait {gait!r} is for four legs, one at each corner of the body",
+            remedy="use the gait trot, whose phases are in the robot's file", argument="gait",
+        )  # fmt: skip
+    phases = np.array([_PHASES[gait][_CORNERS.index(corner)] for corner in corners])
+    return phases, 1.0 / 3.0 if gait == "walk" else 1.0

@@ -1,8 +1,7 @@
 """The walking policy: its formulas, compiled, and its file.
 
-An action is numbers in [-1, 1]: a residual on the gait's target of every joint, then frequency, intensity, height,
-swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), the
-turn is added.
+An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, intensity, height, swing/stance
+ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), plus the turn.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, 
 
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
-FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # places in a command after the residuals
-FREQUENCY_SHARE = 0.4  # the frequency is modulated by this share of the usual one
-INTENSITY_SHARE = 0.75  # and the stride by this share of what the command asks for
-HEIGHT_SHARE = 0.5  # [swing heights] the body is raised or lowered by
-RATIO_HIGH = 2.0  # the swing/stance ratio is at most so many times the usual one; the lowest is its inverse
+FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indices in a command after the residuals
+FREQUENCY_SHARE = 0.4  # ± share of the usual frequency
+INTENSITY_SHARE = 0.75  # ± share of the commanded stride
+HEIGHT_SHARE = 0.5  # [swing heights] ± of the body height
+RATIO_HIGH = 2.0  # swing/stance ratio over the usual one, at most; the lowest is the inverse
 
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
@@ -62,20 +61,15 @@ _TENSORS = {
 class PolicyArrays(NamedTuple):
     """The numbers of a policy, for compiled code."""
 
-    weights: np.ndarray
-    """W, (actions, observations + 1); the last column is the bias"""
-    hidden: np.ndarray
-    """H, (units, observations + 1); no rows for a linear policy"""
-    readout: np.ndarray
-    """V, (units, actions)"""
-    mean: np.ndarray
-    """(observations,) running mean of observations"""
-    std: np.ndarray
-    """(observations,) running standard deviation, > 0"""
+    weights: np.ndarray  # W, (actions, observations + 1); the last column is the bias
+    hidden: np.ndarray  # H, (units, observations + 1); no rows for a linear policy
+    readout: np.ndarray  # V, (units, actions)
+    mean: np.ndarray  # (observations,) running mean of observations
+    std: np.ndarray  # (observations,) running standard deviation, > 0
 
 
 def zero_policy(num_joints: int) -> PolicyArrays:
-    """The policy that leaves the gait as it is."""
+    """The policy of zero actions, which is the plain gait."""
     observations, actions = observation_size(num_joints), action_size(num_joints)
     weights = np.zeros((actions, observations + 1))
     nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
@@ -86,12 +80,9 @@ def zero_policy(num_joints: int) -> PolicyArrays:
 def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
     """Action of a policy: clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1), n = clip((observation - mean) / std, -10, 10).
 
-    Linear where there are no hidden units. Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
+    Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
 
-    Args:
-        policy: its arrays.
-        observation: shape (observations,), see `motorprior.locomotion.task.observe`.
-        out: shape (actions,), in [-1, 1], overwritten.
+    Writes (actions,) to ``out``.
     """
     weights, hidden = policy.weights, policy.hidden
     actions, observations = weights.shape[0], weights.shape[1] - 1
@@ -120,13 +111,7 @@ def _normalised(policy: PolicyArrays, observation: np.ndarray, index: int) -> fl
 
 @njit(cache=True)
 def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
-    """First-order low-pass at 3 Hz: s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt).
-
-    Args:
-        action: shape (actions,), clipped to [-1, 1] first.
-        control_dt: control period [s].
-        state: s, shape (actions,), the filtered action, updated in place; zeros at the start of an episode.
-    """
+    """First-order low-pass at 3 Hz, s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt), in place."""
     alpha = 1.0 - math.exp(-2.0 * math.pi * ACTION_CUTOFF * control_dt)
     for i in range(state.shape[0]):
         state[i] += alpha * (min(1.0, max(-1.0, action[i])) - state[i])
@@ -134,10 +119,9 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 
 @njit(cache=True)
 def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
-    """Scale an action to the gait's units. Zero is the usual gait: no residual, no turn, the stride of the command.
+    """Scale an action to physical units; zero is the usual gait with the commanded stride.
 
-    frequency = f (1 + 0.4 a), intensity = 1 + 0.75 a, height = a · swing_height / 2, ratio = r 2^a: longer in swing as
-    easily as shorter, turn = a · yaw_rate.
+    Frequency f (1 + 0.4 a), intensity 1 + 0.75 a, height a · swing_height / 2, ratio r 2^a, turn a · yaw_rate.
 
     Args:
         body: of the robot; its usual frequency f, ratio r, swing_height, yaw_rate, and largest residual.
@@ -170,8 +154,8 @@ class Policy:
         control_dt: control period [s] in training.
         robot: name of the robot.
         joint_names: the joints in the order of residuals and observed angles.
-        forward: slowest and fastest speed that it may be told [m/s]: its robot's, widened by those of its training.
-        gait: which leg steps when, see `locomotion.gaits`.
+        forward: range of commanded speeds [m/s]: the robot's, extended by that of the training.
+        gait: see `locomotion.gaits`.
         provenance: settings of its training; JSON values only.
     """
 
@@ -203,7 +187,7 @@ class Policy:
         check_tensors({name: getattr(self, name) for name in _TENSORS}, _TENSORS, where, _REMEDY, sizes)
 
     def arrays(self) -> PolicyArrays:
-        """Its numbers for compiled code; the inner loop of `act` runs over the actions."""
+        """Arrays for compiled code; the inner loop of `act` runs over the actions."""
         weights = np.asfortranarray(self.weights)
         return PolicyArrays(weights, self.hidden, self.readout, self.observation_mean, self.observation_std)
 
@@ -214,11 +198,7 @@ class Policy:
         )  # fmt: skip
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
-        """Refuse a policy that ``robot`` cannot run.
-
-        Raises:
-            ConfigError: it was trained for another robot, or one of other joints.
-        """
+        """Raise ConfigError for a policy of another robot, or one with other joints."""
         remedy = f"use a policy trained for {robot.name}"
         if self.robot != robot.name:
             raise ConfigError(f"policy of robot {self.robot!r}, wanted {robot.name!r}", where=where, remedy=remedy)
@@ -226,16 +206,8 @@ class Policy:
             problem = f"its joints are {list(self.joint_names)}, the robot's are {list(robot.joint_names)}"
             raise ConfigError(problem, where=where, remedy=remedy)
 
-    def commanded(self, robot: Robot) -> Robot:
-        """The robot, told the speeds of this policy."""
-        return robot.with_speed_range(self.forward)
-
     def require_gait(self, gait: str, where: str | Path | None = None) -> None:
-        """Refuse a policy of another gait.
-
-        Raises:
-            ConfigError: it was trained for another one.
-        """
+        """Raise ConfigError for a policy of another gait."""
         if self.gait != gait:
             raise ConfigError(
                 f"the policy was trained to {self.gait}, wanted gait {gait!r}", where=where,
@@ -243,17 +215,10 @@ class Policy:
             )  # fmt: skip
 
     def require_clock(self, control_dt: float, where: str | Path | None = None) -> None:
-        """Refuse to run at another rate than the policy learned: its low-pass and its trot count control steps.
-
-        Raises:
-            ConfigError: it was trained with another control period than ``control_dt`` [s].
-        """
+        """Raise ConfigError for another control period [s] than in training: low-pass filter and gait depend on it."""
         if not math.isclose(self.control_dt, control_dt, rel_tol=1e-9):
-            raise ConfigError(
-                f"trained with a control period of {self.control_dt:g} s, here it is {control_dt:g} s",
-                where=where,
-                remedy=f"train a policy at {control_dt:g} s",
-            )
+            problem = f"trained with a control period of {self.control_dt:g} s, here it is {control_dt:g} s"
+            raise ConfigError(problem, where=where, remedy=f"train a policy at {control_dt:g} s")
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""

@@ -1,4 +1,4 @@
-"""What the policy's sensors make of the truth: tilt against gravity, late by a fraction of control steps, noisy."""
+"""Sensor model of the policy's observations: tilt relative to gravity, delay, noise."""
 
 from __future__ import annotations
 
@@ -12,16 +12,12 @@ from motorprior.rotations import roll_pitch_below
 
 
 class Sensors(NamedTuple):
-    """Of one episode; for compiled code."""
+    """Sensor errors of one episode, for compiled code."""
 
-    noise: np.ndarray
-    """(observations, readings) to add to each observation; no rows if there is none"""
-    ages: np.ndarray
-    """(observations,) age of the reading in each observation [control steps]"""
-    past: np.ndarray
-    """(rows, readings) true readings, a delay line; no rows if there is no delay; state"""
-    up: np.ndarray
-    """(3,) unit vector against gravity, in the world: a slope turns it away from the normal of the ground"""
+    noise: np.ndarray  # (observations, readings) added to each observation; no rows without noise
+    ages: np.ndarray  # (observations,) age of the reading in each observation [control steps]
+    past: np.ndarray  # (rows, readings) true readings, a delay line; no rows without delay; state
+    up: np.ndarray  # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
 
 
 def perfect_sensors() -> Sensors:
@@ -31,16 +27,16 @@ def perfect_sensors() -> Sensors:
 
 @njit(cache=True, nogil=True)
 def sense(sensors: Sensors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
-    """Turn the true observation number ``count`` of an episode, 0 after the reset, into the observed one.
+    """Replace the true readings of an observation by the measured ones.
 
-    Roll and pitch, true ones relative to the ground, become those relative to gravity. A delay between two control
-    steps interpolates linearly between their readings; before the reset everything was as it was then.
+    Roll and pitch relative to the ground become those relative to gravity. A delay between two control steps
+    interpolates linearly between their readings; readings before the reset are those of the reset.
 
     Args:
         sensors: of this episode.
-        count: observations before this one.
+        count: observations since the reset before this one.
         base_quat: (4,) rotation_base_to_world.
-        observation: its readings are overwritten; the phase of the gait is known exactly.
+        observation: its readings are overwritten.
     """
     if sensors.up[2] < 1.0:
         observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)

@@ -1,8 +1,7 @@
-"""Left and right swapped: what a robot observes and does in a mirror.
+"""Left-right symmetry of observations, actions and policies.
 
-A robot whose legs come in pairs is its own mirror image, and so is its gait half a cycle later, or at once where the
-legs of a pair step together. A policy that answers the mirrored observation with the mirrored action cannot limp
-to one side; its front and rear legs may differ.
+A robot with pairs of legs is its own mirror image, and so is its gait, half a cycle later or at once if the legs of a
+pair step together. A policy that gives the mirrored action for the mirrored observation cannot limp to one side.
 """
 
 from __future__ import annotations
@@ -16,26 +15,25 @@ from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.gaits import phases_of
 from motorprior.robots.robot import Robot
 
-_APART = 0.02
-"""Distance between a foot and its partner's mirror image [m] up to which they are a pair, and difference of phases."""
+_TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] between their phases
 
 
 @dataclass(frozen=True, eq=False)
 class Swap:
-    """A mirrored vector: mirrored[i] = sign[i] · vector[place[i]]. Twice is nothing."""
+    """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
 
-    place: np.ndarray
+    index: np.ndarray
     sign: np.ndarray
 
     def columns(self, matrix: np.ndarray) -> np.ndarray:
         """M' with M'·x = M·mirrored(x)."""
         out = np.empty_like(matrix)
-        out[:, self.place] = matrix * self.sign
+        out[:, self.index] = matrix * self.sign
         return out
 
     def of(self, vectors: np.ndarray) -> np.ndarray:
         """Mirrored (..., n) vectors."""
-        return self.sign * vectors[..., self.place]
+        return self.sign * vectors[..., self.index]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +46,17 @@ class Mirror:
     @property
     def inputs(self) -> Swap:
         """Of a policy."""
-        last = len(self.observation.place)
-        return Swap(np.append(self.observation.place, last), np.append(self.observation.sign, 1.0))
+        last = len(self.observation.index)
+        return Swap(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
 
     def symmetric(self, weights: np.ndarray) -> np.ndarray:
         """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
         mirrored = self.inputs.columns(weights)
-        return 0.5 * (weights + self.action.sign[:, None] * mirrored[self.action.place])
+        return 0.5 * (weights + self.action.sign[:, None] * mirrored[self.action.index])
 
 
 def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
-    """How a robot looks in a mirror.
+    """Mirror of a robot's observations and actions in a gait.
 
     Raises:
         ConfigError: legs that are no pairs, or a gait that is not its own mirror image.
@@ -69,27 +67,23 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
         joints[list(leg.joints)] = robot.legs[partner].joints
         sign[leg.joints[0]] = -1.0
     phase = _phase_sign(robot, gait, partners)
-    tilt, followed, modulation = (
-        [-1.0, 1.0, -1.0, 1.0, -1.0],
-        [-1.0, -1.0, 1.0, -1.0, phase, phase],
-        [1.0, 1.0, 1.0, 1.0, -1.0],
-    )
-    first = len(tilt)
-    places = np.arange(observation_size(robot.num_joints))
-    places[first : first + len(joints)] = first + joints
+    tilt, modulation = [-1.0, 1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0, -1.0]
+    followed = [-1.0, -1.0, 1.0, -1.0, phase, phase]
+    observed = np.arange(observation_size(robot.num_joints))
+    observed[len(tilt) : len(tilt) + len(joints)] = len(tilt) + joints
     actions = np.arange(action_size(robot.num_joints))
     actions[: len(joints)] = joints
     return Mirror(
-        Swap(places, np.concatenate([tilt, sign, followed])), Swap(actions, np.concatenate([sign, modulation]))
+        Swap(observed, np.concatenate([tilt, sign, followed])), Swap(actions, np.concatenate([sign, modulation]))
     )
 
 
 def _partners(robot: Robot) -> list[int]:
-    """Per leg, the one that is its mirror image; a leg in the middle is its own."""
-    places = np.array([leg.rest for leg in robot.legs])
-    partners = [int(np.argmin(np.abs(places - [x, -y]).sum(axis=1))) for x, y in places]
+    """For each leg, its mirror image; a leg in the middle is its own."""
+    rest = np.array([leg.rest for leg in robot.legs])
+    partners = [int(np.argmin(np.abs(rest - [x, -y]).sum(axis=1))) for x, y in rest]
     for leg, partner in enumerate(partners):
-        if partners[partner] != leg or np.abs(places[partner] - places[leg] * [1.0, -1.0]).max() > _APART:
+        if partners[partner] != leg or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE:
             raise ConfigError(
                 f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}",
                 remedy="train without symmetry", argument="symmetric",
@@ -102,8 +96,8 @@ def _phase_sign(robot: Robot, gait: str, partners: list[int]) -> float:
     phases = phases_of(robot, gait)[0]
     apart = (phases[partners] - phases) % 1.0
     for shift, sign in ((0.5, -1.0), (0.0, 1.0)):
-        away = np.abs(apart - shift)
-        if np.minimum(away, 1.0 - away).max() <= _APART:
+        error = np.abs(apart - shift)
+        if np.minimum(error, 1.0 - error).max() <= _TOLERANCE:
             return sign
     raise ConfigError(
         f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later",

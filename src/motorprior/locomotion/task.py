@@ -1,7 +1,7 @@
 """The walking task: observation, reward, and the end of an episode.
 
 A robot follows a command: a speed along its own heading and a yaw rate. It observes what it can measure itself:
-attitude and rates of its IMU, its joints, the command, and the heading that its gyroscope adds up.
+attitude and rates of its IMU, its joints, the command, and the heading integrated from its gyroscope.
 """
 
 from __future__ import annotations
@@ -13,28 +13,27 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
-from motorprior.locomotion.body import TILT_READINGS
+from motorprior.locomotion.body import TILT_READINGS, Body
 from motorprior.rotations import roll_pitch_yaw
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
-SPEED_FILTER = 0.3
-"""Time constant of the speed that is compared with the command [s], about a step of a leg: within a step every gait
-speeds up and slows down."""
+SPEED_FILTER = 0.3  # [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
+CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the ground
 
 
 @dataclass(frozen=True)
 class TaskWeights:
-    """Coefficients of the reward, all of which counts as metres walked.
+    """Coefficients of the reward, which is in metres walked.
 
     Attributes:
-        alive: for each second upright [m/s].
-        speed: against |filtered forward speed - commanded speed| [m/s per m/s].
-        lateral: against |filtered sideways speed| [m/s per m/s].
-        heading: against |heading error| [m/s per rad].
-        yaw_rate: against |yaw rate - commanded yaw rate| [m/s per rad/s].
-        tilt: against |roll| + |pitch| [m/s per rad].
-        torque: against Σ (torque/reference_torque)² over the joints [m/s].
-        slip: against Σ sliding speed over the feet on the ground [m/s per m/s].
+        alive: per second upright [m/s].
+        speed: of |filtered forward speed - commanded speed| [m/s per m/s].
+        lateral: of |filtered sideways speed| [m/s per m/s].
+        heading: of |heading error| [m/s per rad].
+        yaw_rate: of |yaw rate - commanded yaw rate| [m/s per rad/s].
+        tilt: of |roll| + |pitch| [m/s per rad].
+        torque: of Σ (torque/reference_torque)² over the joints [m/s].
+        slip: of Σ sliding speed over the feet on the ground [m/s per m/s].
 
     Raises:
         ConfigError: a coefficient that is negative, not finite or no number.
@@ -50,7 +49,6 @@ class TaskWeights:
     slip: float = 0.5
 
     def __post_init__(self) -> None:
-        """Refuse coefficients that are negative, not finite or no numbers."""
         for name, value in asdict(self).items():
             require_number(f"task.{name}", value)
 
@@ -67,9 +65,7 @@ def observe(
     nominal_pose: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """What sensors read: roll, pitch, the three rates, joint angles.
-
-    The rates are the body's own, as a gyroscope reads them, not derivatives of Euler angles.
+    """Sensor readings of an observation: roll, pitch, the three body rates, joint angles.
 
     Args:
         base_quat: shape (4,), (w, x, y, z), base to world.
@@ -101,6 +97,43 @@ def wrapped(angle: float) -> float:
 
 
 @njit(cache=True)
+def sliding(
+    body: Body,
+    feet: np.ndarray,
+    foot_pos: np.ndarray,
+    joint_pos: np.ndarray,
+    pitch: float,
+    yaw: float,
+    control_dt: float,
+) -> float:
+    """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions.
+
+    Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the shank. Feet of
+    unknown position (NaN) count as 0.
+
+    Args:
+        body: of the robot.
+        feet: (legs, 4) as in `control_step.GaitState`, one control step ago; updated in place.
+        foot_pos: (legs, 3) centres of the feet [m], world.
+        joint_pos: (joints,) [rad].
+        pitch: of the body [rad].
+        yaw: of the body [rad].
+        control_dt: control period [s].
+    """
+    total, cosine, sine = 0.0, math.cos(yaw), math.sin(yaw)
+    for leg in range(body.legs.shape[0]):
+        angle = pitch + joint_pos[body.legs[leg, 1]] + joint_pos[body.legs[leg, 2]]
+        radius, before = body.foot_radius[leg], feet[leg]
+        if foot_pos[leg, 2] < radius + CONTACT_HEIGHT and before[2] < radius + CONTACT_HEIGHT:  # false for NaN
+            rolled = radius * (angle - before[3])
+            x, y = foot_pos[leg, 0] - before[0] - rolled * cosine, foot_pos[leg, 1] - before[1] - rolled * sine
+            total += math.sqrt(x * x + y * y) / control_dt
+        before[:3] = foot_pos[leg]
+        before[3] = angle
+    return total
+
+
+@njit(cache=True)
 def reward(
     speed_error: float,
     lateral_speed: float,
@@ -113,7 +146,7 @@ def reward(
     control_dt: float,
     weights: np.ndarray,
 ) -> float:
-    """Reward of one control step [m]: dt (alive - Σ weight · |what is wrong|).
+    """Reward of one control step [m]: dt (alive - Σ weight · |error|).
 
     Args:
         speed_error: filtered forward speed less the commanded one [m/s].
@@ -122,7 +155,7 @@ def reward(
         yaw_rate_error: yaw rate less the commanded one [rad/s].
         tilt: |roll| + |pitch| [rad].
         sum_torque_squared: Στ², torques over the reference torque, mean over the physics steps of this control step.
-        slip: sum of the speeds at which feet slide on the ground [m/s], see `foot_slip.sliding`.
+        slip: sum of the sliding speeds of the feet on the ground [m/s], see `sliding`.
         alive: false in the step in which the robot falls.
         control_dt: dt, control period [s].
         weights: shape (8,), `TaskWeights.array()`.

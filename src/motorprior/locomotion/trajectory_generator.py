@@ -1,10 +1,9 @@
-"""A gait that follows a command, shaped by five numbers that the policy modulates.
+"""A gait that follows a command, with five parameters that the policy modulates.
 
 Policies Modulating Trajectory Generators: Iscen et al., CoRL 2018, section 3, whose generator is parameterised by
-frequency, amplitude, height and the ratio of swing to stance. Ours differs: the foot's path is drawn in metres and
-turned into angles by the leg's kinematics, so that a foot in stance moves at the speed of the ground; the stride
-follows from the commanded speed and yaw rate; targets lead the path by the lag of the motors' PD, and are raised by
-what the PD yields under the weight; and legs on the low side of a body that its motors carry softly reach further.
+frequency, amplitude, height and the ratio of swing to stance. Differences here: the foot's path is in metres, converted
+to angles by inverse kinematics, so that a foot in stance moves at the speed of the ground, and the stride follows from
+the commanded speed and yaw rate. `control_step.command_step` adds lead, support and levelling.
 """
 
 from __future__ import annotations
@@ -20,23 +19,17 @@ from motorprior.locomotion.leg_kinematics import leg_angles, lever_arms
 
 @njit(cache=True)
 def advance_phase(phase: float, frequency: float, control_dt: float) -> float:
-    """Phase of the gait one control step later: (phase + frequency · control_dt) mod 1.
-
-    Args:
-        phase: gait phase in [0, 1).
-        frequency: steps per leg and second [Hz], not negative.
-        control_dt: control period [s].
-    """
+    """Phase of the gait, in [0, 1), one control step later: (phase + frequency [Hz] · control_dt [s]) mod 1."""
     advanced = phase + frequency * control_dt
     return advanced - math.floor(advanced)
 
 
 @njit(cache=True)
 def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
-    """Where a foot is on its way: share of the stride ahead of the middle (-½..½), share of the lift (0..1).
+    """Position of a foot: share of the stride ahead of the middle (-½..½), share of the lift (0..1).
 
-    Stance, u < s: from ½ to -½ at constant speed, as the ground moves. Swing, q = (u - s) / (1 - s): back to ½ on the
-    cubic that begins and ends at the speed of stance, lifted by sin(π q).
+    Stance, u < s: from ½ to -½ at constant speed. Swing, q = (u - s) / (1 - s): back to ½ on the cubic that begins and
+    ends at the speed of stance, lifted by sin(π q).
 
     Args:
         leg_phase: u, phase of the leg in [0, 1); 0 is touch-down.
@@ -51,8 +44,8 @@ def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def how_much(body: Body, forward: float, yaw_rate: float) -> float:
-    """Share of the full gait that a command asks for: 0 standing, 1 from a tenth of the fastest speed or turn on."""
+def gait_share(body: Body, forward: float, yaw_rate: float) -> float:
+    """Share of the full gait for a command: 0 standing, 1 from a tenth of the highest speed or yaw rate."""
     return min(1.0, 10.0 * (abs(forward) / body.fastest + abs(yaw_rate) / body.yaw_rate))
 
 
@@ -72,8 +65,8 @@ def joint_targets(
     """Joint angles of a gait, each leg at its own phase of the cycle.
 
     With stance share s = 1 / (1 + ratio), the ground under the foot at rest (x, y) moves by (v - ω y, ω x) s / f in
-    a stance: that is the stride. The foot is ``ahead`` of its rest place by a share of it (`foot_path`), the leg's
-    plane turns about the hip's height by the sideways part, and hip and knee follow from `leg_angles`.
+    a stance, which is the stride. The foot is displaced from rest by a share of it (`foot_path`): the abduction turns
+    the leg's plane by the sideways part, hip and knee follow from `leg_angles`.
 
     Args:
         body: of the robot.
@@ -81,8 +74,8 @@ def joint_targets(
         forward: v [m/s].
         yaw_rate: ω [rad/s], to the left.
         frequency: f, steps per leg and second [Hz], > 0.
-        height: by which the body stands higher than in the nominal pose [m].
-        rise: by which it stands higher still, forward and to the left of its origin [m/m].
+        height: of the body above the nominal pose [m].
+        rise: additional slope of the legs' extension, forward and to the left of the origin [m/m].
         swing_stance_ratio: time in swing over time in stance, > 0.
         lift: height of a foot in the middle of its swing [m].
         out: shape (joints,) [rad], overwritten.
@@ -107,17 +100,16 @@ def joint_targets(
 def add_support(
     body: Body, phase: float, swing_stance_ratio: float, share: float, pose: np.ndarray, out: np.ndarray
 ) -> None:
-    """Add to targets what a PD yields under the robot's weight: torque / kp at every hip and knee.
+    """Add to targets a PD's deflection under the robot's weight: torque / kp at every hip and knee.
 
-    Legs in stance share the weight; the robot that stands (``share`` 0) is carried by all. See `lever_arms` for the
-    torques of a force on the foot. The abductions get none: the small robot's gears hold them by friction, and with it
-    it rolls more.
+    Legs in stance share the weight; all legs carry a standing robot (``share`` 0). See `lever_arms` for the torques of
+    a force on the foot. Abductions get none: the small robot's gears hold them by friction.
 
     Args:
         body: of the robot.
         phase: gait phase in [0, 1).
         swing_stance_ratio: time in swing over time in stance, > 0.
-        share: of the full gait, see `how_much`.
+        share: of the full gait, see `gait_share`.
         pose: (joints,) angles of the gait [rad].
         out: (joints,) targets [rad], added to in place.
     """
@@ -139,19 +131,11 @@ def add_support(
 
 
 def open_loop_gait(
-    body: Body,
-    steps: int,
-    forward: float,
-    frequency: float,
-    height: float,
-    swing_stance_ratio: float,
-    control_dt: float,
+    body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float, control_dt: float
 ) -> np.ndarray:
     """(steps, joints) angles [rad] of a gait without modulation or lead, from phase 0; see `joint_targets`."""
     targets, phase = np.zeros((steps, len(body.nominal_pose))), 0.0
     for row in targets:
-        joint_targets(
-            body, phase, forward, 0.0, frequency, height, (0.0, 0.0), swing_stance_ratio, body.swing_height, row
-        )
+        joint_targets(body, phase, forward, 0.0, frequency, height, (0.0, 0.0), ratio, body.swing_height, row)
         phase = advance_phase(phase, frequency, control_dt)
     return targets

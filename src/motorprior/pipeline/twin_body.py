@@ -10,7 +10,7 @@ from motorprior.bench.fleet import Fleet
 from motorprior.hardware.sign_conventions import servo_current
 from motorprior.hardware.virtual.firmware import Drive, Sensors
 from motorprior.robots.robot import Robot
-from motorprior.simulation.live_robot import LiveRobot
+from motorprior.simulation.simulated_robot import SimulatedRobot
 
 TWIN_STREAM = 0x7710  # separates the motors of virtual robots from those of benches, training and transfer studies
 
@@ -25,7 +25,7 @@ def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
 
 
 class TwinBody:
-    """`hardware.virtual.firmware.Body` on `simulation.live_robot.LiveRobot`, in the robot's signs.
+    """`hardware.virtual.firmware.Body` on `simulation.simulated_robot.SimulatedRobot`, in the robot's signs.
 
     Attributes:
         live: the simulated robot.
@@ -33,7 +33,7 @@ class TwinBody:
 
     def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, seed: int):
         self._signs = robot.require_wire().joint_signs
-        self.live = LiveRobot(robot, motors, suspended, np.random.default_rng([TWIN_STREAM, seed, 1]))
+        self.live = SimulatedRobot(robot, motors, suspended, np.random.default_rng([TWIN_STREAM, seed, 1]))
         self._drive: Drive | None = None
         self._gains: tuple[float, ...] = ()
 

@@ -1,22 +1,20 @@
-"""Where episodes run: one after the other, on threads, or on other processes and machines.
+"""Where episodes run: one after the other, on threads, on processes of this machine, or on a Ray cluster.
 
-Same bytes everywhere, on machines with the same processor features and libraries: code is compiled for the processor.
-
-A round of episodes is a list of tasks with one shared object, the policy that they perturb. Both are small: noise and
-motors are sent as seeds, from which a worker draws them. Results are in the order of the tasks, whatever the order
-in which they finish. The compiled episode releases the interpreter lock, so that threads run on several cores; an
-engine that holds the lock (PyBullet) needs processes.
+A round of episodes is a list of tasks with one shared object. Both are small: noise and motors are sent as seeds.
+Results are in the order of the tasks and have the same bytes on every executor, given the same processor features and
+libraries. The compiled episode releases the interpreter lock, so threads use several cores; PyBullet needs processes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
+from queue import SimpleQueue
 from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from motorprior.exceptions import ConfigError
-from motorprior.search.executor_ray import RayExecutor, held_cluster, require_ray
-from motorprior.search.executor_threads import SerialExecutor, ThreadExecutor
+from motorprior.search.executor_ray import RayExecutor, ray_cluster, require_ray
 
 Result = TypeVar("Result")
 Kind = Literal["serial", "threads", "ray"]
@@ -34,30 +32,66 @@ class Executor(Protocol):
         ...
 
 
-def many_executors(kind: Kind, workers: int, address: str | None = None) -> AbstractContextManager[None]:
-    """While it is open, the executors of this kind that are made share what is slow to start.
+class SerialExecutor:
+    """One simulator, one episode after the other."""
 
-    Raises:
-        ConfigError: see `make_executor`.
-    """
-    return held_cluster(workers, address) if kind == "ray" else nullcontext()
+    def __init__(self, make_simulator: Callable[[], Any]):
+        self._simulator = make_simulator()
+
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+        """Results in the order of ``tasks``."""
+        return [function(self._simulator, shared, task) for task in tasks]
+
+    def close(self) -> None:
+        """Close the simulator."""
+        self._simulator.close()
+
+
+class ThreadExecutor:
+    """``workers`` threads, each taking a simulator from a pool."""
+
+    def __init__(self, make_simulator: Callable[[], Any], workers: int):
+        self._simulators = [make_simulator() for _ in range(workers)]
+        self._idle: SimpleQueue[Any] = SimpleQueue()
+        for simulator in self._simulators:
+            self._idle.put(simulator)
+        self._pool = ThreadPoolExecutor(workers)
+
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+        """Results in the order of ``tasks``."""
+
+        def run(task: Any) -> Result:
+            simulator = self._idle.get()
+            try:
+                return function(simulator, shared, task)
+            finally:
+                self._idle.put(simulator)
+
+        return list(self._pool.map(run, tasks))
+
+    def close(self) -> None:
+        """Wait for running episodes, stop the threads, close the simulators."""
+        self._pool.shutdown(cancel_futures=True)
+        for simulator in self._simulators:
+            simulator.close()
+
+
+def shared_cluster(kind: Kind, workers: int, address: str | None = None) -> AbstractContextManager[Any]:
+    """Within this context, all executors of kind "ray" use one cluster; see `ray_cluster`."""
+    return ray_cluster(workers, address) if kind == "ray" else nullcontext()
 
 
 def require_executor(kind: Kind, address: str | None = None) -> None:
-    """Refuse before any work what `make_executor` would.
+    """Check an executor before any work.
 
     Raises:
-        ConfigError: unknown kind, Ray is not available, or an address for an executor that has no use for it.
+        ConfigError: unknown kind, Ray is not available, or an address for another executor than Ray.
     """
-    _require_kind(kind, address)
-    if kind == "ray":
-        require_ray(address)
-
-
-def _require_kind(kind: Kind, address: str | None) -> None:
     if kind not in get_args(Kind):
         raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}", argument="executor")
-    if kind != "ray" and address is not None:
+    if kind == "ray":
+        require_ray(address)
+    elif address is not None:
         raise ConfigError(
             "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
         )
@@ -75,11 +109,8 @@ def make_executor(
         address: of the Ray cluster to join; without one Ray starts on this machine only.
 
     Raises:
-        ConfigError: unknown kind, fewer than one worker, or Ray is not available.
+        ConfigError: Ray is not available.
     """
-    _require_kind(kind, address)
-    if workers < 1:
-        raise ConfigError(f"workers {workers} must be >= 1", remedy="use at least one worker")
     if kind == "ray":
         return RayExecutor(make_simulator, workers, address)
     if kind == "serial" or workers == 1:

@@ -1,153 +1,70 @@
-"""``python -m motorprior.search.executor_process``: episodes in processes of this machine.
-
-For an engine that holds the interpreter lock (PyBullet). A process is a new interpreter that imports by name what it is
-sent; unlike those of `multiprocessing` it does not import the program's main module, which a script without a guard
-would run again. It ends with the program that started it.
-"""
+"""Episodes in processes of this machine, for an engine that holds the interpreter lock (PyBullet)."""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import pickle
-import subprocess
-import sys
-import tempfile
-import traceback
+import signal
+import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
-from motorprior.exceptions import MotorPriorError, SimulationFault
-from motorprior.search.executor_threads import ThreadExecutor
+from motorprior.exceptions import SimulationFault
 
 Result = TypeVar("Result")
+_simulator: Any = None  # in a worker process
 
 
 class ProcessExecutor:
-    """``workers`` processes, each with a simulator of its own.
+    """``workers`` processes, each with its own simulator.
+
+    A process imports the program's main module, so a script needs the guard ``if __name__ == "__main__":``.
 
     Args:
-        make_simulator: called once in every process; it and what is mapped are found there by their modules' names.
+        make_simulator: called once in every process; must pickle, as must the mapped functions and tasks.
         workers: number of processes.
     """
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int):
-        self._threads = ThreadExecutor(partial(_Process, make_simulator), workers)
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(make_simulator,))
 
     def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
         """Results in the order of ``tasks``.
 
         Raises:
             SimulationFault: a process ended.
-            Exception: what the function raised there.
+            Exception: what the function raised.
         """
-        return self._threads.map(_Process.run, (function, shared), tasks)
+        try:
+            return list(self._pool.map(partial(_run, function, shared), tasks))
+        except BrokenProcessPool as error:
+            raise SimulationFault(
+                "a process ended in an episode", remedy="start again; what is finished is kept"
+            ) from error
 
     def close(self) -> None:
         """Wait for running episodes, end the processes."""
-        self._threads.close()
+        self._pool.shutdown(cancel_futures=True)
 
 
-class _Process:
-    """A process with a simulator."""
-
-    def __init__(self, make_simulator: Callable[[], Any]):
-        line = [sys.executable, "-P", "-m", "motorprior.search.executor_process"]
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(folder or os.getcwd() for folder in sys.path)}
-        self._written = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
-        self._process = subprocess.Popen(
-            line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._written, env=environment,
-            start_new_session=True,  # Ctrl-C is for the program, which closes this one
-        )  # fmt: skip
-        self._make: Callable[[], Any] | None = make_simulator
-
-    def run(self, work: tuple[Callable[[Any, Any, Any], Result], Any], task: Any) -> Result:
-        """Result of a function of (simulator, shared, task); ``work`` is (function, shared)."""
-        question, answer = self._process.stdin, self._process.stdout
-        assert question is not None and answer is not None
-        try:
-            if self._make is not None:
-                _write(question, pickle.dumps(self._make))
-                self._make = None
-            _write(question, pickle.dumps((*work, task)))
-            found = _read(answer)
-        except (BrokenPipeError, EOFError) as error:
-            raise SimulationFault(
-                f"the process of task {task} ended with {self._process.wait()}{self._last_words()}",
-                remedy="start again; what is finished is kept",
-            ) from error
-        succeeded, result = pickle.loads(found)
-        if not succeeded:
-            raise result
-        return result
-
-    def _last_words(self) -> str:
-        self._written.seek(0)
-        lines = self._written.read().decode(errors="replace").split("\n")
-        said = next((line for line in reversed(lines) if line.strip()), "")
-        return f": {said}" if said else ""
-
-    def close(self) -> None:
-        """End the process."""
-        try:
-            self._process.communicate(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
-        self._written.close()
+def _begin(make_simulator: Callable[[], Any]) -> None:
+    global _simulator
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program, which ends its workers
+    threading.Thread(target=_end_with_program, daemon=True).start()
+    os.dup2(2, 1)  # an engine's messages are not results of the program
+    _simulator = make_simulator()
 
 
-def _write(file: IO[bytes], data: bytes) -> None:
-    file.write(len(data).to_bytes(8, "little"))
-    file.write(data)
-    file.flush()
+def _end_with_program() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
 
 
-def _read(file: IO[bytes]) -> bytes:
-    """What was written at a time.
-
-    Raises:
-        EOFError: who writes ended before, or while writing.
-    """
-    size = file.read(8)
-    data = file.read(int.from_bytes(size, "little")) if len(size) == 8 else b""
-    if len(size) < 8 or len(data) < int.from_bytes(size, "little"):
-        raise EOFError
-    return data
-
-
-def serve(questions: IO[bytes], answers: IO[bytes]) -> None:
-    """Read a function that makes a simulator, then (function, shared, task); write (succeeded, result) of each."""
-    simulator = None
-    try:
-        make = _read(questions)
-        while True:
-            question = _read(questions)
-            try:
-                simulator = pickle.loads(make)() if simulator is None else simulator
-                function, shared, task = pickle.loads(question)
-                found = pickle.dumps((True, function(simulator, shared, task)))
-            except Exception as error:
-                found = _dumped(error)
-            _write(answers, found)
-    except (EOFError, BrokenPipeError):  # the program has no more tasks, or is gone
-        if simulator is not None:
-            simulator.close()
-
-
-def _dumped(error: Exception) -> bytes:
-    """(False, error), with where it was raised; one that cannot be sent is told in words."""
-    if not isinstance(error, MotorPriorError):
-        error.add_note(traceback.format_exc())
-    try:
-        found = pickle.dumps((False, error))
-        pickle.loads(found)
-    except Exception:
-        found = pickle.dumps((False, SimulationFault(f"{type(error).__name__}: {error}")))
-    return found
-
-
-if __name__ == "__main__":
-    pipe = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what an engine prints is no answer
-    serve(sys.stdin.buffer, pipe)
+def _run(function: Callable[[Any, Any, Any], Result], shared: Any, task: Any) -> Result:
+    return function(_simulator, shared, task)

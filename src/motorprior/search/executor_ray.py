@@ -1,13 +1,12 @@
 """Episodes on many processes and machines, by Ray.
 
-Tasks are stateless, so Ray itself runs those of a lost worker or node again elsewhere; a worker keeps a
-simulator between tasks, which changes no result. Nothing is joined unasked: without an address Ray starts a
-cluster of this machine alone, whatever RAY_ADDRESS says or other clusters run, and listens on the loopback interface
-only: who reaches a port of Ray can run code.
+Ray runs the tasks of a lost worker or node again elsewhere. Without an address Ray starts a cluster of this machine
+alone, whatever RAY_ADDRESS is or other clusters run, and listens on the loopback interface only: anyone with access to
+a port of Ray can run code.
 """
 
 # pyright: reportMissingImports=false
-# An extra.
+# Ray is an extra.
 from __future__ import annotations
 
 import ipaddress
@@ -15,49 +14,37 @@ import itertools
 import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
 
 from motorprior.exceptions import ConfigError, SimulationFault
 
 Result = TypeVar("Result")
-RETRIES = 3
-"""Times a chunk of tasks runs again after its worker or node was lost."""
-CHUNKS_PER_WORKER = 4
-"""Number of chunks per worker; several balance episodes of different lengths."""
-MANY_CHUNKS = 256
-"""Number of chunks beyond which each worker gets one chunk, since starting more costs the driver more time than the
-balance saves (docs/scaling.md)."""
+RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
+CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
+MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
 _REMEDY = "read Ray's logs; finished iterations are kept"
 _CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
-_SIMULATORS: dict[str, Any] = {}
-"""In a worker process: simulators of the executors it worked for last."""
-_MOST_SIMULATORS = 2
-"""A training and its contests take turns."""
+_SIMULATORS: dict[str, Any] = {}  # in a worker process: of the latest two executors, training and evaluation
 _NUMBERS = itertools.count()
-_HELD: list[str | None] = []
-"""Address of the cluster that `held_cluster` keeps, while it does."""
 
 
 @contextmanager
-def held_cluster(workers: int, address: str | None = None) -> Iterator[None]:
-    """Keep one cluster for all `RayExecutor` that are made while this is open; they must name the same address.
-
-    Where one is held already, nothing happens.
+def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
+    """The module ray, in a cluster: the one that this process is in already, else one that ends with the context.
 
     Raises:
-        ConfigError: see `RayExecutor`.
+        ConfigError: Ray is not installed, no cluster answers at the address, or a cluster of this machine alone would
+            be open to others.
     """
-    if [address] == _HELD:
-        yield
-        return
     ray = _import_ray()
+    if ray.is_initialized():
+        yield ray
+        return
     _join(ray, workers, address)
-    _HELD.append(address)
     try:
-        yield
+        yield ray
     finally:
-        _HELD.clear()
         ray.shutdown()
 
 
@@ -71,15 +58,12 @@ class RayExecutor:
         address: of a running cluster to join.
 
     Raises:
-        ConfigError: Ray is not installed, this process is in a cluster that was not asked for, the one that was asked
-            for does not answer, or one of this machine alone would be open to others.
+        ConfigError: see `ray_cluster`.
     """
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
-        self._ray, self._workers = _import_ray(), workers
-        self._owns = [address] != _HELD
-        if self._owns:
-            _join(self._ray, workers, address)
+        self._cluster = ExitStack()
+        self._ray, self._workers = self._cluster.enter_context(ray_cluster(workers, address)), workers
         self._name = f"{os.getpid()}-{next(_NUMBERS)}"
         self._make = self._ray.put(make_simulator)
         options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
@@ -90,8 +74,8 @@ class RayExecutor:
 
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
-            Exception: what the function raised in a worker. Chunks that are left run on until `close`: to cancel one
-                that is ending lets Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
+            Exception: what the function raised in a worker. Other chunks run on until `close`: to cancel one that is
+                ending lets Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
         size = chunk_size(len(tasks), self._workers)
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
@@ -101,35 +85,32 @@ class RayExecutor:
         return list(itertools.chain.from_iterable(collected))
 
     def _collect(self, chunk: list[Any], reference: Any) -> list[Any]:
-        """Results of a chunk; what went wrong in the words of this process."""
-        known = self._ray.exceptions
+        errors = self._ray.exceptions
         try:
             return self._ray.get(reference)
-        except (known.WorkerCrashedError, known.NodeDiedError) as error:
+        except (errors.WorkerCrashedError, errors.NodeDiedError) as error:
             raise SimulationFault(
                 f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})", remedy=_REMEDY
             ) from error
-        except known.RayError as error:
-            cause = error.cause if isinstance(error, known.RayTaskError) else error
-            if not isinstance(cause, known.RayError):
+        except errors.RayError as error:
+            cause = error.cause if isinstance(error, errors.RayTaskError) else error
+            if not isinstance(cause, errors.RayError):
                 raise cause from None  # Ray's own error would print the worker's traceback
-            said = str(cause).strip().partition("\n")[0]
-            raise SimulationFault(f"Ray failed ({type(cause).__name__}): {said}", remedy=_REMEDY) from error
+            message = str(cause).strip().partition("\n")[0]
+            raise SimulationFault(f"Ray failed ({type(cause).__name__}): {message}", remedy=_REMEDY) from error
 
     def close(self) -> None:
-        """Leave the cluster, unless it is held; stops it if it was started here."""
-        if self._owns:
-            self._ray.shutdown()
+        """Stop the cluster, or leave it, if this executor joined it."""
+        self._cluster.close()
 
 
 def require_ray(address: str | None = None) -> None:
-    """Refuse before any work what `RayExecutor` would.
+    """Check before any work that Ray is installed and that a cluster answers at the address.
 
     Raises:
-        ConfigError: Ray is not installed, or no cluster answers at the address.
+        ConfigError: it is not, or none does.
     """
-    _import_ray()
-    if address is not None and [address] != _HELD:
+    if not _import_ray().is_initialized() and address is not None:
         _require_answer(address)
 
 
@@ -142,7 +123,7 @@ def chunk_size(tasks: int, workers: int) -> int:
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
     """In a worker: run the tasks one after the other."""
     if name not in _SIMULATORS:
-        while len(_SIMULATORS) >= _MOST_SIMULATORS:
+        while len(_SIMULATORS) >= 2:
             _SIMULATORS.pop(next(iter(_SIMULATORS))).close()
         _SIMULATORS[name] = make_simulator()
     function, shared = common
@@ -150,28 +131,30 @@ def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, 
 
 
 def _join(ray: Any, workers: int, address: str | None) -> None:
-    if ray.is_initialized():
-        raise ConfigError(
-            "this process is in a Ray cluster already", remedy="call ray.shutdown() first, and give the address to join"
-        )
     quiet = {"log_to_driver": False, "logging_level": "ERROR"}
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
-    if address is None:
-        with _on_loopback(ray):
-            ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
-        _require_loopback(ray)
+    if address is not None:
+        _require_answer(address)
+        ray.init(address=address, **quiet)
         return
-    _require_answer(address)
-    ray.init(address=address, **quiet)
+    with _on_loopback(ray):
+        ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
+    host = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(host).is_loopback:
+        ray.shutdown()
+        raise ConfigError(
+            f"Ray {ray.__version__} listens on {host}, where other machines reach it",
+            remedy="use the executor threads, or another version of Ray",
+        )
 
 
 @contextmanager
 def _on_loopback(ray: Any) -> Iterator[None]:
-    """What Ray starts while this is open listens on the loopback interface, its default on Windows and macOS.
+    """Ray processes that start within this context listen on the loopback interface.
 
-    Ray's switch for it is a variable of the environment, named after those systems, that its processes read when they
-    start, and this one read when it imported Ray (_private/services.py, get_node_ip_address, Ray 2.9 to 2.60).
+    Ray's switch for it is an environment variable, named after the systems where loopback is the default. Its processes
+    read it when they start, and this one when it imported Ray (_private/services.py, Ray 2.9 to 2.60).
     """
     constants, before = ray._private.ray_constants, os.environ.get(_CLUSTERS)
     read, os.environ[_CLUSTERS] = constants.ENABLE_RAY_CLUSTER, "0"
@@ -186,37 +169,16 @@ def _on_loopback(ray: Any) -> Iterator[None]:
             os.environ[_CLUSTERS] = before
 
 
-def _require_loopback(ray: Any) -> None:
-    """Stop a cluster that others can reach.
-
-    Raises:
-        ConfigError: this version of Ray does not heed its switch.
-    """
-    address = ray.util.get_node_ip_address()
-    if not ipaddress.ip_address(address).is_loopback:
-        ray.shutdown()
-        raise ConfigError(
-            f"Ray {ray.__version__} listens on {address}, where other machines reach it",
-            remedy="use the executor threads, or another version of Ray",
-        )
-
-
 def _require_answer(address: str) -> None:
-    """Refuse an address that accepts no connection; Ray itself would try for minutes.
-
-    Raises:
-        ConfigError: not HOST:PORT, or no connection.
-    """
+    """Refuse an address that accepts no connection; Ray itself would try for minutes."""
     host, _, port = address.rpartition(":")
     try:
         socket.create_connection((host, int(port)), timeout=10.0).close()
     except (OSError, ValueError, OverflowError) as error:
         raise ConfigError(
-            f"no Ray cluster answers at ray_address ({error})",
-            where=address,
-            remedy="give HOST:PORT of its head",
+            f"no Ray cluster answers at ray_address ({error})", where=address, remedy="give HOST:PORT of its head",
             argument="ray_address",
-        ) from error
+        ) from error  # fmt: skip
 
 
 def _import_ray() -> Any:

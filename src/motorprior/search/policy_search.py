@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,33 +13,18 @@ from motorprior.bounds import seed_of
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.search.ars import Ars, ArsConfig, Candidate, perturbed
 from motorprior.search.executor import Executor
-from motorprior.search.moments import Moments
 from motorprior.search.policy_shape import PolicyShape
+from motorprior.search.running_stats import RunningStats
 
-CONTEST_EVERY, CONTEST_DRAWS = 10, 16
-CONTEST = 2**32 - 1
-"""Number in the seeds of contests where training seeds have the iteration."""
-HIDDEN = 2**32 - 2
-"""Number in the seed of the first hidden units where training seeds have the iteration."""
-REMEMBERED = 100_000
-"""Number of observations that the statistics of a start policy count as; about those of a dozen default iterations."""
-
-
-class EpisodeLike(Protocol):
-    """Attributes of an episode that training uses."""
-
-    total: float
-    steps: int
-    speed_error: float
-    fault: int
-    count: int
-    mean: np.ndarray
-    m2: np.ndarray
+EVALUATION_EVERY, EVALUATION_DRAWS = 10, 16  # iterations, episodes
+EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
+HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
+START_OBSERVATIONS = 100_000  # weight of a start policy's observation statistics: about a dozen iterations
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """One point of a learning curve: means over the iteration's episodes, and how many broke down, by fault number."""
+    """A point of the learning curve: means over the episodes, and the number of episodes by fault."""
 
     iteration: int
     mean_return: float
@@ -51,69 +36,66 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What the tasks of a round share: parameters and observations of the search, its noise, what they stand for."""
+    """State of a search that all episodes of an iteration share."""
 
     parameters: np.ndarray
-    observations: Moments
+    observations: RunningStats
     config: ArsConfig
     iteration: int
     shape: PolicyShape
 
     @classmethod
     def of(cls, search: Ars, shape: PolicyShape) -> Round:
-        """The round of the search's present state."""
+        """The present state."""
         return cls(search.parameters, search.observations, search.config, search.iteration, shape)
 
     def policy(self, candidate: Candidate) -> PolicyArrays:
-        """The policy that a candidate stands for."""
+        """Policy of a candidate."""
         parameters = perturbed(self.parameters, candidate, self.config, self.iteration)
         return self.shape.policy(parameters, self.observations, self.config.normalise)
 
 
 @dataclass(frozen=True)
 class Task:
-    """One episode to run: which perturbation, on the motors of which seed."""
+    """An episode to run: a candidate, and the seed of its motors."""
 
     candidate: Candidate
     seed: int
 
 
 @dataclass(frozen=True, eq=False)
-class Champion:
-    """The best policy so far, its mean return [m], and the iteration it is of; -1 if there is none."""
+class BestPolicy:
+    """The best policy so far, its mean return [m] in evaluation, and its iteration; -1 if there is none."""
 
     policy: PolicyArrays
     score: float
     iteration: int
 
     @classmethod
-    def none_yet(cls, shape: PolicyShape) -> Champion:
-        """A champion that loses against every policy."""
-        nothing = shape.policy(np.zeros(shape.size), Moments.empty(shape.observations))
-        return cls(nothing, -float(np.finfo(np.float64).max), -1)
+    def none_yet(cls, shape: PolicyShape) -> BestPolicy:
+        """The zero policy with a score below every other."""
+        zero = shape.policy(np.zeros(shape.size), RunningStats.empty(shape.observations))
+        return cls(zero, -float(np.finfo(np.float64).max), -1)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Arrays that `restore` reads."""
+        """Arrays for `restore`."""
         arrays = {f"champion_{name}": value for name, value in self.policy._asdict().items()}
-        return arrays | {
-            "champion_score": np.array(self.score),
-            "champion_iteration": np.array(self.iteration),
-        }
+        return arrays | {"champion_score": np.array(self.score), "champion_iteration": np.array(self.iteration)}
 
     @classmethod
-    def restore(cls, state: Mapping[str, np.ndarray]) -> Champion:
-        """The champion from the arrays of `state`."""
+    def restore(cls, state: Mapping[str, np.ndarray]) -> BestPolicy:
+        """The best policy from its `state`."""
         policy = PolicyArrays(*(state[f"champion_{name}"] for name in PolicyArrays._fields))
         return cls(policy, float(state["champion_score"]), int(state["champion_iteration"]))
 
 
-def run_task(simulator: Any, shared: Round, task: Task) -> EpisodeLike:
-    """Run one episode on a worker's simulator."""
+def run_task(simulator: Any, shared: Round, task: Task) -> Any:
+    """Run one episode on a worker's simulator; returns a `simulation.rollout.Episode`."""
     return simulator.run(shared.policy(task.candidate), task.seed)
 
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
-    """Seed of an episode's motors; both signs of a direction walk on the same motors."""
+    """Seed of an episode's motors, the same for both signs of a direction."""
     return seed_of(seed, iteration, direction, 7)
 
 
@@ -123,25 +105,24 @@ def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:
     tasks = [Task(candidate, episode_seed(seed, iteration, candidate.direction)) for candidate in search.ask()]
     episodes = executor.map(run_task, Round.of(search, shape), tasks)
     returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
-    search.tell(returns, [Moments(episode.count, episode.mean, episode.m2) for episode in episodes])
+    search.tell(returns, [RunningStats(episode.count, episode.mean, episode.m2) for episode in episodes])
     steps = float(np.mean([episode.steps for episode in episodes]))
     faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
-    off = float(np.mean([episode.speed_error for episode in episodes]))
-    return Iteration(iteration, float(returns.mean()), float(returns.max()), steps, off, dict(sorted(faults.items())))
+    speed_error = float(np.mean([episode.speed_error for episode in episodes]))
+    mean, best = float(returns.mean()), float(returns.max())
+    return Iteration(iteration, mean, best, steps, speed_error, dict(sorted(faults.items())))
 
 
-def contest(search: Ars, shape: PolicyShape, executor: Executor, champion: Champion) -> Champion:
-    """The better of the champion and the policy of the search's averaged parameters, where the executor walks.
+def updated_best(search: Ars, shape: PolicyShape, evaluator: Executor, best: BestPolicy) -> BestPolicy:
+    """Evaluate the policy of the averaged parameters; returns the better of it and ``best``.
 
-    Every contest is walked on the same CONTEST_DRAWS draws of motors.
+    Every evaluation runs on the same EVALUATION_DRAWS draws of motors.
     """
     shared = replace(Round.of(search, shape), parameters=search.average)
-    seeds = [episode_seed(search.config.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
-    episodes = executor.map(run_task, shared, [Task(Candidate(0, 0), seed) for seed in seeds])
+    seeds = [episode_seed(search.config.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
+    episodes = evaluator.map(run_task, shared, [Task(Candidate(0, 0), seed) for seed in seeds])
     score = float(np.mean([episode.total for episode in episodes]))
-    if score <= champion.score:
-        return champion
-    return Champion(shared.policy(Candidate(0, 0)), score, search.iteration)
+    return best if score <= best.score else BestPolicy(shared.policy(Candidate(0, 0)), score, search.iteration)
 
 
 def train(
@@ -149,82 +130,70 @@ def train(
     shape: PolicyShape,
     executor: Executor,
     iterations: int,
-    champion: Champion,
-    progress: Callable[[Iteration, Champion], None] | None = None,
-    judge: Executor | None = None,
+    best: BestPolicy,
+    progress: Callable[[Iteration, BestPolicy], None] | None = None,
+    evaluator: Executor | None = None,
     patience: int | None = None,
-) -> Champion:
-    """Advance ``search`` until it has made ``iterations`` iterations; returns the best policy on the way.
+) -> BestPolicy:
+    """Advance ``search`` to ``iterations`` iterations; returns the best policy of all evaluations.
 
-    The last policy of a random search is not its best: every CONTEST_EVERY iterations, and at the end, the
-    policy of the averaged parameters challenges the champion.
+    The policy of the averaged parameters is evaluated every EVALUATION_EVERY iterations and at the end.
 
     Args:
         search: to advance.
         shape: of the policy.
-        executor: where candidates walk.
-        iterations: at most.
-        champion: of the contests before.
+        executor: runs the training episodes.
+        iterations: maximum.
+        best: of earlier evaluations.
         progress: called after every iteration.
-        judge: where contests are walked; ``executor`` if not given.
-        patience: end after so many contests in a row that the champion won; never if not given.
+        evaluator: runs the evaluation episodes; ``executor`` if not given.
+        patience: stop after so many evaluations in a row without a better policy; never if not given.
     """
-    while search.iteration < iterations and not is_settled(search, champion, patience):
+    while search.iteration < iterations and not has_converged(search, best, patience):
         point = advance(search, shape, executor)
-        if search.iteration % CONTEST_EVERY == 0 or search.iteration == iterations:
-            champion = contest(search, shape, executor if judge is None else judge, champion)
+        if search.iteration % EVALUATION_EVERY == 0 or search.iteration == iterations:
+            best = updated_best(search, shape, executor if evaluator is None else evaluator, best)
         if progress is not None:
-            progress(point, champion)
-    return champion
+            progress(point, best)
+    return best
 
 
-def is_settled(search: Ars, champion: Champion, patience: int | None) -> bool:
-    """Whether the champion has won ``patience`` contests in a row."""
-    return patience is not None and search.iteration - max(0, champion.iteration) >= patience * CONTEST_EVERY
+def has_converged(search: Ars, best: BestPolicy, patience: int | None) -> bool:
+    """Whether ``patience`` evaluations in a row have found no better policy."""
+    return patience is not None and search.iteration - max(0, best.iteration) >= patience * EVALUATION_EVERY
 
 
 def new_search(config: ArsConfig, shape: PolicyShape, start: Policy | None = None) -> Ars:
-    """A search that starts from a policy, or from the zero policy, which leaves the gait as it is.
+    """A search that starts from a policy, or from the zero policy, which is the plain gait.
 
-    The observations of a ``start`` count as REMEMBERED of its own mean and spread: the weights keep their meaning while
-    new observations come in. In a search that does not normalise, mean and spread go into the weights.
+    The observation statistics of ``start`` get the weight of START_OBSERVATIONS observations. Without normalisation
+    they are folded into the weights.
 
     Raises:
         ConfigError: a start of another number of hidden units, or one that is not symmetric where the shape is.
     """
     search = Ars(config, shape.size, shape.observations)
     if start is not None:
-        search.parameters = search.average = shape.parameters(
-            start if config.normalise else _of_raw_observations(start)
-        )
-        deviation = REMEMBERED * np.square(start.observation_std)
-        search.observations = Moments(REMEMBERED, start.observation_mean, deviation)
-    elif shape.units:
-        search.parameters = search.average = _small_hidden(config.seed, shape)
+        search.parameters = search.average = shape.parameters(start if config.normalise else _without_scaling(start))
+        m2 = START_OBSERVATIONS * np.square(start.observation_std)
+        search.observations = RunningStats(START_OBSERVATIONS, start.observation_mean, m2)
+    elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout the policy is still the plain gait
+        search.parameters = search.average = np.zeros(shape.size)
+        _, hidden, _ = shape.split(search.parameters)
+        rng = np.random.default_rng([config.seed, HIDDEN])
+        hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
     return search
 
 
-def _of_raw_observations(policy: Policy) -> Policy:
-    """The same policy, up to the clip of outliers, without normalisation.
-
-    [W, b]·[(x - m)/s; 1] = [W/s, b - (W/s)·m]·[x; 1].
-    """
+def _without_scaling(policy: Policy) -> Policy:
+    """The same policy without observation scaling: [W, b]·[(x - m)/s; 1] = [W/s, b - (W/s)·m]·[x; 1]."""
     mean, std = policy.observation_mean, policy.observation_std
 
-    def raw(matrix: np.ndarray) -> np.ndarray:
+    def unscaled(matrix: np.ndarray) -> np.ndarray:
         scaled = matrix[:, :-1] / std
         return np.column_stack([scaled, matrix[:, -1] - scaled @ mean])
 
     return replace(
-        policy, weights=raw(policy.weights), hidden=raw(policy.hidden),
+        policy, weights=unscaled(policy.weights), hidden=unscaled(policy.hidden),
         observation_mean=np.zeros_like(mean), observation_std=np.ones_like(std),
     )  # fmt: skip
-
-
-def _small_hidden(seed: int, shape: PolicyShape) -> np.ndarray:
-    """(size,) zeros but for H, normal with variance 1 / inputs: units that differ, and as yet move nothing."""
-    parameters = np.zeros(shape.size)
-    _, hidden, _ = shape.split(parameters)
-    rng = np.random.default_rng([seed, HIDDEN])
-    hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
-    return parameters

@@ -1,4 +1,4 @@
-"""Which policy a flat vector of parameters stands for."""
+"""Policy from a flat vector of parameters, and back."""
 
 from __future__ import annotations
 
@@ -11,35 +11,21 @@ from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.locomotion.symmetry import Mirror, mirror_of
 from motorprior.robots.robot import Robot
-from motorprior.search.moments import Moments
-
-
-def units_for(hidden_units: int, symmetric: bool) -> int:
-    """Units of a `PolicyShape` before mirroring, for so many hidden units of the policy.
-
-    Raises:
-        ConfigError: an odd number of a symmetric policy, which has every unit and its mirrored twin.
-    """
-    if symmetric and hidden_units % 2:
-        raise ConfigError(
-            f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
-            remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
-        )  # fmt: skip
-    return hidden_units // 2 if symmetric else hidden_units
+from motorprior.search.running_stats import RunningStats
 
 
 @dataclass(frozen=True, eq=False)
 class PolicyShape:
     """Sizes of a policy, and its symmetry.
 
-    The parameters are those of W (actions, inputs), then of H (units, inputs), then of V (units, actions), each row by
-    row. With a mirror, W becomes the nearest symmetric one, and every hidden unit gets a mirrored twin: H above H·O and
-    V above V·A, so that the policy answers a mirrored observation with the mirrored action.
+    The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row. With a mirror, W is
+    made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A, so that a mirrored
+    observation gives the mirrored action.
 
     Attributes:
         num_joints: of the robot.
-        units: hidden units before mirroring; none for a linear policy.
-        mirror: of the robot in its gait; None for a policy that may limp.
+        units: hidden units before mirroring; 0 for a linear policy.
+        mirror: of the robot in its gait; None for a policy without symmetry.
     """
 
     num_joints: int
@@ -47,13 +33,20 @@ class PolicyShape:
     mirror: Mirror | None = None
 
     @classmethod
-    def of(cls, robot: Robot, gait: str, units: int, symmetric: bool) -> PolicyShape:
-        """Of a robot's policy in a gait.
+    def of(cls, robot: Robot, gait: str, hidden_units: int, symmetric: bool) -> PolicyShape:
+        """Shape of a robot's policy in a gait.
 
         Raises:
-            ConfigError: symmetry of a robot or a gait that has none.
+            ConfigError: symmetry of a robot or a gait that has none, or an odd number of hidden units with symmetry.
         """
-        return cls(robot.num_joints, units, mirror_of(robot, gait) if symmetric else None)
+        if symmetric and hidden_units % 2:
+            raise ConfigError(
+                f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
+                remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
+            )  # fmt: skip
+        if symmetric:
+            return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
+        return cls(robot.num_joints, hidden_units)
 
     @property
     def observations(self) -> int:
@@ -76,8 +69,8 @@ class PolicyShape:
             parameters[second:].reshape(self.units, actions),
         )
 
-    def policy(self, parameters: np.ndarray, moments: Moments, normalise: bool = True) -> PolicyArrays:
-        """The policy of (size,) parameters, which normalises with the moments of its observations."""
+    def policy(self, parameters: np.ndarray, observations: RunningStats, normalise: bool = True) -> PolicyArrays:
+        """The policy of (size,) parameters, normalised by the statistics of its observations."""
         weights, hidden, readout = self.split(parameters)
         inputs = self.observations + 1
         if self.mirror is not None:
@@ -86,18 +79,19 @@ class PolicyShape:
             readout = np.concatenate([readout, self.mirror.action.of(readout)])
         if not normalise:
             return PolicyArrays(weights, hidden, readout, np.zeros(inputs - 1), np.ones(inputs - 1))
-        seen = self.seen(moments)
-        return PolicyArrays(weights, hidden, readout, seen.mean, seen.std())
+        stats = self.symmetric_stats(observations)
+        return PolicyArrays(weights, hidden, readout, stats.mean, stats.std())
 
-    def seen(self, moments: Moments) -> Moments:
-        """The moments of observations, and of their mirror images if there is a mirror."""
+    def symmetric_stats(self, observations: RunningStats) -> RunningStats:
+        """Statistics of observations together with their mirror images, if there is a mirror."""
         if self.mirror is None:
-            return moments
+            return observations
         swap = self.mirror.observation
-        return moments.merge(Moments(moments.count, swap.of(moments.mean), moments.m2[swap.place]))
+        mirrored = RunningStats(observations.count, swap.of(observations.mean), observations.m2[swap.index])
+        return observations.merge(mirrored)
 
     def parameters(self, policy: Policy) -> np.ndarray:
-        """(size,) the parameters that stand for a policy; inverse of `policy`.
+        """(size,) parameters of a policy; inverse of `policy`.
 
         Raises:
             ConfigError: it has another number of hidden units, or is not symmetric where this shape is.
@@ -111,7 +105,7 @@ class PolicyShape:
         parameters = np.concatenate(
             [policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()]
         )
-        kept = self.policy(parameters, Moments.empty(self.observations))
+        kept = self.policy(parameters, RunningStats.empty(self.observations))
         for name in ("weights", "hidden", "readout"):
             if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):
                 raise ConfigError(

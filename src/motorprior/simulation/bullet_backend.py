@@ -1,4 +1,4 @@
-"""PyBullet behind the `Backend` contract: the paper's engine, one Python call per physics step."""
+"""PyBullet as a `Backend`: the paper's engine, one Python call per physics step."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from motorprior.simulation.world_step import control_steps_late, has_broken_down
 
 
 class PybulletBackend:
-    """A simulated robot with other motors in every episode; see `bullet_world` for what it has in common with MuJoCo.
+    """A simulated robot with new motors in every episode; see `bullet_world` for the physics.
 
     Args:
         draw_motors: called at every reset with a generator seeded by the reset's seed.
         config: robot and physics; the base must be free.
-        randomization: what else differs between episodes.
-        terrain: the ground; other bumps in every episode.
-        episode_steps: control steps that pushes are drawn for.
+        randomization: of each episode, besides the motors.
+        terrain: the ground; new bumps in every episode.
+        episode_steps: control steps for which pushes are drawn.
 
     Raises:
-        ConfigError: PyBullet is not installed, the robot hangs, or it has no URDF.
+        ConfigError: PyBullet is not installed, the base is fixed, or the robot has no URDF.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class PybulletBackend:
         self._motors: ActuatorArrays | None = None
 
     def reset(self, seed: int) -> BackendState:
-        """Stand in the nominal pose on newly drawn motors, in a fresh client."""
+        """Stand in the nominal pose on newly drawn motors."""
         self._conditions = self._randomization.conditions(self._robot, seed, self._episode_steps)
         motors = self._draw(np.random.default_rng(seed))
         self._motors = self._world.reset(motors, conditions=self._conditions, seed=seed)

@@ -1,16 +1,12 @@
 """One robot in PyBullet, the paper's engine: the same links, motors and clocks as in `world`, another solver.
 
-Joints. Bullet has no reflected inertia and integrates joint damping explicitly, which a light leg does not
-survive. Both are cured by the motor's rotor, a link of its own that a gear constraint couples to the joint
-(the robot's URDF): with its inertia armature + physics_dt·damping and the torque of step k at
+Bullet has no reflected inertia and integrates joint damping explicitly, which is unstable on a light leg. So each
+rotor is a link of its own that a gear constraint couples to the joint (the robot's URDF). With the rotor inertia
+armature + physics_dt·damping and the torque of step k reduced by damping·joint_vel(k), the step gives
 
-    torque - damping·joint_vel(k),
+    (M + armature + physics_dt·damping)·Δjoint_vel = physics_dt·(torque - damping·joint_vel(k) + …),
 
-the step gives (M + armature + physics_dt·damping)·Δjoint_vel = physics_dt·(torque - damping·joint_vel(k) + …),
 which is MuJoCo's Euler step with implicit damping.
-
-Exactness. Bullet keeps caches that neither ``resetSimulation`` nor ``restoreState`` clears; only a fresh client
-gives the same bytes again, so every reset makes one.
 """
 
 # pyright: reportMissingModuleSource=false, reportMissingImports=false
@@ -38,15 +34,11 @@ from motorprior.simulation.randomization import Conditions, nominal_conditions
 from motorprior.simulation.terrain import CELL, Terrain, heights
 from motorprior.simulation.world_config import WorldConfig
 
-PHYSICS_DT = 0.001
-"""Step of PyBullet [s] (puppersim)."""
-SOLVER_ITERATIONS = 20
-"""Of contacts and gears together; 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)."""
+PHYSICS_DT = 0.001  # [s] as in puppersim
+SOLVER_ITERATIONS = 20  # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
+# Limit of gear_stiffness·physics_dt² of a grey box [kg·m²], 300 N·m/rad at 1 ms. Its damping is explicit here; on
+# a bare shank (3.4e-4 kg·m²) gears of 400 N·m/rad chatter.
 EXPLICIT_STIFFNESS = 3e-4
-"""Largest gear_stiffness·physics_dt² of a grey box [kg·m²], 300 N·m/rad at 1 ms: a stiffer gear is simulated as if it
-were only so stiff. Its damping is explicit here, and from 400 N·m/rad on a bare shank (3.4e-4 kg·m²) chatters."""
-_STIFF = 1e6
-_NO_LIMIT = 1e9
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class BaseMotion:
 
 
 class BulletWorld:
-    """A simulated robot in a PyBullet client of its own; `close` it.
+    """A simulated robot in its own PyBullet client, which `close` ends.
 
     Raises:
         ConfigError: PyBullet is not installed, or the robot has no URDF.
@@ -85,7 +77,7 @@ class BulletWorld:
         conditions: Conditions | None = None,
         seed: int = 0,
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` shapes a rough terrain.
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` is of a rough terrain.
 
         The pose and the conditions are the robot's nominal ones if not given.
         """
@@ -93,7 +85,7 @@ class BulletWorld:
         conditions = self._nominal if conditions is None else conditions
         require_motors(actuator, self.config.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
-        self._disconnect()
+        self.close()  # only a fresh client gives the same bytes: resetSimulation and restoreState keep some caches
         self._joints = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
@@ -108,16 +100,18 @@ class BulletWorld:
         return motors
 
     def close(self) -> None:
-        """Give the client back."""
-        self._disconnect()
+        """Close the client."""
+        if self._client >= 0:
+            self._bullet.disconnect(self._client)
+            self._client = -1
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
         """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
 
-        Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``torque``.
+        Writes the motors' torque on the joints, including the damping that the engine integrates, to ``torque``.
 
         Args:
-            motors: what `reset` gave.
+            motors: from `reset`.
             target: true joint angles [rad].
             push: (2,) horizontal force on the origin of the chassis [N].
         """
@@ -145,7 +139,7 @@ class BulletWorld:
         return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
 
     def measured_joint_pos(self, motors: ActuatorArrays) -> np.ndarray:
-        """(joints,) joint angles [rad] as the encoders report them."""
+        """(joints,) joint angles [rad] at the encoders."""
         measured = np.zeros(self._robot.num_joints)
         measure_joint_pos(motors, self.joints()[0], measured)
         return measured + self._conditions.encoder_offset
@@ -167,13 +161,7 @@ class BulletWorld:
         """A function of PyBullet on this world's client."""
         return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
-    def _disconnect(self) -> None:
-        if self._client >= 0:
-            self._bullet.disconnect(self._client)
-            self._client = -1
-
     def _load(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
-        """Floor and robot, with inertias from the file."""
         shift = conditions.com
         self.call("setTimeStep", self.config.physics_dt)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
@@ -190,7 +178,7 @@ class BulletWorld:
         self._com = np.array(self.call("getDynamicsInfo", self.robot, -1)[3])
 
     def _load_robot(self, text: str) -> int:
-        """PyBullet reads files only; the file is gone at once, since a killed worker would leave it behind."""
+        """Load from a file, as PyBullet reads nothing else, and delete it."""
         height = self._robot.suspended_height if self.config.suspended else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
         with TemporaryDirectory(prefix="motorprior-") as folder:
@@ -214,31 +202,26 @@ class BulletWorld:
         self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
 
     def _free_joints(self, joint_pos: np.ndarray) -> None:
-        """No motor and no damping of Bullet's own; rotors geared to their joints."""
+        """Remove Bullet's own motors and damping, couple rotors to their joints."""
         self.call("changeDynamics", self.robot, -1, linearDamping=0.0, angularDamping=0.0)
         for index in self._names.values():
             self.call(
                 "changeDynamics", self.robot, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                maxJointVelocity=_NO_LIMIT,
+                maxJointVelocity=1e9,
             )  # fmt: skip
             self.call("setJointMotorControl2", self.robot, index, self._bullet.VELOCITY_CONTROL, force=0.0)
-        for joint, name in enumerate(self._robot.joint_names):
-            self.call("resetJointState", self.robot, self._indices[joint], joint_pos[joint])
+        for joint, name, angle in zip(self._indices, self._robot.joint_names, joint_pos, strict=True):
             rotor = self._names.get(f"{name}_rotor")
+            self.call("resetJointState", self.robot, joint, angle)
             if rotor is not None:
-                self.call("resetJointState", self.robot, rotor, ROTOR_GEAR_RATIO * joint_pos[joint])
-                self._gear(self._indices[joint], rotor, joint)
-
-    def _gear(self, joint_index: int, rotor_index: int, joint: int) -> None:
-        axis = self.call("getJointInfo", self.robot, joint_index)[13]
-        gear = self.call(
-            "createConstraint", self.robot, joint_index, self.robot, rotor_index, self._bullet.JOINT_GEAR, axis,
-            [0, 0, 0], [0, 0, 0],
-        )  # fmt: skip
-        self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=_STIFF)
+                self.call("resetJointState", self.robot, rotor, ROTOR_GEAR_RATIO * angle)
+                axis, ends = self.call("getJointInfo", self.robot, joint)[13], [[0, 0, 0], [0, 0, 0]]
+                kind = self._bullet.JOINT_GEAR
+                gear = self.call("createConstraint", self.robot, joint, self.robot, rotor, kind, axis, *ends)
+                self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
 
     def _weigh(self, conditions: Conditions) -> None:
-        """Friction of the feet, and masses and inertias times their factors."""
+        """Set friction of the feet, scale masses and inertias."""
         friction = self.config.robot.foot_friction * conditions.friction
         for number, index in enumerate([-1, *self._indices]):
             self.call("changeDynamics", self.robot, index, lateralFriction=friction, restitution=0.0)
@@ -260,7 +243,7 @@ def _drive(
     passive: np.ndarray,
     torque: np.ndarray,
 ) -> np.ndarray:
-    """Write the motors' torque (joints,) [N·m]; returns what Bullet is given: that less the joints' damping."""
+    """Write the motors' torque (joints,) [N·m]; returns it less the joints' damping, for Bullet."""
     step_actuator(motors, physics_dt, target, joint_pos, joint_vel, torque)
     make_explicit(motors, joint_vel, torque)
     torque *= strength
@@ -268,16 +251,12 @@ def _drive(
 
 
 def _cross(a: list[float], b: list[float]) -> np.ndarray:
-    """The cross product a × b; numpy's own takes as long as half a step of Bullet."""
+    """A × b; numpy's function takes half the time of a Bullet step."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def import_bullet() -> Any:
-    """PyBullet.
-
-    Raises:
-        ConfigError: it is not installed.
-    """
+    """Import PyBullet; raises ConfigError if it is not installed."""
     try:
         import pybullet
     except ImportError as error:

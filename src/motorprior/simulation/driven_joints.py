@@ -22,10 +22,9 @@ _INTEGRATORS = (
 class DrivenJoints:
     """Motors that drive some joints of a model.
 
-    The joints' own armature, damping and dry friction are replaced: they are the motors' now. The torque goes to
-    ``data.qfrc_applied``, the damping to ``model.dof_damping``, which these integrators take implicitly. Set
-    ``data.qpos`` before: the motors start at rest where the joints are. They do so again where ``data.time`` has
-    not gone on since the last `drive`, as after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
+    They replace the joints' own armature, damping and dry friction. The torque is written to ``data.qfrc_applied``, the
+    damping to ``model.dof_damping``, which the integrator treats implicitly. The motors start at rest at ``data.qpos``,
+    also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
 
     Args:
         model: compiled; changed in place.
@@ -34,9 +33,8 @@ class DrivenJoints:
         joints: names of hinges.
 
     Raises:
-        ConfigError: an unknown joint, one that is named twice, is no hinge or is driven by an actuator of the model
-            already, another number of joints than motors, an integrator without implicit damping, or a step that the
-            motors cannot be simulated at.
+        ConfigError: an unknown joint, one that is no hinge or is driven by an actuator of the model, another number of
+            joints than motors, an integrator without implicit damping, or a timestep that the motors do not support.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
@@ -45,10 +43,8 @@ class DrivenJoints:
             raise ConfigError(
                 f"{len(joints)} joints for {actuator.num_motors} motors", remedy="sample one motor per joint"
             )
-        if twice := sorted({name for name in joints if list(joints).count(name) > 1}):
-            raise ConfigError(f"joint {twice[0]!r} is named twice", remedy="give every joint one motor")
         found = [_hinge(model, name) for name in joints]
-        self._model, self._data, self._time, self._timestep = model, data, -np.inf, model.opt.timestep
+        self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
         model.dof_armature[self._dof] = self._motors.armature
@@ -57,22 +53,16 @@ class DrivenJoints:
         mujoco.mj_setConst(model, mujoco.MjData(model))  # what MuJoCo derives from inertias
 
     def reset(self) -> None:
-        """Begin again: the motors at rest where the joints are now."""
+        """Restart the motors, at rest at the present joint positions."""
         self._motors.reset(self._data.qpos[self._pos])
         self._time = -np.inf
 
     def drive(self, position_target: np.ndarray) -> np.ndarray:
-        """Put the motors' effort for the step that begins now into model and data; returns the torque (n,) [N·m].
+        """Write torque and damping of the next step to model and data; returns the torque (n,) [N·m].
 
         Raises:
-            ConfigError: targets of another shape, a state that is not finite any more, or another timestep of the
-                model than the motors were made for.
+            ConfigError: targets of another shape, or a state that is not finite.
         """
-        if self._model.opt.timestep != self._timestep:
-            raise ConfigError(
-                f"the model's timestep is {self._model.opt.timestep:g} s, the motors' {self._timestep:g} s",
-                remedy="make DrivenJoints anew after a change of model.opt.timestep",
-            )
         if self._data.time <= self._time:
             self.reset()
         self._time = self._data.time

@@ -1,4 +1,4 @@
-"""Choice of the physics engine of an episode, with the abilities and limits of each."""
+"""Choice of the physics engine of an episode."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Scene:
         engine: "mujoco" or "pybullet".
         draw_motors: the motors of an episode.
         physics_dt: MuJoCo's step [s]; PyBullet's is always 1 ms.
-        walk: the episode and what differs between episodes.
-        terrain: the ground; other than flat in PyBullet only.
+        walk: the episode and its randomization.
+        terrain: the ground; rough in PyBullet only.
 
     Raises:
-        ConfigError: an engine that is unknown, not installed, or cannot do what is asked; constants that vary of
-            motors that lack them.
+        ConfigError: an engine that is unknown, not installed, or does not support the terrain; randomized constants
+            that the motors do not have.
     """
 
     robot: Robot
@@ -48,7 +48,6 @@ class Scene:
     terrain: Terrain = field(default_factory=Terrain)
 
     def __post_init__(self) -> None:
-        """Refuse settings that the engine does not support."""
         if self.engine not in ENGINES:
             raise ConfigError(f"engine {self.engine!r} is unknown", remedy=f"use one of {ENGINES}")
         if self.engine == "pybullet":
@@ -59,14 +58,6 @@ class Scene:
                 remedy="use engine pybullet, or leave it out",
                 argument="roughness",
             )
-        self._require_constants()
-
-    def _require_constants(self) -> None:
-        """Refuse constants that vary of motors that lack them, before anything is simulated.
-
-        Raises:
-            ConfigError: names the range.
-        """
         same = Factors.ones(self.robot.num_joints)
         for name in Factors._fields:
             if getattr(self.walk.randomization, name) == (1.0, 1.0):
@@ -79,7 +70,7 @@ class Scene:
                 raise ConfigError(f"{argument}: {error.problem}", remedy=error.remedy, argument=argument) from error
 
     def backend(self) -> Backend:
-        """For Gymnasium: the interpreter runs between control steps."""
+        """Backend for Gymnasium."""
         walk = self.walk
         if self.engine == "pybullet":
             world = WorldConfig.of(self.robot, physics_dt=PHYSICS_DT)
@@ -88,7 +79,7 @@ class Scene:
         return MujocoBackend(self.draw_motors, world, walk.randomization, walk.episode_steps)
 
     def simulator(self) -> WalkSimulator | BackendSimulator:
-        """For a search: whole episodes, compiled where the engine allows it."""
+        """Simulator of whole episodes for a search, compiled with MuJoCo."""
         if self.engine == "mujoco":
             return WalkSimulator(self.draw_motors, WorldConfig.of(self.robot, physics_dt=self.physics_dt), self.walk)
         return BackendSimulator(self.robot, self.backend(), self.walk)

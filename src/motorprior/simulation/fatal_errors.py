@@ -1,8 +1,7 @@
-"""Handler of MuJoCo's fatal errors in compiled code: the results are saved, then the process ends.
+"""Handler of MuJoCo's fatal errors in compiled code: it saves the results, then ends the process.
 
 Called through its Python bindings MuJoCo raises an exception. Called by address it cannot; ``mju_error`` must not
-return, and by default ends the process at once. The handler first calls the registered functions that save results,
-and prints the error in one line.
+return, and by default ends the process at once.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -18,24 +17,23 @@ from contextlib import contextmanager
 from motorprior.simulation.mj_call import library
 
 EXIT_CODE = 2
-_RESCUES: list[Callable[[], str]] = []
-_DYING = threading.Lock()
-"""Lock held by the first thread with a fatal error until the process ends."""
+_SAVERS: list[Callable[[], str]] = []
+_ENDING = threading.Lock()  # held by the first thread with a fatal error until the process ends
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 
 
 @contextmanager
-def saved_on_fatal_error(rescue: Callable[[], str]) -> Iterator[None]:
-    """Within this context, call ``rescue`` before a fatal error of MuJoCo ends the process.
+def saved_on_fatal_error(save: Callable[[], str]) -> Iterator[None]:
+    """Within this context, call ``save`` before a fatal error of MuJoCo ends the process.
 
     Args:
-        rescue: saves the results so far, in the thread of the error; returns a message for the user.
+        save: saves the results so far, in the thread of the error; returns a message for the user.
     """
-    _RESCUES.append(rescue)
+    _SAVERS.append(save)
     try:
         yield
     finally:
-        _RESCUES.remove(rescue)
+        _SAVERS.remove(save)
 
 
 def install_handler() -> None:
@@ -47,15 +45,15 @@ def install_handler() -> None:
 @_HANDLER
 def _end_process(message: bytes) -> None:
     """Save, report and end the process; it must not return, as MuJoCo would continue with an invalid state."""
-    _DYING.acquire()  # a second thread waits here until the first has ended the process
-    kept = "nothing was being kept"
+    _ENDING.acquire()  # a second thread waits here until the first has ended the process
+    saved = "there were no results to save"
     try:
-        if _RESCUES:
-            kept = "; ".join(rescue() for rescue in _RESCUES) + "; run the same command again to continue"
+        if _SAVERS:
+            saved = "; ".join(save() for save in _SAVERS) + "; run the same command again to continue"
     except BaseException as error:
-        kept = f"what there was could not be kept ({type(error).__name__}: {error})"
+        saved = f"the results could not be saved ({type(error).__name__}: {error})"
     finally:
-        said = " ".join(message.decode(errors="replace").split())
-        sys.stderr.write(f"\nerror: MuJoCo stopped: {said} -> {kept}\n")
+        problem = " ".join(message.decode(errors="replace").split())
+        sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> {saved}\n")
         sys.stderr.flush()
         os._exit(EXIT_CODE)

@@ -1,4 +1,4 @@
-"""Where the feet are and how their lowest points move, from the states of a walk."""
+"""Clearance, sliding and position of the feet, from the states of a walk."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -18,9 +18,9 @@ class FootMotion:
     """Of every frame and foot, (F, L) each.
 
     Attributes:
-        clearance: of the foot's lowest point over the floor [m].
-        sliding: speed of that point [m/s].
-        ahead: place of the foot's centre along the body's x axis, from the base [m].
+        clearance: height of the foot's lowest point [m].
+        sliding: horizontal speed of that point [m/s].
+        ahead: position of the foot's centre along the body's x axis, from the base [m].
     """
 
     clearance: np.ndarray

@@ -1,6 +1,6 @@
-"""mj_step by address, callable from compiled code that holds no interpreter lock.
+"""mj_step by address, callable from compiled code that does not hold the interpreter lock.
 
-The address travels as an argument, so compiled kernels stay cacheable across processes.
+The address is an argument, so compiled kernels stay cacheable across processes.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -21,21 +21,17 @@ def library() -> ctypes.CDLL:
 
 
 def stop_timers() -> None:
-    """Let MuJoCo's own profiling timers (``mjData.timer``) stand still, in the whole process.
+    """Stop MuJoCo's profiling timers (``mjData.timer``) in the whole process.
 
     The Python bindings give MuJoCo a clock, which every ``mj_step`` reads some twenty times: a tenth of its time
-    (docs/engines.md). ``mujoco.set_mjcb_time`` cannot take it away, only replace it.
+    (docs/engines.md). ``mujoco.set_mjcb_time`` cannot remove it.
     """
     ctypes.c_void_p.in_dll(library(), "mjcb_time").value = None
 
 
 def mj_step_address() -> int:
     """Address of libmujoco's ``mj_step`` in this process."""
-    return _address("mj_step")
-
-
-def _address(name: str) -> int:
-    address = ctypes.cast(getattr(library(), name), ctypes.c_void_p).value
+    address = ctypes.cast(library().mj_step, ctypes.c_void_p).value
     assert address is not None
     return address
 

@@ -1,4 +1,4 @@
-"""MuJoCo behind the `Backend` contract: one Python call per control step."""
+"""MuJoCo as a `Backend`: one Python call per control step."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import hold_target, read_joints
 
-DrawMotors = Callable[[np.random.Generator], Actuator]
-"""Draws the motors of one episode, one per joint."""
+DrawMotors = Callable[[np.random.Generator], Actuator]  # draws the motors of one episode, one per joint
 
 
 class MujocoBackend:
-    """A simulated robot with other motors in every episode.
+    """A simulated robot with new motors in every episode.
 
     Args:
         draw_motors: called at every reset with a generator seeded by the reset's seed.
         config: robot and physics; the base must be free.
-        randomization: what else differs between episodes.
-        episode_steps: control steps that pushes are drawn for.
+        randomization: of each episode, besides the motors.
+        episode_steps: control steps for which pushes are drawn.
     """
 
     def __init__(
@@ -61,7 +60,7 @@ class MujocoBackend:
         return self._state(self._motors, hold_target(self._world.arrays, self._motors, target))
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to close."""
 
     def _state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
         data, measured = self._world.data, np.zeros(self._robot.num_joints)

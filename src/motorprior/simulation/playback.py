@@ -21,7 +21,7 @@ class Replay:
     Attributes:
         joint_pos: (P, joints) [rad] after each physics step.
         joint_torque: (P, joints) [N·m] during each physics step.
-        measured_joint_pos: (C, joints) [rad] as the encoders report it, before each control step.
+        measured_joint_pos: (C, joints) [rad] at the encoders, before each control step.
         base: (C, 7) position [m] and quaternion of the base before each control step; empty where it is fixed.
     """
 
@@ -77,9 +77,8 @@ def replay(
         SimulationFault: the state became NaN or the engine's memory was full.
     """
     motors = world.reset(actuator, start)
-    targets = np.ascontiguousarray(targets, dtype=np.float64)
     if lead_in is not None:
-        _run(world, motors, np.ascontiguousarray(lead_in, dtype=np.float64))
+        _run(world, motors, lead_in)
     recorded = _run(world, motors, targets)
     fault = world.fault()
     if fault and not tolerate_fault:
@@ -88,6 +87,7 @@ def replay(
 
 
 def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Replay:
+    targets = np.ascontiguousarray(targets, dtype=np.float64)
     steps, n = targets.shape
     physics = steps * world.config.substeps
     base = np.zeros((0 if world.config.is_fixed else steps, 7))

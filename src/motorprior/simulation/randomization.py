@@ -1,7 +1,7 @@
-"""Domain randomization: ranges of robot and surroundings, and one draw of them per episode. Off by default.
+"""Domain randomization of robot, sensors and surroundings. Off by default.
 
-One `Conditions` is drawn per episode; both engines apply it without building the robot again. The motors of an episode
-are drawn elsewhere (`DrawMotors`) from another random stream, so that enabling a range changes no motor.
+One `Conditions` is drawn per episode; both engines apply it without compiling the model again. The motors of an episode
+are drawn by `DrawMotors` from another random stream, so that enabling a range changes no motor.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from motorprior.locomotion.body import TILT_READINGS, readings
 from motorprior.locomotion.sensing import Sensors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
 
-LONGEST_DELAY = 0.2
-"""Largest delay of sensors and commands [s]."""
+MAX_DELAY = 0.2  # [s] of sensors and commands
 _STREAM, _SENSOR_STREAM, _MOTOR_STREAM = 0xD12A, 0x5E50, 0x307A
 Range = tuple[float, float]
 
@@ -28,36 +27,34 @@ class Randomization:
     """Ranges that every episode draws from, uniformly; the defaults change nothing.
 
     Raises:
-        ConfigError: a range or number that is upside down, out of bounds, or of another type. A list is as good as a
-            pair, so that what `as_json` wrote can be given back.
+        ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
     """
 
     armature: Range = (0.0, 0.0)
-    """Reflected inertia added to each joint, least and most [kg·m²]."""
+    """Range of the reflected inertia added to each joint [kg·m²]."""
     damping: Range = (0.0, 0.0)
-    """Passive damping added to each joint, least and most [N·m·s/rad]."""
+    """Range of the passive damping added to each joint [N·m·s/rad]."""
     strength: Range = (1.0, 1.0)
-    """Factor on the torque and damping of each motor, its friction included, least and most [-]."""
+    """Range of the factor on torque and damping of each motor, its friction included [-]."""
     kp: Range = (1.0, 1.0)
-    """Factor on the gain kp of each motor, least and most [-]."""
+    """Range of the factor on kp of each motor [-]."""
     kd: Range = (1.0, 1.0)
-    """Factor on the gain kd of each motor, least and most [-]."""
+    """Range of the factor on kd of each motor [-]."""
     torque_limit: Range = (1.0, 1.0)
-    """Factor on the torque limit of each motor, least and most [-]."""
+    """Range of the factor on the torque limit of each motor [-]."""
     coulomb: Range = (1.0, 1.0)
-    """Factor on the dry friction of each motor, least and most [-]; not on what grows with its load. Motors whose
-    friction is 0 keep it."""
+    """Range of the factor on the dry friction of each motor, without its load-dependent part [-]."""
     friction: Range = (1.0, 1.0)
-    """Factor on the friction of the feet, least and most [-]."""
+    """Range of the factor on the friction of the feet [-]."""
     mass: Range = (1.0, 1.0)
-    """Factor on mass and inertia of each link, least and most [-]."""
+    """Range of the factor on mass and inertia of each link [-]."""
     com: float = 0.0
     """Largest shift of the chassis' centre of mass along each axis [m]."""
     gravity_tilt: float = 0.0
-    """Largest angle between gravity and the normal of the ground [rad], which has the effect of a slope. Roll and pitch
-    are observed relative to gravity; reward and fall count them relative to the ground."""
+    """Largest angle between gravity and the normal of the ground [rad], equivalent to a slope. Roll and pitch are
+    observed relative to gravity; reward and termination use them relative to the ground."""
     encoder_offset: float = 0.0
-    """Largest error of each encoder's zero [rad]; it also acts in the motor's own control loop."""
+    """Largest error of each encoder's zero [rad]; it also acts in the motor's control loop."""
     joint_noise: float = 0.0
     """Standard deviation of white noise on the observed joint angles [rad]."""
     tilt_noise: float = 0.0
@@ -65,32 +62,31 @@ class Randomization:
     rate_noise: float = 0.0
     """Standard deviation of white noise on the observed rates [rad/s]."""
     gyro_bias: float = 0.0
-    """Standard deviation of each observed rate's constant error [rad/s]; the heading that the robot adds up drifts."""
+    """Standard deviation of the constant error of each observed rate [rad/s]; the integrated heading drifts."""
     sensor_delay: Range = (0.0, 0.0)
-    """Age of what the policy observes, least and most [s]."""
+    """Range of the age of the observations [s]."""
     sensor_jitter: float = 0.0
-    """Largest additional age of a single reading [s], uniform: sensors do not keep time."""
+    """Largest additional age of a single reading [s]."""
     dropped: float = 0.0
-    """Share of the frames from the sensors that get lost; the policy acts on the last one [-]."""
+    """Share of lost sensor frames; the policy uses the last one received [-]."""
     command_delay: Range = (0.0, 0.0)
-    """Age of the position targets that the motors get, least and most [s], in whole physics steps."""
+    """Range of the age of the motors' position targets [s], rounded to physics steps."""
     command_jitter: float = 0.0
-    """Largest additional age of a single target [s], uniform: the robot's loop does not keep time."""
+    """Largest additional age of a single target [s]."""
     push: float = 0.0
     """Largest horizontal impulse on the chassis [N·s], spread over one control step."""
     push_interval: float = 1.0
     """Time between two pushes [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse ranges that are upside down, out of bounds or of another type."""
-        least = dict.fromkeys(("friction", "strength", "kp", "kd", "torque_limit"), 0.01)
-        least |= {"mass": 0.1, "push_interval": 1e-3}
-        most = {"sensor_delay": LONGEST_DELAY, "command_delay": LONGEST_DELAY, "gravity_tilt": 0.5, "com": 0.1}
-        most |= {"sensor_jitter": LONGEST_DELAY, "command_jitter": LONGEST_DELAY, "dropped": 0.5}
+        lower = dict.fromkeys(("friction", "strength", "kp", "kd", "torque_limit"), 0.01)
+        lower |= {"mass": 0.1, "push_interval": 1e-3}
+        upper = dict.fromkeys(("sensor_delay", "command_delay", "sensor_jitter", "command_jitter"), MAX_DELAY)
+        upper |= {"gravity_tilt": 0.5, "com": 0.1, "dropped": 0.5}
         for field in fields(self):
             value, ranged = getattr(self, field.name), isinstance(field.default, tuple)
-            bounds = least.get(field.name, 0.0), most.get(field.name, 1e3)
-            if ranged and isinstance(value, list):
+            bounds = lower.get(field.name, 0.0), upper.get(field.name, 1e3)
+            if ranged and isinstance(value, list):  # from JSON
                 value = tuple(value)
                 object.__setattr__(self, field.name, value)
             if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
@@ -103,12 +99,12 @@ class Randomization:
                 )
 
     def as_json(self) -> dict[str, object]:
-        """JSON values for the settings of a run."""
+        """For the provenance of a policy."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
-        if self == _NOTHING:
+        if self == _NONE:
             return nominal_conditions(robot)
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
@@ -133,13 +129,13 @@ class Randomization:
         )
 
     def _up(self, rng: np.random.Generator) -> np.ndarray:
-        """(3,) unit vector against gravity; the first two numbers of an episode's conditions."""
+        """(3,) unit vector against gravity, from the first two random numbers of an episode's conditions."""
         tilt, bearing = self.gravity_tilt * np.sqrt(rng.uniform()), rng.uniform(0.0, 2.0 * np.pi)
         across = np.sin(tilt)
         return np.array([-across * np.cos(bearing), -across * np.sin(bearing), np.cos(tilt)])
 
     def _pushes(self, rng: np.random.Generator, control_dt: float, episode_steps: int) -> np.ndarray:
-        """(episode_steps, 2) horizontal force [N] of every control step; no rows if there is no push."""
+        """(episode_steps, 2) horizontal force [N] in every control step; no rows without pushes."""
         if self.push == 0.0:
             return np.zeros((0, 2))
         force, every = np.zeros((episode_steps, 2)), max(1, round(self.push_interval / control_dt))
@@ -162,11 +158,11 @@ class Randomization:
         rows = episode_steps + 1 if deviation.any() or self.gyro_bias else 0
         noise = deviation * rng.standard_normal((rows, count))
         noise[:, 2:TILT_READINGS] += self.gyro_bias * rng.standard_normal(TILT_READINGS - 2)
-        ages = delay + self._lateness(rng, robot.control_dt, episode_steps + 1)
+        ages = delay + self._jitter(rng, robot.control_dt, episode_steps + 1)
         return Sensors(noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)), up)
 
-    def _lateness(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
-        """(observations,) by jitter and lost frames [control steps]; the first frame of an episode comes."""
+    def _jitter(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
+        """(observations,) additional ages [control steps] by jitter and lost frames; the first frame is never lost."""
         late = np.zeros(observations)
         if self.sensor_jitter:
             late += self.sensor_jitter / control_dt * rng.uniform(size=observations)
@@ -180,30 +176,18 @@ class Randomization:
 class Conditions:
     """One draw of the ranges, in the order of the robot's joints and of its model's links."""
 
-    armature: np.ndarray
-    """(joints,) added [kg·m²]"""
-    damping: np.ndarray
-    """(joints,) added, passive [N·m·s/rad]"""
-    friction: float
-    """factor"""
-    mass: np.ndarray
-    """(links,) factors on mass and inertia"""
-    com: np.ndarray
-    """(3,) shift of the chassis' centre of mass [m]"""
-    gravity: np.ndarray
-    """(3,) [m/s²]"""
-    encoder_offset: np.ndarray
-    """(joints,) reading at true zero [rad]"""
-    command_delay: float
-    """[s]"""
-    push: np.ndarray
-    """(steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)"""
-    command_late: np.ndarray
-    """(steps,) additional age of the targets in every control step [s], or (0,)"""
-    strength: np.ndarray
-    """(joints,) factors on torque and damping of the motors"""
-    factors: Factors
-    """of the motors"""
+    armature: np.ndarray  # (joints,) added [kg·m²]
+    damping: np.ndarray  # (joints,) added, passive [N·m·s/rad]
+    friction: float  # factor
+    mass: np.ndarray  # (links,) factors on mass and inertia
+    com: np.ndarray  # (3,) shift of the chassis' centre of mass [m]
+    gravity: np.ndarray  # (3,) [m/s²]
+    encoder_offset: np.ndarray  # (joints,) reading at true zero [rad]
+    command_delay: float  # [s]
+    push: np.ndarray  # (steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)
+    command_late: np.ndarray  # (steps,) additional age of the targets in every control step [s], or (0,)
+    strength: np.ndarray  # (joints,) factors on torque and damping of the motors
+    factors: Factors  # on constants of the motors
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
         """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
@@ -229,18 +213,9 @@ def nominal_conditions(robot: Robot) -> Conditions:
     )
 
 
-_NOTHING = Randomization()
+_NONE = Randomization()
+# For a robot whose floor, load and sensors are not known well; the ranges are assumptions.
 ROBUST = Randomization(
-    friction=(0.7, 1.6),
-    mass=(0.85, 1.15),
-    com=0.01,
-    gravity_tilt=0.05,
-    joint_noise=0.001,
-    tilt_noise=0.002,
-    rate_noise=0.01,
-    gyro_bias=0.002,
-    sensor_delay=(0.0, 0.02),
-    push=0.3,
-    push_interval=1.5,
-)
-"""Training for a robot whose floor, load and sensors are not known well; ranges are our assumption."""
+    friction=(0.7, 1.6), mass=(0.85, 1.15), com=0.01, gravity_tilt=0.05, joint_noise=0.001, tilt_noise=0.002,
+    rate_noise=0.01, gyro_bias=0.002, sensor_delay=(0.0, 0.02), push=0.3, push_interval=1.5,
+)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Pictures of a robot by MuJoCo's renderer, with or without a screen, and the camera of pictures and of the viewer."""
+"""Offscreen rendering of a robot by MuJoCo, and camera and light, which the viewer shares."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -24,25 +24,25 @@ REMEDY = "install EGL (Debian: libegl1 with libgl1-mesa-dri), or OSMesa (libosme
 
 @contextmanager
 def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
-    """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, in the thread that enters.
+    """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, for the calling thread only.
 
-    The environment variable MUJOCO_GL (egl, osmesa, glfw) chooses the OpenGL library, as everywhere in MuJoCo.
+    The environment variable MUJOCO_GL (egl, osmesa, glfw) selects the OpenGL library; EGL on Linux if not set.
 
     Raises:
-        ConfigError: OpenGL does not work here.
+        ConfigError: OpenGL does not work.
     """
     model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
     prepare(model, option)
     look_at(robot, camera)
-    usual = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
-    library = os.environ.get("MUJOCO_GL", "").strip().lower() or usual
+    default = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
+    library = os.environ.get("MUJOCO_GL", "").strip().lower() or default
     try:
         window = importlib.import_module(f"mujoco.{library}").GLContext(WIDTH, HEIGHT)
         window.make_current()
-        model.vis.quality.offsamples = 0  # smooth edges double the time without a GPU
+        model.vis.quality.offsamples = 0  # antialiasing doubles the time without a GPU
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:  # of the loader, PyOpenGL or MuJoCo, depending on what is missing
-        raise ConfigError(f"MuJoCo cannot draw here ({error})", remedy=REMEDY) from error
+        raise ConfigError(f"MuJoCo cannot render with {library} ({error})", remedy=REMEDY) from error
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
     data, scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=10_000)
     view, picture = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), np.empty((HEIGHT, WIDTH, 3), np.uint8)
@@ -66,13 +66,13 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
 
 
 def look_at(robot: Robot, camera: Any) -> None:
-    """Set angles and distance of an MjvCamera: from the right, a little from the front and from above."""
+    """Set an MjvCamera to the right of the robot, slightly in front and above."""
     camera.distance, camera.azimuth, camera.elevation = 7.5 * robot.standing_height, 105.0, -20.0
 
 
 def prepare(model: mujoco.MjModel, option: Any) -> None:
-    """Set view and light of a model, and the geom groups that an MjvOption shows: all if no geom were visible."""
-    model.vis.global_.fovy = 30.0  # [deg]; the horizon, with black above it, is then outside the picture
+    """Set view and light of a model; show all geom groups if no geom were visible by default."""
+    model.vis.global_.fovy = 30.0  # [deg]; keeps the horizon outside the picture
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = (0.4, 0.5) if model.nlight else (0.6, 0.8)
     robot_geoms = np.arange(model.ngeom) != model.geom(FLOOR).id
     # MuJoCo shows groups 0 to 2; models often keep collision shapes in group 3, next to visible meshes
@@ -81,8 +81,8 @@ def prepare(model: mujoco.MjModel, option: Any) -> None:
 
 
 def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -> None:
-    """Lines across the way every 0.1 m, every fifth dark: on a plain floor the motion would be invisible."""
-    gap = 0.1 * 10.0 ** round(np.log10(robot.standing_height / 0.166))  # ten times as much for a ten times larger robot
+    """Draw lines across the floor every 0.1 m, every fifth dark, to make the motion visible."""
+    gap = 0.1 * 10.0 ** round(np.log10(robot.standing_height / 0.166))  # 1 m for a ten times larger robot
     reach, middle = 10.0 * robot.standing_height, round(x / gap)
     count = round(reach / gap)
     for line in range(middle - count, middle + count + 1):

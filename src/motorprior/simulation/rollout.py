@@ -1,7 +1,7 @@
-"""A whole walking episode in one compiled call: policy, generator, motors, physics, reward, end.
+"""A whole walking episode in one compiled call: policy, trajectory generator, motors, physics, reward, termination.
 
-It calls the same compiled functions in the same order as `locomotion.env.WalkEnv` on `MujocoBackend`, without the
-interpreter between them, and gives the same results bit for bit.
+It calls the same compiled functions in the same order as `locomotion.env.WalkEnv` on `MujocoBackend`, so the results
+are the same bit for bit.
 """
 
 from __future__ import annotations
@@ -16,21 +16,20 @@ from motorprior.actuator.kernels import without_refcounts
 from motorprior.bounds import require_count, require_finite
 from motorprior.compiled import njit
 from motorprior.locomotion.body import Body, action_size, body_of, observation_size
-from motorprior.locomotion.command import Commands
+from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.control_step import (
     GaitState,
-    accumulate_moments,
     begin_gait,
     command_step,
     evaluate_step,
     follow_command,
     new_gait,
+    update_stats,
 )
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.locomotion.sensing import Sensors, sense
 from motorprior.locomotion.task import TaskWeights, observe
-from motorprior.locomotion.timetable import Timetable
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.world import World
@@ -43,11 +42,11 @@ class WalkConfig:
     """Settings of an episode.
 
     Attributes:
-        episode_steps: control steps at most.
+        episode_steps: maximum number of control steps.
         task: reward coefficients.
-        randomization: what differs between episodes besides the motors.
-        commands: what the robot is told to do.
-        gait: which leg steps when.
+        randomization: of each episode, besides the motors.
+        commands: speed and yaw rate.
+        gait: see `locomotion.gaits`.
 
     Raises:
         ConfigError: episode_steps is no whole number of at least 1.
@@ -60,13 +59,12 @@ class WalkConfig:
     gait: GaitName = "trot"
 
     def __post_init__(self) -> None:
-        """Refuse episodes that have no steps."""
         require_count("episode_steps", self.episode_steps)
 
 
 @dataclass(frozen=True)
 class Episode:
-    """Outcome of an episode.
+    """Result of an episode.
 
     Attributes:
         total: sum of rewards [m].
@@ -74,12 +72,12 @@ class Episode:
         speed_error: mean over the steps of |filtered forward speed - commanded speed| [m/s].
         displacement: (2,) forward and left [m].
         fault: 0 or a key of `world_step.FAULTS`.
-        count: observations; mean and m2 (observations,) are their Welford statistics.
-        mean: see count.
-        m2: see count.
-        trace: (steps, 7 + joints) qpos before every control step, if it was asked for.
+        count: number of observations.
+        mean: (observations,) their mean.
+        m2: (observations,) Σ (x - mean)².
+        trace: (steps, 7 + joints) qpos before every control step; empty if not requested.
         motion: (steps, 6 + 2 joints) qvel before every control step and the torque on the joints in the physics step
-            before it [N·m]; likewise, empty where the engine does not tell.
+            before it [N·m]; empty if not requested or not available from the engine.
     """
 
     total: float
@@ -100,15 +98,13 @@ class Walker(NamedTuple):
     observation: np.ndarray
     action: np.ndarray
     gait: GaitState
-    commands: np.ndarray
-    """(steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row holds on"""
-    measured: np.ndarray
-    feet: np.ndarray
-    """(legs, 3) scratch: centres of the feet [m]"""
+    commands: np.ndarray  # (steps, 2) speed [m/s] and yaw rate [rad/s]; the last row stays in force
+    measured: np.ndarray  # (joints,) scratch: encoder readings [rad]
+    feet: np.ndarray  # (legs, 3) scratch: centres of the feet [m]
 
 
 def new_walker(num_joints: int, num_legs: int, commands: np.ndarray) -> Walker:
-    """Memory of a robot; `begin_walk` fills it."""
+    """Memory of a robot; `begin_walk` initialises it."""
     observation, action = np.zeros(observation_size(num_joints)), np.zeros(action_size(num_joints))
     gait, feet = new_gait(num_joints, num_legs), np.zeros((num_legs, 3))
     return Walker(observation, action, gait, commands, np.zeros(num_joints), feet)
@@ -116,7 +112,7 @@ def new_walker(num_joints: int, num_legs: int, commands: np.ndarray) -> Walker:
 
 @njit(cache=True, nogil=True, inline="always")
 def complete(body: Body, sensors: Sensors, walker: Walker, step: int, base_quat: np.ndarray, control_dt: float) -> None:
-    """From true readings of control step ``step`` to the observation."""
+    """Apply sensor errors and the command to the true readings of control step ``step``."""
     sense(sensors, step, base_quat, walker.observation)
     row = min(step, walker.commands.shape[0] - 1)
     forward, yaw_rate = walker.commands[row, 0], walker.commands[row, 1]
@@ -138,11 +134,7 @@ def begin_walk(
 def walk_step(
     body: Body, world: WorldArrays, motors: ActuatorArrays, walker: Walker, control_dt: float, task: np.ndarray
 ) -> tuple[float, bool, int]:
-    """One control step of ``walker.action``, up to the true readings.
-
-    Returns:
-        The reward [m], whether the episode is over, and the fault.
-    """
+    """One control step of ``walker.action``, up to the true readings; returns reward [m], end of episode, fault."""
     qpos, qvel = world.qpos, world.qvel
     command_step(body, walker.action, walker.observation, walker.gait, control_dt)
     squared = hold_target(world, motors, walker.gait.target)
@@ -183,7 +175,7 @@ def _episode(
             trace[step, :nq] = world.qpos
             trace[step, nq : nq + nv] = world.qvel
             trace[step, nq + nv :] = world.torque
-        accumulate_moments(s.observation, step, mean, m2)
+        update_stats(s.observation, step, mean, m2)
         act(policy, s.observation, s.action)
         reward, ended, fault = walk_step(body, world, motors, s, control_dt, task)
         total += reward
@@ -195,11 +187,7 @@ def _episode(
 
 
 def checked_policy(num_joints: int, policy: PolicyArrays) -> PolicyArrays:
-    """The same policy as arrays for compiled code; shapes as in `locomotion.policy.Policy`.
-
-    Raises:
-        ConfigError: another shape, or a number that is not finite.
-    """
+    """The policy's arrays for compiled code; ConfigError for another shape or a number that is not finite."""
     observations, actions, units = observation_size(num_joints), action_size(num_joints), len(policy.hidden)
     weights = require_finite("weights", policy.weights, (actions, observations + 1))
     return PolicyArrays(
@@ -218,9 +206,6 @@ class WalkSimulator:
         draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
         world: robot and physics.
         walk: episode.
-
-    Attributes:
-        world: the robot.
     """
 
     def __init__(self, draw_motors: DrawMotors, world: WorldConfig, walk: WalkConfig | None = None):
@@ -232,7 +217,7 @@ class WalkSimulator:
         self._walker = new_walker(world.robot.num_joints, len(world.robot.legs), np.zeros((1, 2)))
 
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
-        """One episode of a policy on the motors, in the conditions and with the commands that ``seed`` draws.
+        """One episode of a policy; ``seed`` draws motors, conditions and commands.
 
         Raises:
             ConfigError: arrays of another shape, or not finite.
@@ -251,9 +236,9 @@ class WalkSimulator:
             world.config.control_dt, steps, walker, mean, m2, rows,
         )  # fmt: skip
         where = np.zeros(2) if fault else qpos[:2].copy()
-        seen, moved = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
-        off = walker.gait.speed_errors / done
-        return Episode(total, done, off, where, fault, done, mean, m2, seen, moved)
+        poses, motion = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
+        speed_error = walker.gait.speed_errors / done
+        return Episode(total, done, speed_error, where, fault, done, mean, m2, poses, motion)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to close."""

@@ -14,10 +14,9 @@ from motorprior.simulation.build_model import build_model
 
 
 def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
-    """A function from a qpos (7 + joints,) to lines (N, 2, 3) [m] in the world frame, N ends of a line each.
+    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m] in the world frame.
 
-    A line from the parent's origin to the origin of every body of the robot, then one from the last body of each leg
-    to the centre of its foot.
+    Lines from each body's parent to the body, then from the last body of each leg to its foot.
     """
     model = build_model(robot)
     data = mujoco.MjData(model)

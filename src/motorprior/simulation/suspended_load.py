@@ -1,23 +1,19 @@
-"""Loads of the motors of a suspended robot, by inverse dynamics, one joint at a time.
+"""Loads of the motors of a robot with suspended or fixed base, by inverse dynamics, one joint at a time.
 
-With the chassis fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's own belongs to its motor)
-and b gravity and Coriolis torques. For joint j this has the form of a bench with the known loads of a `MotorLog`:
+With the base fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's belongs to its motor) and b
+the gravity and Coriolis torques. For joint j this has the form of a bench with the known loads of a `MotorLog`:
 
     J_j·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k - (M_jj - J_j)·q̈_j)
     load_inertia     external_torque
 
-A torque computed from the motor's current is not the torque on the joint, because of the gear's friction and the rotor
-(on the virtual robot 0.2 N·m where a knee gets 0.02), so it is left out; the equation gives the joint's torque.
+J_j is the mean of M_jj over the segment, since the inertia of a bench is constant. A simulated joint soon leaves the
+recorded angle, so the change of gravity with the joint's own angle is needed too. With hinge axis a, and mass m of the
+links beyond with its centre r away, the torque of gravity is a·(r × m·g), and
 
-A joint that is simulated is soon at another angle than the recorded one, where gravity pulls otherwise. Of what hangs
-on a hinge with axis a, of mass m with its centre r away, the torque is a·(r × m·g). By the hinge's own angle it changes
-by
+    load_stiffness = ∂(torque of gravity)/∂q_j = a·((a × r) × m·g);  0 for a slide
 
-    load_stiffness = ∂(torque of gravity)/∂q_j = a·((a × r) × m·g);  0 of a slide
-
-J_j is the mean of M_jj over the segment, since the inertia of a bench is constant. The angles are those of the rotors'
-encoders, which differ from the joints' by the gear's backlash and twist and by the encoder's zero; the loads have the
-corresponding errors.
+joint_torque is dropped: a torque from the motor's current differs from the torque on the joint by rotor and gear
+friction. The loads have the errors of the encoders, which differ from the joints by backlash, twist and zero offset.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -37,23 +33,21 @@ from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import build_model
 
-LEVEL = 0.15
-"""Largest median roll or pitch of a body that counts as level [rad]; it shifts a seventh of gravity sideways."""
+MAX_TILT = 0.15  # [rad] median roll or pitch of a level body
 
 
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
-    """The same log with load_inertia, external_torque and load_stiffness for joint_torque, its body level and fixed.
+    """The log with load_inertia [kg·m²], external_torque [N·m], load_stiffness [N·m/rad] and posture.
 
-    In kg·m², N·m and N·m/rad. Its posture says so. Accelerations are the derivative of joint_vel, so these should be
-    smooth: see `read_robot_run` with a period.
+    Accelerations are derivatives of joint_vel, which should be smooth: see `read_robot_run` with a period.
 
     Raises:
-        LogError: not the joints of this robot, without velocities, or of a robot that was not level, or not held.
+        LogError: not the joints of this robot, no velocities, or a base that was not level or not fixed.
     """
     _require_joints(log, robot)
-    require_held(log, robot, log.source)
+    require_fixed_base(log, robot, log.source)
     if log.joint_vel is None:
-        remedy = "import it with a period, and its angles say them"
+        remedy = "import it with a period, which computes them from the angles"
         raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
     _require_level(log)
     model = build_model(robot, suspended=robot.base == "free")
@@ -66,21 +60,21 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
             stiffness[row] = _gravity_stiffness(model, data)
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
-        external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log's are means until the next row
+        external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # in a log the mean until the next row
         inertia[part] = mean
-    held = np.full(log.num_rows, POSTURES.index(held_posture(robot)))
+    posture = np.full(log.num_rows, POSTURES.index(_posture(robot)))
     loads = {"load_inertia": inertia, "external_torque": external, "load_stiffness": stiffness}
-    return checked(replace(log, **loads, joint_torque=None, posture=held), where=log.source)
+    return checked(replace(log, **loads, joint_torque=None, posture=posture), where=log.source)
 
 
-def gravity_of_held(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Torque of gravity on the joints (N, J) [N·m] at angles (N, J) [rad] of a robot that is held level, by its model.
+def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Torque of gravity on the joints (N, J) [N·m] at angles (N, J) [rad], by the robot's model.
 
-    None where the log is not of this robot's joints, or of a base that was not held, or of a free one and does not say.
+    None if the log is not of this robot's joints, or its base was not level and fixed, or is free without a posture.
     """
     try:
         _require_joints(log, robot)
-        require_held(log, robot, log.source)
+        require_fixed_base(log, robot, log.source)
         _require_level(log)
     except LogError:
         return None
@@ -91,30 +85,28 @@ def gravity_of_held(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nd
     return lambda angles: np.stack([-_bias(model, data, pose, at_rest) for pose in angles])
 
 
-def held_posture(robot: Robot) -> str:
-    """What a log calls it that the base of this robot is held."""
+def _posture(robot: Robot) -> str:
     return "suspended" if robot.base == "free" else "fixed"
 
 
-def require_held(log: MotorLog, robot: Robot, where: str | Path, option: str = "") -> None:
-    """Refuse a log that says, in any row, that the robot's base was not held.
+def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path, option: str = "") -> None:
+    """Refuse a log with a posture other than suspended (of a free base) or fixed (of a fixed base) in any row.
 
     Args:
         log: may have no posture.
-        robot: that it is of.
+        robot: of the log.
         where: file of the log.
-        option: argument that says that it was.
+        option: argument of the user that states such a posture.
 
     Raises:
-        LogError: it was not.
-        ConfigError: it was not, and an argument says that it was; names the argument.
+        LogError: another posture; ConfigError, which names the argument, if ``option`` is given.
     """
-    held = held_posture(robot)
-    if log.posture is None or not (odd := np.flatnonzero(log.posture != POSTURES.index(held))).size:
+    wanted = _posture(robot)
+    if log.posture is None or not (others := np.flatnonzero(log.posture != POSTURES.index(wanted))).size:
         return
     problem = (
-        f"row {odd[0]} states the posture {POSTURES[log.posture[odd[0]]]}, and {robot.name}, whose base is "
-        f"{robot.base}, has to be {held} in every row"
+        f"row {others[0]} states the posture {POSTURES[log.posture[others[0]]]}, and {robot.name}, whose base is "
+        f"{robot.base}, has to be {wanted} in every row"
     )
     remedy = "correct the posture, or cut those rows from the file"
     if option:
@@ -123,16 +115,16 @@ def require_held(log: MotorLog, robot: Robot, where: str | Path, option: str = "
 
 
 def _require_joints(log: MotorLog, robot: Robot) -> None:
-    """Refuse a log that is not of all joints of the robot, in its order: each carries the others."""
+    """Refuse a log that does not have all joints of the robot in its order: the load of each depends on all."""
     missing = [name for name in robot.joint_names if name not in log.joint_names]
-    strange = [name for name in log.joint_names if name not in robot.joint_names]
+    unknown = [name for name in log.joint_names if name not in robot.joint_names]
     if missing:
         problem = f"it lacks {', '.join(missing)}: {len(missing)} of the {robot.num_joints} joints of {robot.name}"
-        if strange:
-            problem += f", and has {', '.join(strange)}"
+        if unknown:
+            problem += f", and has {', '.join(unknown)}"
         remedy = "loads come from the motion of all joints: record all, or give the file of a robot that has only these"
-    elif strange:
-        problem, remedy = f"{robot.name} has no joint {', '.join(strange)}", "give the robot that was recorded"
+    elif unknown:
+        problem, remedy = f"{robot.name} has no joint {', '.join(unknown)}", "give the robot that was recorded"
     elif log.joint_names != robot.joint_names:
         problem = f"joints in the order {', '.join(log.joint_names)}"
         remedy = f"give them in the order of {robot.name}: {', '.join(robot.joint_names)}"
@@ -144,28 +136,28 @@ def _require_joints(log: MotorLog, robot: Robot) -> None:
 def _require_level(log: MotorLog) -> None:
     if log.base_orientation is None:
         return
-    lean = np.median(np.abs(log.base_orientation), axis=0)
-    for axis, angle in zip(BASE_AXES, lean, strict=True):
-        if angle > LEVEL:
+    tilt = np.median(np.abs(log.base_orientation), axis=0)
+    for axis, angle in zip(BASE_AXES, tilt, strict=True):
+        if angle > MAX_TILT:
             raise LogError(
                 f"{axis} is {angle:.2f} rad off level, by its median", where=log.source,
-                remedy=f"hang the robot up with its body level, to {LEVEL:g} rad, and record again",
+                remedy=f"hang the robot up with its body level, to {MAX_TILT:g} rad, and record again",
             )  # fmt: skip
 
 
 def _load(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
-    """(joints,) load inertia and (joints,) external torque at one moment."""
+    """(joints,) load inertia and (joints,) external torque in one state."""
     bias = _bias(model, data, joint_pos, joint_vel)
-    own, carried, column = np.zeros(model.nv), np.zeros(model.nv), np.zeros(model.nv)
+    own, inertial, column = np.zeros(model.nv), np.zeros(model.nv), np.zeros(model.nv)
     for joint, unit in enumerate(np.eye(model.nv)):
         mujoco.mj_mulM(model, data, column, unit)
         own[joint] = column[joint]
-    mujoco.mj_mulM(model, data, carried, joint_acc)
-    return own, -bias - (carried - own * joint_acc)
+    mujoco.mj_mulM(model, data, inertial, joint_acc)
+    return own, -bias - (inertial - own * joint_acc)
 
 
 def _bias(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
-    """(joints,) torque against gravity and Coriolis torques [N·m]; leaves these positions in ``data``."""
+    """(joints,) torque against gravity and Coriolis torques [N·m]; leaves this state in ``data``."""
     data.qpos[:], data.qvel[:] = joint_pos, joint_vel
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
@@ -173,7 +165,7 @@ def _bias(model, data, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarr
 
 
 def _gravity_stiffness(model, data) -> np.ndarray:
-    """(joints,) change of gravity's torque with a hinge's own angle [N·m/rad], at the positions that `_load` set."""
+    """(joints,) load_stiffness [N·m/rad], in the state that `_load` has set."""
     axis, body = data.xaxis, model.jnt_bodyid
     weight = model.body_subtreemass[body][:, None] * model.opt.gravity
     sideways = np.cross(axis, data.subtree_com[body] - data.xanchor)

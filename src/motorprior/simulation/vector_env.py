@@ -1,4 +1,4 @@
-"""Many walking robots as one Gymnasium environment: each thread steps its share of them in one compiled call."""
+"""Many walking robots as one Gymnasium environment: each thread steps its share in one compiled call."""
 
 from __future__ import annotations
 
@@ -22,8 +22,6 @@ from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.rollout import WalkConfig, begin_walk, complete, new_walker, walk_step
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
-
-_MOST = 2**31
 
 
 @njit(cache=True, nogil=True)
@@ -52,21 +50,17 @@ def _step(body, worlds, motors, sensors, walkers, share, actions, control_dt, ta
 
 
 class WalkVectorEnv(VectorEnv):
-    """N robots; one whose episode is over is reset by the next step, whose reward is then zero.
+    """N robots; the step after the end of an episode resets that robot, with reward 0.
 
-    Its observations, rewards and ends are those of N `locomotion.env.WalkEnv` on `MujocoBackend` under
-    `gymnasium.vector.SyncVectorEnv`, bit for bit, on any number of threads. Its infos are fewer: fault, phase and
-    base_pos, no command, position_target, measured_joint_pos and base_quat.
+    Observations, rewards and terminations are bit for bit those of N `locomotion.env.WalkEnv` on `MujocoBackend` in a
+    `gymnasium.vector.SyncVectorEnv`, on any number of threads. Infos: fault, phase and base_pos.
 
     Args:
         num_envs: N.
         draw_motors: the motors of an episode, from a generator seeded by the episode's seed.
         config: robot and physics.
         walk: episode.
-        threads: at most one per robot is of use.
-
-    Raises:
-        ConfigError: no robot, or no thread.
+        threads: up to N.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
@@ -76,8 +70,8 @@ class WalkVectorEnv(VectorEnv):
         require_count("threads", threads)
         self.num_envs, self._walk, self._draw, self._dt = num_envs, walk, draw_motors, config.control_dt
         self._robot, self._body = config.robot, body_of(config.robot, walk.gait)
-        furthest = observation_bounds(config.robot.num_joints)
-        self.single_observation_space = Box(-furthest, furthest, dtype=np.float64)
+        bounds = observation_bounds(config.robot.num_joints)
+        self.single_observation_space = Box(-bounds, bounds, dtype=np.float64)
         self.single_action_space = Box(-1.0, 1.0, (action_size(config.robot.num_joints),), np.float64)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -85,7 +79,7 @@ class WalkVectorEnv(VectorEnv):
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._pool, self._threads, self._begun = ThreadPoolExecutor(threads), threads, False
         self._steps, self._over = np.zeros(num_envs, np.int64), np.zeros(num_envs, bool)
-        self._observations = np.zeros((num_envs, len(furthest)))
+        self._observations = np.zeros((num_envs, len(bounds)))
         self._rewards, self._phases, self._faults = np.zeros(num_envs), np.zeros(num_envs), np.zeros(num_envs, np.int64)
         parts = [self._drawn(index, 0) for index in range(num_envs)]
         self._lists: Any = tuple(List(column) for column in zip(*parts, strict=True))  # pyright: ignore[reportCallIssue]
@@ -96,14 +90,11 @@ class WalkVectorEnv(VectorEnv):
         """Begin N episodes.
 
         Args:
-            seed: N seeds, or one: robot i gets seed + i. A robot without a seed goes on with its own generator.
-            options: none are known.
-
-        Raises:
-            ValueError: another number of seeds than N.
+            seed: N seeds, or one: robot i gets seed + i. A robot without a seed uses its own generator.
+            options: unused.
         """
         self._begun = True
-        for index, own in enumerate(self._seeds(seed)):
+        for index, own in zip(range(self.num_envs), self._seeds(seed), strict=True):
             if own is not None:
                 self._rngs[index] = seeding.np_random(own)[0]
             self._begin(index, own)
@@ -114,10 +105,6 @@ class WalkVectorEnv(VectorEnv):
 
         Args:
             actions: (N, actions), clipped to [-1, 1].
-
-        Returns:
-            Observations (N, observations), rewards (N,), terminated (N,), truncated (N,), and infos: fault, phase,
-            base_pos.
 
         Raises:
             ConfigError: no reset before; actions of another shape, or not finite.
@@ -145,11 +132,7 @@ class WalkVectorEnv(VectorEnv):
     def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + index for index in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds for {self.num_envs} robots: give one seed, or one for each robot")
-        return list(seed)
+        return [seed + index for index in range(self.num_envs)] if isinstance(seed, int) else seed
 
     def _step_share(self, share: np.ndarray, actions: np.ndarray, out: tuple) -> None:
         worlds, motors, sensors, walkers = self._lists
@@ -165,7 +148,7 @@ class WalkVectorEnv(VectorEnv):
         return world.arrays, arrays, sensors, new_walker(self._robot.num_joints, len(self._robot.legs), commands)
 
     def _begin(self, index: int, seed: int | None) -> None:
-        drawn = int(self._rngs[index].integers(_MOST)) if seed is None else seed
+        drawn = int(self._rngs[index].integers(2**31)) if seed is None else seed
         for column, part in zip(self._lists, self._drawn(index, drawn), strict=True):
             column[index] = part
         self._steps[index], self._phases[index], self._faults[index] = 0, 0.0, 0

@@ -20,11 +20,7 @@ from motorprior.simulation.rendering import look_at, prepare
 
 
 def require_screen() -> None:
-    """Check that there is a screen before the work starts.
-
-    Raises:
-        ConfigError: there is none.
-    """
+    """Raise ConfigError if there is no screen."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ConfigError(
             "viewer: there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)",
@@ -33,12 +29,7 @@ def require_screen() -> None:
 
 
 def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
-    """Play the walks one after another, repeatedly, until the window is closed.
-
-    Args:
-        robot: that walked.
-        walks: (F, 7 + joints) base pose and joint angles of each.
-        control_dt: time between frames [s].
+    """Play walks (F, 7 + joints), with ``control_dt`` [s] between frames, repeatedly until the window is closed.
 
     Raises:
         ConfigError: no window can be opened.
@@ -62,7 +53,7 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
 
 
 def _play(window: Any, model: mujoco.MjModel, data: mujoco.MjData, walk: np.ndarray, control_dt: float) -> None:
-    """One walk, until its end or that of the window; late frames are skipped."""
+    """Play one walk until it ends or the window is closed; late frames are skipped."""
     started, frame = time.monotonic(), 0
     while frame < len(walk) and window.is_running():
         with window.lock():

@@ -1,4 +1,4 @@
-"""One robot in MuJoCo: model, data, and the views of their memory that compiled code works on."""
+"""One robot in MuJoCo: model, data, and views of their memory for compiled code."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -12,7 +12,7 @@ from motorprior.actuator.kernels import reset_actuator
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.fatal_errors import install_handler
 from motorprior.simulation.mj_call import mj_step_address, stop_timers
-from motorprior.simulation.randomization import LONGEST_DELAY, Conditions, nominal_conditions
+from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import WorldArrays, find_fault
 
@@ -24,21 +24,20 @@ def _links(conditions: Conditions) -> np.ndarray:
     return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
 
-def _keep_quiet(message: str) -> None:
-    """Ignore a warning; otherwise MuJoCo would write MUJOCO_LOG.TXT. Faults are found from the state instead."""
+def _ignore(message: str) -> None:
+    """Ignore a warning; otherwise MuJoCo writes MUJOCO_LOG.TXT. Faults are detected from the state."""
 
 
 class World:
     """A simulated robot. Use one per thread.
 
-    Making one changes the whole process, other models of MuJoCo included: no warning is printed or written to a file
-    any more (``mjData.warning`` still counts them), MuJoCo's timers stand still (`mj_call.stop_timers`), and a fatal
-    error in compiled code ends the process with one line (`fatal_errors`).
+    The first one changes MuJoCo in the whole process: warnings are only counted (``mjData.warning``), timers stop
+    (`mj_call.stop_timers`), and a fatal error in compiled code ends the process with one line (`fatal_errors`).
     """
 
     def __init__(self, config: WorldConfig):
         self.config = config
-        mujoco.set_mju_user_warning(_keep_quiet)
+        mujoco.set_mju_user_warning(_ignore)
         stop_timers()
         install_handler()
         self.model = build_model(config.robot, config.physics_dt, config.suspended)
@@ -60,7 +59,7 @@ class World:
             strength=np.ones(joints),
             torque=np.zeros(joints),
             encoder_offset=np.zeros(joints),
-            commands=np.zeros((int(np.ceil(2.0 * LONGEST_DELAY / config.control_dt)) + 1, joints)),  # delay and jitter
+            commands=np.zeros((int(np.ceil(2.0 * MAX_DELAY / config.control_dt)) + 1, joints)),  # delay and jitter
             clock=np.zeros(1, np.int64),
             delays=np.zeros(1, np.int64),
             geoms=self.data.geom_xpos,
@@ -76,7 +75,7 @@ class World:
     def reset(
         self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' fresh arrays.
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
 
         The pose and the conditions are the robot's nominal ones if not given.
         """
@@ -94,7 +93,7 @@ class World:
         arrays.encoder_offset[:] = conditions.encoder_offset
         arrays.commands[:] = joint_pos
         arrays.clock[:] = 0
-        arrays.torque[:] = 0.0  # or a trace began with the last episode's
+        arrays.torque[:] = 0.0  # or a trace would begin with the previous episode's
         self.arrays = arrays._replace(push=conditions.push, delays=conditions.delay_steps(self.config.physics_dt))
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.config.physics_dt)

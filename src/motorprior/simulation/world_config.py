@@ -1,4 +1,4 @@
-"""How a robot is simulated, in any engine."""
+"""Settings of a simulated robot, for any engine."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from motorprior.robots.robot import Robot
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """How the robot is simulated.
+    """Settings of a simulated robot.
 
     Attributes:
-        robot: which.
+        robot: its description.
         physics_dt: step [s]; must divide control_dt.
         control_dt: time a position target is held [s].
         suspended: a free base is fixed in the air.
@@ -28,13 +28,8 @@ class WorldConfig:
     def of(
         cls, robot: Robot, *, physics_dt: float | None = None, control_dt: float | None = None, suspended: bool = False
     ) -> WorldConfig:
-        """The robot's own clocks where no others are given."""
-        return cls(
-            robot,
-            robot.physics_dt if physics_dt is None else physics_dt,
-            robot.control_dt if control_dt is None else control_dt,
-            suspended,
-        )
+        """With the robot's own clocks by default."""
+        return cls(robot, physics_dt or robot.physics_dt, control_dt or robot.control_dt, suspended)
 
     @property
     def is_fixed(self) -> bool:
@@ -43,11 +38,7 @@ class WorldConfig:
 
     @property
     def substeps(self) -> int:
-        """Physics steps per control step.
-
-        Raises:
-            ConfigError: physics_dt does not divide control_dt.
-        """
+        """Physics steps per control step; ConfigError if physics_dt does not divide control_dt."""
         count = round(self.control_dt / self.physics_dt)
         if count < 1 or abs(count * self.physics_dt - self.control_dt) > 1e-9:
             raise ConfigError(f"physics_dt {self.physics_dt} s does not divide control_dt {self.control_dt} s")

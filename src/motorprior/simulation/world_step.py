@@ -19,15 +19,9 @@ FAULTS = {
     1: "a coordinate, speed or acceleration is not finite or huge",
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
-}
-"""Meaning of the fault numbers of `BackendState`."""
-FURTHEST = 1e3
-"""Base position [m] beyond which a simulation counts as diverged."""
-FASTEST = 1e2
-"""Base speed [m/s] beyond which a simulation counts as diverged."""
-FASTEST_TURN = 1e3
-"""Angular speed of base or joints [rad/s] beyond which a simulation counts as diverged: far above any motion of the
-robot, far below the speeds that a physics step too long for the motors' gains leads to."""
+}  # by fault number of `BackendState`
+# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains leads far beyond.
+MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
 _SINGULAR = int(_WARNING.mjWARN_INERTIA)
@@ -42,32 +36,19 @@ class WorldArrays(NamedTuple):
     data: int
     qpos: np.ndarray
     qvel: np.ndarray
-    applied: np.ndarray
-    """(nv,) generalized force, the last are the joints'"""
-    damping: np.ndarray
-    """(joints,) implicit damping of the joints in the model [N·m·s/rad], a view"""
-    passive: np.ndarray
-    """(joints,) part of the damping that does not come from motors [N·m·s/rad]"""
-    strength: np.ndarray
-    """(joints,) factors on torque and damping of the motors"""
-    torque: np.ndarray
-    """(joints,) scratch"""
-    encoder_offset: np.ndarray
-    """(joints,) reading of the encoders at true zero [rad]"""
-    commands: np.ndarray
-    """(rows, joints) position targets of the latest control steps, in true angles [rad]: a delay line; state"""
-    clock: np.ndarray
-    """(1,) int64: control steps since reset; state"""
-    delays: np.ndarray
-    """(steps,) or (1,) int64: age of the targets in each control step [physics steps]"""
-    geoms: np.ndarray
-    """(geoms, 3) places of the geoms at the beginning of the last physics step [m], a view"""
-    feet: np.ndarray
-    """(legs,) int64: the feet among the geoms"""
-    warnings: np.ndarray
-    """(kinds of warning,) int32: how often MuJoCo gave each since the reset"""
-    push: np.ndarray
-    """(steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)"""
+    applied: np.ndarray  # (nv,) generalized force, the joints last
+    damping: np.ndarray  # (joints,) implicit damping of the joints in the model [N·m·s/rad], a view
+    passive: np.ndarray  # (joints,) part of the damping that is not of the motors [N·m·s/rad]
+    strength: np.ndarray  # (joints,) factors on torque and damping of the motors
+    torque: np.ndarray  # (joints,) of the last physics step [N·m]
+    encoder_offset: np.ndarray  # (joints,) reading of the encoders at true zero [rad]
+    commands: np.ndarray  # (rows, joints) delay line of position targets, in true angles [rad]; state
+    clock: np.ndarray  # (1,) int64: control steps since reset; state
+    delays: np.ndarray  # (steps,) or (1,) int64: age of the targets in each control step [physics steps]
+    geoms: np.ndarray  # (geoms, 3) positions at the beginning of the last physics step [m], a view
+    feet: np.ndarray  # (legs,) int64: indices of the feet's geoms
+    warnings: np.ndarray  # (kinds of warning,) int32: number of MuJoCo's warnings since the reset
+    push: np.ndarray  # (steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)
     physics_dt: float
     substeps: int
 
@@ -76,7 +57,7 @@ class WorldArrays(NamedTuple):
 def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
 
-    Leaves the motors' torque on the joints (the damping that the engine integrates included) in ``world.torque``.
+    Writes the motors' torque on the joints, including the damping that the engine integrates, to ``world.torque``.
     """
     total, n = 0.0, target.shape[0]
     q, dq = world.qpos[world.qpos.shape[0] - n :], world.qvel[world.qvel.shape[0] - n :]
@@ -95,10 +76,10 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 @njit(cache=True, nogil=True, inline="always")
 def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
-    """Age of the target in force, the newest that has come, in control steps; the same in every engine.
+    """Age in control steps of the newest target that has arrived.
 
     Args:
-        delays: (steps,) or (1,) how late the target of every control step comes [physics steps].
+        delays: (steps,) or (1,) delay of the target of every control step [physics steps].
         step: control steps since the reset.
         substep: physics steps since the control step began.
         substeps: physics steps per control step.
@@ -113,8 +94,8 @@ def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: in
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """Hold (joints,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
 
-    The motors get the targets as late as ``world.delays`` says, in the angles of their own encoders; a push acts
-    on the origin of the chassis.
+    The motors get the targets after ``world.delays``, in the angles of their encoders; a push acts on the origin of the
+    chassis.
     """
     step = world.clock[0]
     newest = write_line(world.commands, 0, step, target)
@@ -133,18 +114,13 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
 
 @njit(cache=True, nogil=True)
 def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
-    """Whether a state is not finite or beyond FURTHEST, FASTEST or FASTEST_TURN: fault 1, in every engine.
-
-    Args:
-        qpos: base position (3,) [m], base quaternion (4,) and joint angles [rad]; only angles for a fixed robot.
-        qvel: base velocity (3,) [m/s], angular velocity (3,) [rad/s] and joint velocities [rad/s]; likewise.
-    """
+    """Whether a state (qpos, qvel of MuJoCo) is not finite or beyond the limits: fault 1, in every engine."""
     free = qpos.shape[0] > qvel.shape[0]
     for index in range(qpos.shape[0]):
-        if not np.isfinite(qpos[index]) or (free and index < 3 and abs(qpos[index]) > FURTHEST):
+        if not np.isfinite(qpos[index]) or (free and index < 3 and abs(qpos[index]) > MAX_POSITION):
             return True
     for index in range(qvel.shape[0]):
-        largest = FASTEST if free and index < 3 else FASTEST_TURN
+        largest = MAX_SPEED if free and index < 3 else MAX_ANGULAR_SPEED
         if not abs(qvel[index]) <= largest:  # true for NaN too
             return True
     return False
@@ -160,12 +136,12 @@ def find_fault(world: WorldArrays) -> int:
             return 1
     if has_broken_down(world.qpos, world.qvel):
         return 1
-    return 3 if world.warnings[_SINGULAR] > 0 else 0  # a state that breaks down makes it singular too
+    return 3 if world.warnings[_SINGULAR] > 0 else 0  # a diverged state makes it singular too
 
 
 @njit(cache=True, nogil=True, inline="always")
 def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
-    """(joints,) joint angles [rad] as the encoders report them."""
+    """Write (joints,) joint angles [rad] at the encoders."""
     measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
     for joint in range(out.shape[0]):
         out[joint] += world.encoder_offset[joint]

@@ -12,15 +12,15 @@ from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress, Task
 from motorprior.pipeline.stage import description, fleet_files, in_parallel, is_finished, usable_threads, working
 from motorprior.pipeline.transfer_study.transfer import training_scene
-from motorprior.pipeline.walking.trained_policy import policy_of
+from motorprior.pipeline.walking.training import policy_of
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
 from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, make_executor, many_executors
+from motorprior.search.executor import Executor, make_executor, shared_cluster
 from motorprior.search.executor_process import ProcessExecutor
-from motorprior.search.policy_search import Champion
+from motorprior.search.policy_search import BestPolicy
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.rollout import Episode, WalkConfig
@@ -40,7 +40,7 @@ def walk_table(config: Study, cells: Sequence[tuple[Condition, int]], progress: 
     at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
     processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
     name = f"study: {len(cells)} policies, {config.draws} walks per environment"
-    with progress.start(name, len(cells)) as task, many_executors(config.executor, processes, config.ray_address):
+    with progress.start(name, len(cells)) as task, shared_cluster(config.executor, processes, config.ray_address):
         works = [partial(_cell, config, robot, environments, *cell, task) for cell in cells]
         tables = in_parallel(works, at_a_time, progress)
     return WalkTable.of(walk for each in tables for walk in each.walks)
@@ -74,7 +74,7 @@ def _cell(
         ray_address=config.ray_address,
     )  # fmt: skip
     if condition.name == "untrained":
-        _gait(config.commands(robot).on(robot), condition).save(walk.out / POLICY)
+        _gait(config.commands(robot).extend_range(robot), condition).save(walk.out / POLICY)
     else:
         run_walk(walk, progress, name)
     tested = tuple(each for each in condition.environments if each in environments)
@@ -94,7 +94,7 @@ def _cell(
 
 def _gait(robot: Robot, condition: Condition) -> Policy:
     """The policy of zero weights."""
-    zero = Champion.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
+    zero = BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
     return policy_of(robot, "trot", zero, condition.motors.nominal(robot), {})
 
 
@@ -104,7 +104,7 @@ def evaluated(
     """Walks of a trained policy in its training simulation and in environments."""
     path = config.out / "walk" / condition.folder(seed) / POLICY
     policy = Policy.load(path)
-    robot = policy.commanded(robot)
+    robot = robot.with_speed_range(policy.forward)
     steps = round(config.seconds / robot.control_dt)
     walk = WalkConfig(steps, commands=config.commands(robot), gait=policy.gait)
     places: dict[str, partial[TrainingWalks] | partial[HeldOutWalks]] = {}

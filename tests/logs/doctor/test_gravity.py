@@ -10,7 +10,7 @@ from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
-from motorprior.simulation.suspended_load import gravity_of_held
+from motorprior.simulation.suspended_load import gravity_torque
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def turned(log: MotorLog, *signs: float) -> MotorLog:
 
 
 def found(log: MotorLog, robot: str) -> tuple[Finding, ...]:
-    return check_log(log, gravity=gravity_of_held(log, load_robot(robot))).of("gravity")
+    return check_log(log, gravity=gravity_torque(log, load_robot(robot))).of("gravity")
 
 
 def test_signs_of_the_model_are_no_finding(arm: str):

@@ -30,10 +30,10 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
 
 
 @pytest.mark.parametrize("given", ["mixed", mp.load_fleet("mixed")], ids=["by name", "as it is"])
-def test_contests_are_walked_on_the_validation_fleet(given: Any, tmp_path: Path):
+def test_policies_are_evaluated_on_the_validation_fleet(given: Any, tmp_path: Path):
     run_walk(Walk(tmp_path, MotorChoice("fleet"), validation="mixed", **SHORT))
     fleet = mp.load_fleet("pupper_v2")
-    judged, at_home = (mp.train_policy(PUPPER_V2, fleet, validation=each, **SHORT) for each in (given, None))
+    validated, trained = (mp.train_policy(PUPPER_V2, fleet, validation=each, **SHORT) for each in (given, None))
     walked = Policy.load(tmp_path / POLICY).provenance["own_return"]
-    assert judged.provenance["own_return"] == walked != at_home.provenance["own_return"]
-    assert (judged.provenance["validation"], at_home.provenance["validation"]) == ("mixed", None)
+    assert validated.provenance["own_return"] == walked != trained.provenance["own_return"]
+    assert (validated.provenance["validation"], trained.provenance["validation"]) == ("mixed", None)

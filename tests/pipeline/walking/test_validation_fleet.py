@@ -13,7 +13,7 @@ from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk, scene
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
-from motorprior.search.policy_search import CONTEST, CONTEST_DRAWS, episode_seed
+from motorprior.search.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 
 
 def walk(folder: Path, **changes) -> Walk:
@@ -25,9 +25,9 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     config = walk(tmp_path, validation="mixed")
     run_walk(config)
     policy = Policy.load(tmp_path / POLICY)
-    robot, motors = policy.commanded(PUPPER_V2), MotorChoice("fleet", fleet="mixed")
+    robot, motors = PUPPER_V2.with_speed_range(policy.forward), MotorChoice("fleet", fleet="mixed")
     there = scene(config, robot, motors.sampler(robot), motors.physics_dt(robot)).simulator()
-    seeds = [episode_seed(config.search.seed, CONTEST, draw) for draw in range(CONTEST_DRAWS)]
+    seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
     score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score
     assert policy.provenance["validation"]["fleet"] == "mixed"

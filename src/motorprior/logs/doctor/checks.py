@@ -26,7 +26,7 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gr
         log: the log; it must pass `checked`.
         joint_limits: (J, 2) lowest and highest angle of each joint [rad], for example
             ``robot.limits_of(log.joint_names)``; NaN if unknown, infinite if unlimited.
-        gravity: torque of gravity on the joints, `motorprior.simulation.suspended_load.gravity_of_held`.
+        gravity: torque of gravity on the joints, `motorprior.simulation.suspended_load.gravity_torque`.
 
     Returns:
         The findings, errors first.

@@ -172,9 +172,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
         problem = f"{option}: the log already contains its load ({known[0]})"
         raise ConfigError(problem, where=path, remedy=f"remove {option}", argument=option)
     if config.suspended:
-        from motorprior.simulation.suspended_load import require_held
+        from motorprior.simulation.suspended_load import require_fixed_base
 
-        require_held(log, robot, path, "suspended")
+        require_fixed_base(log, robot, path, "suspended")
     period = config.period or (robot.physics_dt if option else None)
     log, gaps = begin_at_gaps(log, period or 0.0)
     for message in filter(None, (gaps, unit_assumption(path, config.columns))):
@@ -193,9 +193,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
 
 def _warn_of_signs(path: Path, log: MotorLog, robot: Robot, progress: Progress) -> None:
     """Warn if gravity contradicts the signs of the joints."""
-    from motorprior.simulation.suspended_load import gravity_of_held
+    from motorprior.simulation.suspended_load import gravity_torque
 
-    gravity = gravity_of_held(log, robot)
+    gravity = gravity_torque(log, robot)
     for finding in [] if gravity is None else gravity_signs(log, gravity):
         progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
 

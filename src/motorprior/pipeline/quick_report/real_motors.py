@@ -119,10 +119,10 @@ def _require_held(config: RealMotors, found: LogFolder, robot: Robot) -> None:
     """Refuse, before anything is written, logs whose stated posture is not that of a base which is said to be held."""
     if not config.suspended and (robot.base == "free" or not _is_of(found, robot)):
         return
-    from motorprior.simulation.suspended_load import require_held  # here: it imports MuJoCo, which is slow
+    from motorprior.simulation.suspended_load import require_fixed_base  # here: it imports MuJoCo, which is slow
 
     for path, log in zip(found.paths, found.logs.values(), strict=True):
-        require_held(log, robot, path, "suspended" if config.suspended else "")
+        require_fixed_base(log, robot, path, "suspended" if config.suspended else "")
 
 
 def is_replayed(config: RealMotors, robot: str) -> bool:

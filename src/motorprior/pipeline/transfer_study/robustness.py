@@ -58,7 +58,7 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
     Raises:
         ArtifactError, ConfigError: an unreadable policy, or missing motors.
     """
-    robot = Policy.load(path).commanded(robot)
+    robot = robot.with_speed_range(Policy.load(path).forward)
     found = grids(robot)
     cells = sum(len(grid.rows) * len(grid.columns) for grid in found)
     with progress.start(f"robustness of {path.parent.name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:

@@ -143,7 +143,7 @@ def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
     policy = Policy.load(path)
     policy.require_robot(robot, path)
     policy.require_clock(robot.control_dt, path)
-    return policy, policy.commanded(robot)
+    return policy, robot.with_speed_range(policy.forward)
 
 
 def training_scene(

@@ -1,7 +1,7 @@
 """The motors of a training in the provenance of its policy: files by name, digest and relative path.
 
-A file is searched for at its path relative to the policy's folder, so that both can be moved together, and beside the
-policy. Only a file of the same digest is used.
+A file is searched for at its path relative to the policy's folder, so that both can be moved together, and in that
+folder. Only a file with the same digest is used.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ from motorprior.schema import TEXT, TRUTH, Schema, maybe, number, one_of
 
 _FILES = ("prior", "posterior", "fleet")
 _KEYS = tuple(f"{name}{ending}" for name in _FILES for ending in ("", "_beside", "_sha256"))
-_LARGEST = 1e9
 _CHOICE = Schema(
     {
         "actuator": one_of(*ACTUATORS),
         **dict.fromkeys(_KEYS, maybe(TEXT)),
-        **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-_LARGEST, _LARGEST))),
-        **dict.fromkeys(("armature", "delay", "coulomb", "spread", "latent_spread"), number(-_LARGEST, _LARGEST)),
+        **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-1e9, 1e9))),
+        **dict.fromkeys(("armature", "delay", "coulomb", "spread", "latent_spread"), number(-1e9, 1e9)),
         "limit_follows_gain": TRUTH,
         "name": maybe(TEXT),
     },
@@ -34,7 +33,7 @@ _CHOICE = Schema(
 
 
 def choice_as_json(choice: MotorChoice, folder: Path) -> dict[str, Any]:
-    """For the provenance of a policy in ``folder``."""
+    """JSON values for the provenance of a policy in ``folder``."""
     values = asdict(choice) | {key: None for key in _KEYS if key != "fleet"}
     for name in _FILES:
         file = getattr(choice, name)
@@ -47,11 +46,7 @@ def choice_as_json(choice: MotorChoice, folder: Path) -> dict[str, Any]:
 
 
 def choice_from_json(data: Any, policy: Path) -> MotorChoice:
-    """Read what `choice_as_json` wrote.
-
-    Args:
-        data: the provenance of the motors.
-        policy: the file of the policy.
+    """The choice from `choice_as_json`, stored in the file ``policy``.
 
     Raises:
         ArtifactError: unknown or missing keys, or a value of another type.
@@ -93,5 +88,5 @@ def _found(name: str, data: dict[str, Any], policy: Path) -> Path:
                 return path
     raise ConfigError(
         f"the {name} it was trained on, {file} with SHA-256 {str(wanted)[:16]}…, is missing or has changed",
-        where=policy, remedy="put it back, or beside the policy, or train the policy again",
+        where=policy, remedy="put it back, or into the policy's folder, or train the policy again",
     )  # fmt: skip

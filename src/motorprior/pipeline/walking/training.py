@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
@@ -11,14 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.exceptions import ArtifactError, MotorPriorError
+from motorprior.exceptions import ArtifactError, MotorPriorError, SimulationFault
+from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.pipeline.progress import Progress
 from motorprior.pipeline.walking.walk_metrics import EVENTS, Metrics, tensorboard_events
+from motorprior.robots.robot import Robot
 from motorprior.search.ars import Ars, ArsConfig
-from motorprior.search.executor import Executor, Kind, make_executor, many_executors
-from motorprior.search.policy_search import Champion, Iteration, contest, is_settled, new_search, train
+from motorprior.search.executor import Executor, Kind, make_executor
+from motorprior.search.policy_search import BestPolicy, Iteration, has_converged, new_search, train, updated_best
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
 from motorprior.simulation.fatal_errors import saved_on_fatal_error
@@ -32,17 +36,15 @@ Curve = list[dict[str, Any]]
 def executors(
     scenes: list[Scene], workers: int, kind: Kind = "threads", address: str | None = None
 ) -> Iterator[tuple[Executor, Executor]]:
-    """Executors of the training episodes and of the evaluation episodes.
+    """Executors of the training episodes and of the evaluation episodes, see `make_executor`.
 
     Args:
         scenes: of the training, and of the evaluation if it has other motors.
         workers: episodes at a time.
-        kind: see `make_executor`.
-        address: see `make_executor`.
+        kind: of executor.
+        address: of a Ray cluster.
     """
     with ExitStack() as stack:
-        if len(scenes) > 1:
-            stack.enter_context(many_executors(kind, workers, address))
         made = [
             stack.enter_context(closing(make_executor(scene.simulator, workers, kind, address))) for scene in scenes
         ]
@@ -51,33 +53,20 @@ def executors(
 
 @dataclass(frozen=True)
 class Training:
-    """A training with a checkpoint.
-
-    Attributes:
-        search: settings of the search.
-        shape: of the policy.
-        start: a policy to continue from.
-        iterations: at most.
-        patience: see `policy_search.train`.
-        episode_steps: control steps of an episode at most.
-        folder: for checkpoint and metrics.
-        wanted: `stage.description`, which a checkpoint must match.
-        save: writes the policy of a champion.
-        tensorboard: also write events for TensorBoard.
-    """
+    """A training with a checkpoint."""
 
     search: ArsConfig
     shape: PolicyShape
-    start: Policy | None
+    start: Policy | None  # to continue from
     iterations: int
-    patience: int | None
+    patience: int | None  # see `policy_search.train`
     episode_steps: int
-    folder: Path
-    wanted: dict[str, Any]
-    save: Callable[[Champion], None]
-    tensorboard: bool = False
+    folder: Path  # for checkpoint and metrics
+    wanted: dict[str, Any]  # `stage.description`, which a checkpoint must match
+    save: Callable[[BestPolicy], None]  # writes the policy file
+    tensorboard: bool = False  # also write events for TensorBoard
 
-    def run(self, executor: Executor, evaluator: Executor, progress: Progress, name: str) -> tuple[Champion, Curve]:
+    def run(self, executor: Executor, evaluator: Executor, progress: Progress, name: str) -> tuple[BestPolicy, Curve]:
         """Train from the checkpoint, if there is one; save one when interrupted or when episodes fail.
 
         Args:
@@ -86,17 +75,17 @@ class Training:
             progress: where to report to.
             name: of the training.
         """
-        search, champion, curve = self._load() or (
-            new_search(self.search, self.shape, self.start), Champion.none_yet(self.shape), [],
+        search, best, curve = self._load() or (
+            new_search(self.search, self.shape, self.start), BestPolicy.none_yet(self.shape), [],
         )  # fmt: skip
         if search.iteration == 0:  # the initial policy is kept if nothing improves on it
-            champion = contest(search, self.shape, evaluator, champion)
+            best = updated_best(search, self.shape, evaluator, best)
         else:
             progress.note(f"{name}: continues after iteration {search.iteration}")
-        latest = {**search.state(), **champion.state()}
+        latest = {**search.state(), **best.state()}
         saved, took = time.monotonic(), 0.0
 
-        def report(point: Iteration, best: Champion) -> None:
+        def report(point: Iteration, best: BestPolicy) -> None:
             nonlocal latest, saved, took
             curve.append(as_point(point))
             latest = {**search.state(), **best.state()}
@@ -109,30 +98,26 @@ class Training:
 
         try:
             with (
-                saved_on_fatal_error(lambda: self._rescue(latest, curve)),
+                saved_on_fatal_error(lambda: self._save_all(latest, curve)),
                 tensorboard_events(self.folder / EVENTS) if self.tensorboard else nullcontext(lambda row: None) as also,
                 progress.start(f"{name}: {self.iterations} iterations", self.iterations) as task,
             ):
                 metrics = Metrics(self.folder, curve, 2 * self.search.num_directions, self.episode_steps, also)
                 task.advance(search.iteration)
-                champion = train(
-                    search, self.shape, executor, self.iterations, champion, report, evaluator, self.patience
-                )
+                best = train(search, self.shape, executor, self.iterations, best, report, evaluator, self.patience)
         except (KeyboardInterrupt, MotorPriorError):
             self._save_checkpoint(latest, curve)
             raise
-        if search.iteration < self.iterations and is_settled(search, champion, self.patience):
-            progress.note(
-                f"{name}: ended after {search.iteration} iterations, no better policy since {champion.iteration}"
-            )
-        return champion, curve
+        if search.iteration < self.iterations and has_converged(search, best, self.patience):
+            progress.note(f"{name}: ended after {search.iteration} iterations, no better policy since {best.iteration}")
+        return best, curve
 
     def _save_checkpoint(self, state: dict[str, np.ndarray], curve: Curve) -> None:
         points = curve[: int(state["iteration"])]  # interrupted between the two, the curve is a point ahead
         write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
 
-    def _load(self) -> tuple[Ars, Champion, Curve] | None:
-        """The training of an interrupted run with the same settings."""
+    def _load(self) -> tuple[Ars, BestPolicy, Curve] | None:
+        """State of an interrupted training with the same settings."""
         path = self.folder / CHECKPOINT
         if not path.is_file():
             return None
@@ -140,23 +125,56 @@ class Training:
             state, header = read_tensors(path)
             if header.get("wanted") != self.wanted:
                 return None
-            best = {name: state.pop(name) for name in list(state) if name.startswith("champion_")}
-            return Ars.restore(self.search, state), Champion.restore(best), header["curve"]
+            return Ars.restore(self.search, state), BestPolicy.restore(state), header["curve"]
         except (ArtifactError, KeyError) as error:
             problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
             raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
 
-    def _rescue(self, latest: dict[str, np.ndarray], curve: Curve) -> str:
-        """Save everything, and the best policy so far, when MuJoCo ends the process."""
+    def _save_all(self, latest: dict[str, np.ndarray], curve: Curve) -> str:
+        """Save checkpoint and best policy when MuJoCo ends the process; returns a message."""
         self._save_checkpoint(latest, curve)
-        what = f"{int(latest['iteration'])} iterations"
-        best = Champion.restore({name: value for name, value in latest.items() if name.startswith("champion_")})
+        message = f"{int(latest['iteration'])} iterations"
+        best = BestPolicy.restore(latest)
         if best.iteration >= 0:
             self.save(best)
-            what += f" and the best policy so far, of iteration {best.iteration},"
-        return f"{what} are kept in {self.folder}"
+            message += f" and the best policy so far, of iteration {best.iteration},"
+        return f"{message} are saved in {self.folder}"
 
 
 def as_point(point: Iteration) -> dict[str, Any]:
     """A point of the learning curve, with its faults by name."""
     return asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}}
+
+
+def report_faults(curve: Curve, episodes: int, progress: Progress) -> None:
+    """Report the simulation faults of a training with ``episodes`` per iteration.
+
+    Raises:
+        SimulationFault: every episode had one.
+    """
+    faults, total = sum((Counter(point.get("faults", {})) for point in curve), Counter()), len(curve) * episodes
+    for name, count in faults.items():
+        progress.note(f"{count} of {total} episodes ended early: {name}")
+    if faults.total() == total:
+        raise SimulationFault(
+            f"each of the {total} episodes had a simulation fault ({', '.join(faults)})",
+            remedy="the motors are too stiff or too strong for the physics step: use smaller gains or softer motors",
+        )
+
+
+def policy_of(robot: Robot, gait: GaitName, best: BestPolicy, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
+    """The best policy of a training.
+
+    Args:
+        robot: with the speed range of the training.
+        gait: of the training.
+        best: result of the search.
+        nominal: PD gains of the robot's motors.
+        provenance: settings of the training.
+    """
+    arrays = best.policy
+    return Policy(
+        np.ascontiguousarray(arrays.weights), arrays.hidden, arrays.readout, arrays.mean, arrays.std, nominal.kp,
+        nominal.kd, robot.control_dt, robot.name, robot.joint_names, robot.require_legs().forward, gait,
+        provenance | {"iteration": best.iteration, "own_return": best.score},
+    )  # fmt: skip

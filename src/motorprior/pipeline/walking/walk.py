@@ -1,4 +1,4 @@
-"""ARS trains a PMTG policy on motors drawn for every episode."""
+"""Train a walking policy into a folder, on motors drawn for every episode."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ from motorprior.pipeline.prior_file import load_prior, prior_notes
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, digest, is_finished, usable_threads, working
 from motorprior.pipeline.walking.motor_provenance import choice_as_json
-from motorprior.pipeline.walking.trained_policy import policy_of, report_faults
-from motorprior.pipeline.walking.training import CHECKPOINT, Training, executors
+from motorprior.pipeline.walking.training import CHECKPOINT, Training, executors, policy_of, report_faults
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.search.ars import ArsConfig
 from motorprior.search.executor import Kind, require_executor
-from motorprior.search.policy_search import Champion
-from motorprior.search.policy_shape import PolicyShape, units_for
+from motorprior.search.policy_search import BestPolicy
+from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import ROBUST, Randomization
@@ -61,7 +60,7 @@ class Walk:
     episode_steps: int = 1000
     """Control steps per episode. Policies of short episodes may fall later, from errors that grow slowly."""
     gait: GaitName = "trot"
-    """Which leg steps when."""
+    """Gait: phases of the legs."""
     commands: Commands = field(default_factory=Commands)
     """Commanded speeds, also above the robot's usual range."""
     hidden_units: int = 0
@@ -91,10 +90,10 @@ class Walk:
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> bool:
-    """Train or resume, unless the folder holds this very policy. A training of other settings there is replaced.
+    """Train or resume, unless the folder is finished with these settings. A training with other settings is replaced.
 
     Returns:
-        Whether it trained: False if the folder was finished.
+        Whether it trained.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
@@ -125,37 +124,29 @@ def training_notes(robot: Robot, prior: MotorPrior | None, validation: Fleet | s
     return notes
 
 
+def require_sizes(iterations: int, episode_steps: int, workers: int, hidden_units: int, patience: int | None) -> None:
+    """Raise ConfigError for a size of a training that is out of range."""
+    for name, value in (("iterations", iterations), ("episode_steps", episode_steps), ("workers", workers)):
+        require_count(name, value)
+    require_count("hidden_units", hidden_units, 0)
+    if patience is not None:
+        require_count("patience", patience)
+
+
 @dataclass(frozen=True)
 class _Plan:
-    """What follows from the settings of a walk.
-
-    Attributes:
-        config: the settings.
-        robot: with the range of speeds of the training.
-        shape: of the policy.
-        start: policy to continue from.
-        scenes: of the training, and of the evaluation if it has other motors.
-        wanted: description of the stage.
-    """
+    """Checked settings and loaded inputs of a walk."""
 
     config: Walk
-    robot: Robot
+    robot: Robot  # with the speed range of the training
     shape: PolicyShape
     start: Policy | None
-    scenes: list[Scene]
-    wanted: dict[str, Any]
+    scenes: list[Scene]  # of the training, and of the evaluation if it has other motors
+    wanted: dict[str, Any]  # description of the stage
 
 
 def _planned(config: Walk) -> _Plan:
-    """Read the files that the settings name.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
-    """
-    for name, least in (("iterations", 1), ("episode_steps", 1), ("workers", 1), ("hidden_units", 0)):
-        require_count(name, getattr(config, name), least)
-    if config.patience is not None:
-        require_count("patience", config.patience)
+    require_sizes(config.iterations, config.episode_steps, config.workers, config.hidden_units, config.patience)
     if config.start is not None and config.start.resolve() == (config.out / POLICY).resolve():
         raise ConfigError(
             f"start is {POLICY} of the folder out itself, which the training would overwrite", where=config.start,
@@ -169,17 +160,15 @@ def _planned(config: Walk) -> _Plan:
     if start is not None:
         start.require_robot(robot, config.start)
         start.require_gait(config.gait, config.start)
-        robot = start.commanded(robot)
-    robot = config.commands.on(robot)
+        robot = robot.with_speed_range(start.forward)
+    robot = config.commands.extend_range(robot)
     choices = [config.motors, *([] if config.validation is None else [_validation_choice(config.validation)])]
     scenes = [scene(config, robot, choice.sampler(robot), choice.physics_dt(robot)) for choice in choices]
-    # The result does not depend on these.
-    not_settings = ("workers", "executor", "ray_address", "tensorboard")
-    settings = {name: value for name, value in asdict(config).items() if name not in not_settings}
+    without_effect = ("workers", "executor", "ray_address", "tensorboard")  # on the result
+    settings = {name: value for name, value in asdict(config).items() if name not in without_effect}
     inputs = [*config.motors.inputs(robot), *robot.files, *([] if config.start is None else [config.start])]
     inputs += [file for choice in choices[1:] for file in choice.inputs(robot)]
-    units = units_for(config.hidden_units, config.symmetric)
-    shape = PolicyShape.of(robot, config.gait, units, config.symmetric)
+    shape = PolicyShape.of(robot, config.gait, config.hidden_units, config.symmetric)
     return _Plan(config, robot, shape, start, scenes, description("walk", settings, inputs))
 
 
@@ -188,21 +177,16 @@ def _validation_choice(fleet: str) -> MotorChoice:
 
 
 def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> Scene:
-    """The simulation of a worker, on motors from ``draws``, at a step of ``physics_dt`` [s].
-
-    Raises:
-        ConfigError: the engine is not installed, or lacks a feature that the settings need.
-    """
+    """The simulation of a walk, on motors from ``draws``, at a step of ``physics_dt`` [s]."""
     walk = WalkConfig(config.episode_steps, config.task, config.randomization, config.commands, config.gait)
     return Scene(robot, config.engine, draws, physics_dt, walk, Terrain(config.roughness))
 
 
 def _train(plan: _Plan, progress: Progress, name: str) -> None:
-    """Train from the checkpoint, if there is one, and write the policy."""
     config = plan.config
     workers = config.workers if config.ray_address is not None else usable_threads(config.workers, progress)
 
-    def save(best: Champion) -> None:
+    def save(best: BestPolicy) -> None:
         _policy(plan, best).save(config.out / POLICY)
 
     training = Training(
@@ -210,13 +194,13 @@ def _train(plan: _Plan, progress: Progress, name: str) -> None:
         plan.wanted, save, config.tensorboard,
     )  # fmt: skip
     with executors(plan.scenes, workers, config.executor, config.ray_address) as (executor, evaluator):
-        champion, curve = training.run(executor, evaluator, progress, name)
+        best, curve = training.run(executor, evaluator, progress, name)
     report_faults(curve, 2 * config.search.num_directions, progress)
-    save(champion)
+    save(best)
     write_json(config.out / CURVE, curve)
 
 
-def _policy(plan: _Plan, champion: Champion) -> Policy:
+def _policy(plan: _Plan, best: BestPolicy) -> Policy:
     config = plan.config
     validation = None if config.validation is None else _validation_choice(config.validation)
     provenance = {
@@ -234,4 +218,4 @@ def _policy(plan: _Plan, champion: Champion) -> Policy:
         "commands": asdict(config.commands),
         "symmetric": config.symmetric,
     }
-    return policy_of(plan.robot, config.gait, champion, config.motors.nominal(plan.robot), provenance)
+    return policy_of(plan.robot, config.gait, best, config.motors.nominal(plan.robot), provenance)

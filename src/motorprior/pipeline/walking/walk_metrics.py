@@ -1,4 +1,4 @@
-"""metrics.jsonl, one line per iteration while a training runs, and the same for TensorBoard."""
+"""Metrics of a training while it runs: metrics.jsonl, one line per iteration, and TensorBoard events."""
 
 # pyright: reportMissingImports=false
 # tensorboardX is an extra.
@@ -22,17 +22,14 @@ _NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean",
 
 
 class Metrics:
-    """Lines about a training in progress.
-
-    The file follows from the learning curve alone: a resumed training writes it again from its checkpoint, so
-    interruptions do not change it.
+    """Writer of metrics.jsonl; a resumed training writes it again from the curve in its checkpoint.
 
     Args:
         folder: of the walk.
         curve: points so far, see `training.as_point`.
         episodes: per iteration.
-        episode_steps: control steps of an episode at most.
-        also: called with every row, from the first.
+        episode_steps: maximum number of control steps of an episode.
+        also: called with every row.
     """
 
     def __init__(
@@ -50,7 +47,7 @@ class Metrics:
             self._also(row)
 
     def add(self, point: dict[str, Any]) -> str:
-        """Append a line; returns it in words."""
+        """Append a line; returns a summary for the user."""
         row = self._row(point)
         with self._path.open("a", encoding="utf-8") as file:
             file.write(_line(row))
@@ -78,11 +75,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def read_metrics(folder: Path) -> dict[str, np.ndarray]:
-    """(N,) values of every quantity of a finished training, by name.
-
-    Raises:
-        ArtifactError: no such file, or a line that `Metrics` did not write.
-    """
+    """(N,) values of every quantity of a finished training, by name; ArtifactError if the file cannot be read."""
     path = folder / METRICS
     try:
         rows = [parse_json(line) for line in read_text(path, 40_000_000).splitlines()]

@@ -1,4 +1,4 @@
-"""The same training with several seeds, and one picture of their learning curves."""
+"""One training with several seeds, and a plot of their learning curves."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ from motorprior.pipeline.walking.walk_metrics import read_metrics
 from motorprior.results import Result, Results
 
 PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"
-SEEDS_APART = 1000  # policies of demos or studies with different seeds share no search seed
+SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
 
 
 def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Results:
-    """Train with ``seeds`` seeds from the search's own on, each in the folder seed_K of ``config.out``.
+    """Train with ``seeds`` seeds, from that of the search on, each in the folder seed_K of ``config.out``.
 
-    The executor "threads" trains several seeds at a time. The picture shows median and quartiles of return and time
-    upright.
+    The executor "threads" trains several seeds at a time. The plot has median and quartiles of return and time upright.
 
     Returns:
         The mean return [m] of each best policy in its training simulation, or on the validation fleet if there is one.
@@ -58,7 +57,7 @@ def _train(walk: Walk, progress: Progress) -> None:
 
 def _draw(config: Walk, walks: list[Walk]) -> None:
     from motorprior.report.plots_style import png_bytes
-    from motorprior.report.plots_walk import seed_curves  # here: it imports matplotlib, which nothing else needs
+    from motorprior.report.plots_walk import seed_curves  # here, since it imports matplotlib
 
     metrics = [read_metrics(walk.out) for walk in walks]
     longest = max((each["iteration"] for each in metrics), key=len)

@@ -1,9 +1,9 @@
-"""Watch policies walk: a film, MuJoCo's viewer, and measures of the walks."""
+"""Films of walking policies, MuJoCo's viewer, and measures of the walks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -13,9 +13,8 @@ import numpy as np
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Commands
+from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.timetable import Timetable
 from motorprior.pipeline.motor_choice import load_robot_fleet
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import locked, write_results
@@ -41,7 +40,7 @@ _STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures
 
 @dataclass(frozen=True)
 class Play:
-    """Watch policies walk: a film, and measures of the walks. Several walks are shown one under the other."""
+    """Render policies as a film and measure their walks. Several walks are shown one below the other."""
 
     policies: tuple[Path, ...]
     """Policies, or folders that `motorprior walk` wrote."""
@@ -71,7 +70,7 @@ class Play:
 
 @dataclass(frozen=True)
 class Played:
-    """Path of the film, measures of every walk, and the number of control steps of each."""
+    """Path of the film, measures of the walks, and number of control steps of each."""
 
     film: Path
     results: Results
@@ -83,7 +82,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
 
     Raises:
         ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command is outside
-            the robot's range or that of a policy's training; the viewer is requested without a screen.
+            the range of the robot or of a policy's training; the viewer is requested without a screen.
     """
     with locked(config.out):
         played, walks = _play(config, progress)
@@ -94,7 +93,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
 
 
 def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
-    """Result and the walks (steps, 7 + joints)."""
+    """Results and walks (steps, 7 + joints)."""
     robot, names = load_robot(config.robot), _names(config.policies)
     require_number("seconds", config.seconds, robot.control_dt, MAX_SECONDS)
     require_seed(config.seed)
@@ -119,12 +118,7 @@ def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
 
 
 def _write_film(
-    folder: Path,
-    robot: Robot,
-    walks: Sequence[np.ndarray],
-    titles: Sequence[str],
-    notes: Sequence[Sequence[str]],
-    progress: Progress,
+    folder: Path, robot: Robot, walks: list[np.ndarray], titles: list[str], notes: list[list[str]], progress: Progress
 ) -> Path:
     """Write play.mp4, or play.gif where the encoder is not installed; returns its path."""
     from motorprior.report import film  # here, since it imports matplotlib
@@ -164,7 +158,7 @@ def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
 
 
 def _names(policies: Iterable[Path]) -> dict[str, Path]:
-    """Files of the policies by the names of their folders, or of the files where these have other names."""
+    """Files of the policies by the names of their folders, or of files with other names than policy.safetensors."""
     files = [_policy_in(path) if path.is_dir() else path for path in policies]
     if not 1 <= len(files) <= MAX_POLICIES:
         raise ConfigError(f"{len(files)} policies given", remedy=f"give 1 to {MAX_POLICIES}")
@@ -176,7 +170,7 @@ def _names(policies: Iterable[Path]) -> dict[str, Path]:
 
 
 def _policy_in(folder: Path) -> Path:
-    """The policy of a training; an error names one of the seeds if the folder is of several."""
+    """The policy of a training; an error for a folder of several seeds names one."""
     seeds = sorted(folder.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
     if seeds and not (folder / POLICY).is_file():
         raise ConfigError(
@@ -188,7 +182,7 @@ def _policy_in(folder: Path) -> Path:
 
 def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
     policy, robot = policy_for(path, robot)
-    if config.environment in _TWINS:  # policies need not name their training motors here
+    if config.environment in _TWINS:  # without the training motors
         other = replace(walk, randomization=_TWINS[config.environment], gait=policy.gait)
         simulator = twin_of(robot, load_robot_fleet(robot, config.fleet), other)
     else:
@@ -200,10 +194,10 @@ def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
 
 
 def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded: np.ndarray) -> Results:
-    """The measures of a walk with commands (steps, 2).
+    """Measures of a walk with commands (steps, 2).
 
-    Where commands change, measures that need one command are replaced by speed_off, the mean of |filtered speed -
-    command|, see `Episode.speed_error` [m/s]. Without torques (PyBullet) only the time upright is known.
+    With changing commands, measures that need a constant one are replaced by speed_off, `Episode.speed_error` [m/s].
+    Without torques (PyBullet) only the time upright is known.
     """
     if not len(episode.motion):
         upright = float(completed(episode, len(commanded)))
@@ -219,12 +213,12 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
 
 
 def _slowest(forward: np.ndarray) -> float:
-    """The commanded speed nearest to standing [m/s]; 0 where the direction changes."""
+    """Commanded speed of the smallest magnitude [m/s]; 0 if the direction changes."""
     return 0.0 if forward.min() < 0.0 < forward.max() else float(forward[np.abs(forward).argmin()])
 
 
 def _until_end(trace: np.ndarray, steps: int) -> np.ndarray:
-    """The trace, with its last frame repeated up to ``steps``."""
+    """The trace, its last frame repeated up to ``steps``."""
     return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
 
 

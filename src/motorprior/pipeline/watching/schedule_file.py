@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.locomotion.timetable import Timetable
+from motorprior.locomotion.command import Timetable
 from motorprior.logs.formats.csv_table import read_number_table
 from motorprior.robots.robot import Robot
 
@@ -15,11 +15,10 @@ COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")
 
 
 def read_schedule(path: Path, robot: Robot) -> Timetable:
-    """The commands in a file, each in force until the time of the next row.
+    """Read the commands; each is in force until the time of the next row.
 
     Raises:
-        ConfigError: the file cannot be read, or a row is outside the robot's range: names file, row (from 0), value
-            and range.
+        ConfigError: the file cannot be read, or a row is outside the robot's range; names row (from 0), value, range.
     """
     try:
         table = read_number_table(path, COLUMNS)
@@ -31,9 +30,8 @@ def read_schedule(path: Path, robot: Robot) -> Timetable:
     low = np.column_stack([earliest, *np.full((2, len(table)), [[size.forward[0]], [-size.yaw_rate]])])
     high = np.broadcast_to([np.finfo(float).max, size.forward[1], size.yaw_rate], table.shape)
     for row, column in np.argwhere(~((table >= low) & (table <= high)))[:1]:
-        least, most = low[row, column], high[row, column]
         after = f"after {table[row - 1, 0]:g} (times must increase)" if row else "at least 0"
-        allowed = after if column == 0 else f"within {least:g} to {most:g}"
+        allowed = after if column == 0 else f"within {low[row, column]:g} to {high[row, column]:g}"
         raise ConfigError(
             f"row {row}: {COLUMNS[column]} is {table[row, column]:g}, but must be {allowed}", where=path,
             remedy=f"give commands in the range of robot {robot.name!r}, ordered by time",

@@ -20,16 +20,16 @@ from motorprior.transfer.twin import EVALUATION_SEED
 def build_walk_report(
     run: Path, robot_name: str, command: str, with_robustness: bool = True, progress: Progress = SILENT
 ) -> Path:
-    """Write report.html next to the policies in ``run`` or one folder below it; returns its path.
+    """Write report.html on the policies in ``run`` or one folder below it; returns its path.
 
-    Policies whose folders have the same name but for a number, such as slow_0 and slow_1, are seeds of one training;
-    the first seed is shown.
+    Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
+    the first seed.
 
     Args:
         run: folder of one training, or of several.
-        robot_name: name or .toml file of the robot that walks.
+        robot_name: name or .toml file of the robot.
         command: the command that makes the same page.
-        with_robustness: also measure `robustness` of each shown policy, about ten seconds each.
+        with_robustness: also measure `robustness` of each policy on the page, about ten seconds each.
         progress: where to report to.
 
     Raises:
@@ -65,6 +65,6 @@ def build_walk_report(
 
 
 def _training(run: Path, folder: Path) -> str:
-    """Name of a training: that of its folder without the number of a seed."""
+    """Name of the training: its folder without the number of a seed."""
     stem = re.sub(r"_\d+$", "", folder.name)
     return run.resolve().name if folder == run or stem == "seed" else stem

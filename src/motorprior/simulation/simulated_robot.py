@@ -1,4 +1,4 @@
-"""A robot on physical motors, advanced by milliseconds, whose gains may change while it moves."""
+"""A simulated robot for the virtual firmware: physical motors, steps of 1 ms, gains that change while it moves."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -18,19 +18,19 @@ from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints
 
+# Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at 100 Hz
 IMU_NOISE = (0.002, 0.01)
-"""Standard deviations of the noise on attitude [rad] and on rates [rad/s]; assumed for a MEMS sensor at 100 Hz."""
 
 
 @dataclass(frozen=True)
-class LiveState:
-    """Attributes: joint_pos (joints,) [rad], joint_vel (joints,) [rad/s], attitude and rates (3,), base (7,) qpos."""
+class SimulatedState:
+    """Sensor readings and the true pose of the base."""
 
-    joint_pos: np.ndarray
-    joint_vel: np.ndarray
-    attitude: np.ndarray
-    rates: np.ndarray
-    base: np.ndarray
+    joint_pos: np.ndarray  # (joints,) [rad]
+    joint_vel: np.ndarray  # (joints,) [rad/s]
+    attitude: np.ndarray  # (3,) roll, pitch, yaw [rad]
+    rates: np.ndarray  # (3,) [rad/s]
+    base: np.ndarray  # (7,) position [m] and quaternion
 
 
 @njit(cache=True, nogil=True)
@@ -39,10 +39,10 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
         physics_step(world, motors, target)
 
 
-class LiveRobot:
-    """A simulated robot in time steps of its firmware, lying on its belly with folded legs at first, or suspended.
+class SimulatedRobot:
+    """A simulated robot, lying with folded legs at first, or suspended.
 
-    Unlike in training, the chassis touches the floor, so that a robot without current lies there.
+    Unlike in training, the chassis collides with the floor, so that a robot without current lies on it.
 
     Args:
         robot: one with a wire.
@@ -63,7 +63,7 @@ class LiveRobot:
         self._arrays = self._world.reset(PhysicalActuator(motors), folded)
         if not suspended:
             self._world.data.qpos[2] = max(leg.drop(folded) for leg in robot.legs)
-        self.advance(0, folded)  # compile, or load what was compiled, before time counts
+        self.advance(0, folded)  # compile, or load compiled code, before real time starts
 
     def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:
         """Set gains (joints,) [A/rad], [A·s/rad] and current limit [A]; each motor keeps its torque per ampere."""
@@ -76,15 +76,15 @@ class LiveRobot:
         self._arrays.parameters[:] = PhysicalActuator(motors).arrays(self._robot.twin_physics_dt).parameters
 
     def advance(self, milliseconds: int, target: np.ndarray) -> None:
-        """Let time pass under (joints,) targets [rad]."""
+        """Simulate under (joints,) targets [rad]."""
         _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
 
     def position(self) -> np.ndarray:
         """(2,) horizontal position of the base [m]."""
         return np.zeros(2) if self._suspended else self._world.data.qpos[:2].copy()
 
-    def state(self) -> LiveState:
-        """The present sensor readings and the true pose of the base."""
+    def state(self) -> SimulatedState:
+        """The present state."""
         data, measured = self._world.data, np.zeros(self._robot.num_joints)
         read_joints(self._world.arrays, self._arrays, measured)
         noise = self._rng.standard_normal(6)
@@ -93,7 +93,7 @@ class LiveRobot:
             base = data.qpos[:7].copy()
             attitude, rates = np.array(roll_pitch_yaw(base[3:])), data.qvel[3:6].copy()
         count = 2.0 * np.pi / self._wire.encoder_counts
-        return LiveState(
+        return SimulatedState(
             joint_pos=count * np.round(measured / count),
             joint_vel=self._arrays.memory[FILTERED_VEL].copy(),
             attitude=attitude + IMU_NOISE[0] * noise[:3],

@@ -1,4 +1,4 @@
-"""Mean and spread of observations, added up in pieces."""
+"""Running mean and variance of observations."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
-    """Count, mean and summed squared deviation of observations; merging is exact up to rounding.
+class RunningStats:
+    """Count, mean and sum of squared deviations of observations.
 
     Attributes:
         count: number of observations.
@@ -24,20 +24,12 @@ class Moments:
     m2: np.ndarray
 
     @classmethod
-    def empty(cls, size: int) -> Moments:
-        """Moments of no observations."""
+    def empty(cls, size: int) -> RunningStats:
+        """Statistics of no observations."""
         return cls(0, np.zeros(size), np.zeros(size))
 
-    @classmethod
-    def of(cls, observations: np.ndarray) -> Moments:
-        """Moments of observations of shape (count, observation)."""
-        if len(observations) == 0:
-            return cls.empty(observations.shape[1])
-        mean = observations.mean(axis=0)
-        return cls(len(observations), mean, np.square(observations - mean).sum(axis=0))
-
-    def merge(self, other: Moments) -> Moments:
-        """Moments of both together (Chan, Golub, LeVeque 1983).
+    def merge(self, other: RunningStats) -> RunningStats:
+        """Statistics of both together (Chan, Golub, LeVeque 1983).
 
         d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.
         """
@@ -47,9 +39,9 @@ class Moments:
         shift = other.mean - self.mean
         mean = self.mean + shift * (other.count / count)
         m2 = self.m2 + other.m2 + np.square(shift) * (self.count * other.count / count)
-        return Moments(count, mean, m2)
+        return RunningStats(count, mean, m2)
 
     def std(self) -> np.ndarray:
-        """Population standard deviation; 1 where the observation is constant or there is none."""
+        """Population standard deviation; 1 where an observation is constant or there is none."""
         std = np.sqrt(self.m2 / max(self.count, 1))
         return np.where(std > CONSTANT_STD, std, 1.0)
