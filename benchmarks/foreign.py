@@ -23,7 +23,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
-from motorprior.identification.judging.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -80,7 +80,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
     """Errors [rad] on both sets of motors, and what the rollout's draws are worth."""
-    from motorprior.identification.judging.coverage import coverage
+    from motorprior.identification.evaluation.coverage import coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     facts = read_bench(settings.out / family / "bench")[1]

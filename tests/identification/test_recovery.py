@@ -13,8 +13,8 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.judging.coverage import coverage
-from motorprior.identification.judging.reference import reference_metrics
+from motorprior.identification.evaluation.coverage import coverage
+from motorprior.identification.evaluation.reference import reference_metrics
 from motorprior.identification.latents.latent_fit import Posterior, adapt
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify

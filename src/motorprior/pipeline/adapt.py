@@ -195,7 +195,7 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
     Raises:
         LogError, ArtifactError: see `adapt_to`.
     """
-    from motorprior.identification.judging.reference import loss_p_value, num_blocks
+    from motorprior.identification.evaluation.reference import loss_p_value, num_blocks
     from motorprior.identification.latents.outliers import outliers
 
     preset, data, temperature, which = _prepared(prior, path, log, where)
@@ -214,7 +214,7 @@ def _prepared(
     prior: MotorPrior, path: str | Path, log: MotorLog, where: str
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.ending` of the metrics of the outlier test."""
-    from motorprior.identification.judging.reference import ending, has_reference_metrics
+    from motorprior.identification.evaluation.reference import ending, has_reference_metrics
     from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
     preset = with_window_that_fits(recipe_of(prior, path), log)

@@ -12,7 +12,7 @@ from motorprior.logs.stated import range_in_words
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.judging.fit_quality import FitQuality
+    from motorprior.identification.evaluation.fit_quality import FitQuality
 
 
 def told_quality(
@@ -23,7 +23,7 @@ def told_quality(
     ``recipe`` is the motors', and ``of_the_log`` tells whether they were fitted to it.
     """
     from motorprior.identification.baselines.pd_fit import TUNING
-    from motorprior.identification.judging.fit_quality import fit_quality
+    from motorprior.identification.evaluation.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
         quality = fit_quality(motors, log, task.advance, of_the_log, recipe.usual_conditions)

@@ -180,7 +180,7 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
-    from motorprior.identification.judging.reference import reference_metrics
+    from motorprior.identification.evaluation.reference import reference_metrics
     from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, scaled
     from motorprior.identification.train import identify, work_of
     from motorprior.identification.training_data.windows import used_share

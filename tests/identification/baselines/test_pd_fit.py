@@ -20,7 +20,7 @@ from motorprior.identification.baselines.pd_fit import (
     tuned_pd,
 )
 from motorprior.identification.baselines.replay_error import closed_loop_error, scaled_gains, trials, with_scaled_gains
-from motorprior.identification.judging.log_fidelity import free_run_errors, whole_runs
+from motorprior.identification.evaluation.log_fidelity import free_run_errors, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
 

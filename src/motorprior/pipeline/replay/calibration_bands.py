@@ -58,7 +58,7 @@ def draw_prior_bands(
     replayers: Mapping[str, Replayer], robot: Robot, fleet: Fleet, prior: MotorPrior, draws: int, seed: int, task: Task
 ) -> tuple[bytes, Results]:
     """`draw_bands` of a prior: its LEVELS and its central motor, with the fleet's 90 % band as lines."""
-    from motorprior.identification.judging.coverage import band
+    from motorprior.identification.evaluation.coverage import band
 
     rng, panels, covered = np.random.default_rng(seed), [], []
     for name, replayer in replayers.items():

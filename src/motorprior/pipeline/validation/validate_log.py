@@ -33,7 +33,7 @@ from motorprior.pipeline.validation.log_baselines import (
 from motorprior.results import Result, Results
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.judging.log_fidelity import LogModel, LogTraces
+    from motorprior.identification.evaluation.log_fidelity import LogModel, LogTraces
     from motorprior.identification.latents.latent_fit import Posterior
     from motorprior.identification.physics.window_runs import WindowRuns
 
@@ -115,7 +115,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    from motorprior.identification.judging.log_fidelity import known_half
+    from motorprior.identification.evaluation.log_fidelity import known_half
 
     log = replace(log, source=str(config.log))
     if config.seconds is not None and config.fitted_on:
@@ -135,7 +135,7 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.judging.log_fidelity import free_runs, log_traces, whole_runs
+    from motorprior.identification.evaluation.log_fidelity import free_runs, log_traces, whole_runs
 
     where, preset = judged.source, with_gains_of(recipe_of(prior, config.prior), judged)
     spans = {
@@ -168,7 +168,7 @@ def measured(
     report: Callable[[], None] = lambda: None,
 ) -> Results:
     """Errors of all models, and coverage of the prior, adapted and told nothing, over free runs of each of SPANS."""
-    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, untold, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import free_run_errors, log_coverage, untold, within_a_turn
 
     rows = []
     for quantity, runs in spans.items():

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.identification.judging import coverage as module
-from motorprior.identification.judging.coverage import DRAWS, band, coverage
+from motorprior.identification.evaluation import coverage as module
+from motorprior.identification.evaluation.coverage import DRAWS, band, coverage
 
 
 @pytest.mark.parametrize("level", [50, 90])

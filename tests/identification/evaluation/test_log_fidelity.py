@@ -14,7 +14,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
-from motorprior.identification.judging.log_fidelity import (
+from motorprior.identification.evaluation.log_fidelity import (
     FREE_RUN,
     free_run_errors,
     free_runs,
@@ -24,8 +24,8 @@ from motorprior.identification.judging.log_fidelity import (
     whole_runs,
     within_a_turn,
 )
-from motorprior.identification.judging.reference import LEVELS as PERCENTILES
-from motorprior.identification.judging.reference import SPEEDS
+from motorprior.identification.evaluation.reference import LEVELS as PERCENTILES
+from motorprior.identification.evaluation.reference import SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS

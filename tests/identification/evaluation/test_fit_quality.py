@@ -13,7 +13,7 @@ from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.replay_error import trials
-from motorprior.identification.judging.fit_quality import MISSING, FitQuality, fit_quality
+from motorprior.identification.evaluation.fit_quality import MISSING, FitQuality, fit_quality
 from motorprior.identification.latents.standardise import scaled, standardised
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot

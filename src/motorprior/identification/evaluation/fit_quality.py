@@ -19,7 +19,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import tuned_pd
 from motorprior.identification.baselines.replay_error import AtGains, scaled_gains
-from motorprior.identification.judging.reference import SPEEDS, replayed_segments, replays, told
+from motorprior.identification.evaluation.reference import SPEEDS, replayed_segments, replays, told
 from motorprior.identification.training_data.windows import seconds_of_work
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms

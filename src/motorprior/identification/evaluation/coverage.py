@@ -10,8 +10,8 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset
-from motorprior.identification.judging.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
-from motorprior.identification.judging.reference import draw_residuals
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
+from motorprior.identification.evaluation.reference import draw_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.results import Result, Results
 

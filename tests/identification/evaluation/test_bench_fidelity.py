@@ -7,7 +7,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.judging.bench_fidelity import Ensemble, bench_errors, held_out_trials, respond
+from motorprior.identification.evaluation.bench_fidelity import Ensemble, bench_errors, held_out_trials, respond
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
 from motorprior.transfer.robot_fidelity import robot_fidelity

@@ -20,8 +20,8 @@ from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.baselines.response_models import ResponseMotors
-from motorprior.identification.judging.coverage import DRAWS, LEVELS, band, latent_draws
-from motorprior.identification.judging.reference import draw_residuals
+from motorprior.identification.evaluation.coverage import DRAWS, LEVELS, band, latent_draws
+from motorprior.identification.evaluation.reference import draw_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.presets import Preset

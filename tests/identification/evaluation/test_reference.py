@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.judging.reference import (
+from motorprior.identification.evaluation.reference import (
     LEVELS,
     SPEEDS,
     draw_residuals,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.optional_terms import TERMS
-from motorprior.identification.judging.passivity import cycle_work, residual_bound, residual_work
+from motorprior.identification.evaluation.passivity import cycle_work, residual_bound, residual_work
 
 MOTORS, DT = 8, 0.002
 Z = np.random.default_rng(0).standard_normal((MOTORS, 3))

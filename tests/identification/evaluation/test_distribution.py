@@ -9,7 +9,7 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.judging.distribution import (
+from motorprior.identification.evaluation.distribution import (
     aggregate_posterior_summary,
     area_under_curve,
     energy_distance,
