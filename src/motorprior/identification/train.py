@@ -22,7 +22,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError, listed
-from motorprior.identification.evaluation.distribution import aggregate_posterior_summary
+from motorprior.identification.evaluation.distribution import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
@@ -116,8 +116,8 @@ def _finished(
 ) -> Identified:
     if preset.standardise:
         network, mean, log_var = standard_posterior(network, data, preset, mean, assumed)
-    divergence = aggregate_posterior_summary(mean, log_var).kl if mean.size else 0.0
-    return Identified(network, mean, log_var, preset, losses, float(divergence), metrics, notes)
+    divergence = aggregate_posterior_kl(mean, log_var) if mean.size else 0.0
+    return Identified(network, mean, log_var, preset, losses, divergence, metrics, notes)
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:

@@ -20,7 +20,7 @@ AtGains = Callable[[Actuator, MotorLog], Actuator]
 def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
     """The segments of a log as trials, each with its recorded joint_pos (steps, n) [rad].
 
-    Joints start in the recorded state. Where the encoders are on the rotors, they start at rest at the first target.
+    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
     """
     found = []
     for part in log.segments():
@@ -37,34 +37,33 @@ def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
 
 
 def unchanged(motors: Actuator, part: MotorLog) -> Actuator:
-    """The motors, whatever gains the segment states."""
+    """The motors, whatever the gains of the segment."""
     return motors
 
 
 def scaled_gains(log: MotorLog) -> AtGains:
     """Scales a PD for the whole log to the gains of a segment (`GainScaledPd`); `unchanged` if the log has no gains."""
-    medians = _median_gains(log)
-    if medians is None:
+    rows = stated_gain_rows(log)
+    if rows is None:
         return unchanged
 
     def at_gains(motors: Actuator, part: MotorLog) -> Actuator:
         gains = stated_gains_of(part)
         if gains is None or not isinstance(motors, IdealPd):
             return motors
-        return GainScaledPd(motors, medians).at(gains)
+        return GainScaledPd(motors, _medians(rows, log)).at(gains)
 
     return at_gains
 
 
 def with_scaled_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
     """A PD that was fitted to a log, scaled to the gains of other logs if this one has gains."""
-    medians = _median_gains(log)
-    return pd if medians is None else GainScaledPd(pd, medians)
-
-
-def _median_gains(log: MotorLog) -> np.ndarray | None:
     rows = stated_gain_rows(log)
-    return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
+    return pd if rows is None else GainScaledPd(pd, _medians(rows, log))
+
+
+def _medians(rows: np.ndarray, log: MotorLog) -> np.ndarray:
+    return np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
 
 
 def closed_loop_error(
@@ -72,15 +71,14 @@ def closed_loop_error(
 ) -> Callable[[Actuator], float]:
     """Function from models of a log's motors to their mean joint RMSE [rad] when they replay it on the dynamometer.
 
-    A simulation that diverges has an error of 1000 rad. ``progress`` is called after every one.
+    A simulation that diverges has an error of 1000 rad. ``progress`` is called after every simulation.
     """
     cases = list(zip(trials(log), log.segments(), strict=True))
 
     def error(motors: Actuator) -> float:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = np.mean(
-                [rmse(run(at_gains(motors, part), trial).joint_pos, truth, axis=0) for (trial, truth), part in cases]
-            )
+            replays = [(run(at_gains(motors, part), trial).joint_pos, recorded) for (trial, recorded), part in cases]
+            found = np.mean([rmse(simulated, recorded, axis=0) for simulated, recorded in replays])
         if progress is not None:
             progress(1)
         return float(found) if np.isfinite(found) else 1e3

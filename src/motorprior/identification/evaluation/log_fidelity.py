@@ -1,9 +1,8 @@
-"""How far models are from a log that nothing was fitted to: free runs of a second and of whole segments.
+"""Errors of models on a held-out log: free runs of a second and of whole segments, from commands and loads alone.
 
-A log takes the place of physical motors where none are known: command in, motion out. Each free run begins with the
-recorded joint and with the hidden state of a simulation that followed the recording until then (`window_runs`). One of
-a whole segment does so once, after the warm-up at the segment's beginning, and never looks again. Errors are simulated
-minus recorded angles, the latter smoothed where readings are noisy (`smoothing`); no mean is removed.
+Each free run starts from the recorded joint and from the hidden state of a simulation that followed the recording until
+then (`window_runs`). A run of a whole segment does so once, after the warm-up at the beginning of the segment. Errors
+are simulated minus recorded angles, the latter smoothed where readings are noisy (`smoothing`); no mean is removed.
 """
 
 from __future__ import annotations
@@ -29,15 +28,13 @@ from motorprior.identification.training_data.windows import POS, SECONDS, TARGET
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
-FREE_RUN = 1.0
-"""Length of a free run [s]."""
-LogModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors
-"""What can be run against a log: motors on its loads, or responses that need none."""
+FREE_RUN = 1.0  # length of a free run [s]
+LogModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors  # motors on the log's loads, or responses without loads
 _STREAM = 53
 
 
-def known_half(log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    """A log in two: cut where the segment begins that is nearest to its middle row, or there if it has only one."""
+def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
+    """A log in two: cut at the start of the segment that is nearest to the middle row, or there if it has only one."""
     starts = [part.start for part in log.segment_slices()[1:]]
     cut = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
     return log.rows(slice(0, cut)), log.rows(slice(cut, log.num_rows))
@@ -60,28 +57,25 @@ def whole_runs(log: MotorLog, preset: Preset, where: str) -> list[WindowRuns]:
         LogError: see `free_runs`.
     """
     preset = replace(preset, objective="rollout", window=1)
-    data, found = training_data(log, preset, where), []
-    for part in data.parts:
-        window = part.stop - part.start - 1 - preset.history
-        if window > 0:
-            found.append(WindowRuns(replace(data, parts=(part,)), replace(preset, window=window)))
-    return found
+    data = training_data(log, preset, where)
+    windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
+    return [
+        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window)) for part, window in windows if window > 0
+    ]
 
 
 def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) -> dict[str, np.ndarray]:
     """(M,) root mean square angle error [rad] of each model of the log's M motors, over all samples of its runs."""
-    return {name: rms(_joined_errors(runs, model), axis=1) for name, model in models.items()}
+    found = {}
+    for name, model in models.items():
+        parts = [angle_errors(one, model).reshape(one.num_motors, -1) for one in runs]
+        found[name] = rms(np.concatenate(parts, axis=1, dtype=np.float64), axis=1)
+    return found
 
 
 def within_a_turn(errors: np.ndarray | float) -> np.ndarray:
-    """The errors [rad], a whole turn in place of larger ones, as of simulations that broke down, and of NaN."""
+    """The errors [rad], with a whole turn in place of larger ones and NaN, those of diverged simulations."""
     return np.minimum(np.nan_to_num(errors, nan=math.tau), math.tau)
-
-
-def _joined_errors(runs: Sequence[WindowRuns], model: LogModel) -> np.ndarray:
-    """(M, samples) angle errors [rad], float64."""
-    parts = [angle_errors(one, model).reshape(one.num_motors, -1) for one in runs]
-    return np.concatenate(parts, axis=1, dtype=np.float64)
 
 
 def angle_errors(runs: WindowRuns, model: LogModel) -> np.ndarray:
@@ -89,27 +83,27 @@ def angle_errors(runs: WindowRuns, model: LogModel) -> np.ndarray:
     return model.errors(runs) if isinstance(model, ResponseMotors) else POSITION_SCALE * runs.errors(model)[:, :, 0]
 
 
-def untold(prior: MotorPrior, num_motors: int) -> Posterior:
-    """What is believed of motors of which nothing is told, not even their names: z ~ N(0, I)."""
+def zero_shot(prior: MotorPrior, num_motors: int) -> Posterior:
+    """The distribution of motors without a log of theirs: z ~ N(0, I)."""
     latents = prior.network.num_latents
-    spread = np.tile(np.eye(latents), (num_motors, 1, 1))
-    return Posterior(np.zeros((num_motors, latents)), spread, np.zeros(num_motors), 0)
+    covariance = np.tile(np.eye(latents), (num_motors, 1, 1))
+    return Posterior(np.zeros((num_motors, latents)), covariance, np.zeros(num_motors), 0)
 
 
 def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
-    """Share of the recorded angles inside the central bands of draws from the posterior, by the band's level [%]."""
+    """Share of the recorded angles inside the central bands of samples of the posterior, by the band's level [%]."""
     rng = np.random.default_rng(_STREAM)
     inside = {level: [] for level in LEVELS}
     for one in runs:
-        draws = _drawn_errors(prior, posterior, one, rng)
+        errors = _sampled_errors(prior, posterior, one, rng)
         for level in LEVELS:
-            low, high = band(draws, level)
+            low, high = band(errors, level)
             inside[level].append(((low <= 0.0) & (high >= 0.0)).ravel())
     return {level: float(np.mean(np.concatenate(parts))) for level, parts in inside.items()}
 
 
-def _drawn_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng: np.random.Generator) -> np.ndarray:
-    """(DRAWS, M, N, W) errors [rad] of motors drawn from the posterior, each with residuals of its prior."""
+def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng: np.random.Generator) -> np.ndarray:
+    """(DRAWS, M, N, W) errors [rad] of samples of the posterior, each with residuals of its prior."""
     recorded, errors = runs.recorded(VEL), []
     for z in latent_draws(posterior, rng, DRAWS):
         found = runs.errors(LatentActuator(prior.network, z))
@@ -120,29 +114,21 @@ def _drawn_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng
 
 @dataclass(frozen=True)
 class LogTraces:
-    """The longest segment of a log beside a model of its M motors, and bands of draws.
+    """The longest segment of a log with a model of its M motors, and bands of samples."""
 
-    Attributes:
-        time: (T,) since the log began [s].
-        position_target: (T, M) [rad].
-        joint_pos: (T, M) recorded [rad].
-        model: (T, M) simulated [rad].
-        bands: level [%] -> lower and upper end, each (T, M) [rad].
-    """
-
-    time: np.ndarray
-    position_target: np.ndarray
-    joint_pos: np.ndarray
-    model: np.ndarray
-    bands: dict[int, tuple[np.ndarray, np.ndarray]]
+    time: np.ndarray  # (T,) since the log began [s]
+    position_target: np.ndarray  # (T, M) [rad]
+    joint_pos: np.ndarray  # (T, M) recorded [rad]
+    model: np.ndarray  # (T, M) simulated [rad]
+    bands: dict[int, tuple[np.ndarray, np.ndarray]]  # level [%] -> lower and upper edge, each (T, M) [rad]
 
 
 def log_traces(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> LogTraces:
-    """Whole free runs of the posterior's mean and of draws from it, of the longest of ``runs``."""
+    """Whole free runs of the posterior's mean and of samples of it, of the longest of ``runs``."""
     longest = max(runs, key=lambda one: one.preset.window)
     time, target, recorded = (longest.recorded(channel)[:, 0].T for channel in (SECONDS, TARGET, POS))
     model = recorded + angle_errors(longest, LatentActuator(prior.network, posterior.mean))[:, 0].T
-    draws = _drawn_errors(prior, posterior, longest, np.random.default_rng(_STREAM))[:, :, 0]
-    edges = {level: band(draws, level) for level in LEVELS}
+    errors = _sampled_errors(prior, posterior, longest, np.random.default_rng(_STREAM))[:, :, 0]
+    edges = {level: band(errors, level) for level in LEVELS}
     bands = {level: (recorded + low.T, recorded + high.T) for level, (low, high) in edges.items()}
     return LogTraces(time[:, 0], target, recorded, model, bands)

@@ -5,36 +5,24 @@ errors and velocities, is not proven to be passive. Its torque is bounded, since
 
     |torque| <= bound = min(torque_limit, torque_scale·(|b3| + Σ|w3|)),
 
-so that over a cycle it adds at most bound·travel, and it cannot drive a joint faster than bound/viscous_damping. Its
-actual work on cycles of the joint is measured by `residual_work`.
+so that over a cycle it adds at most bound·travel, and it cannot drive a joint faster than bound/viscous_damping.
+`residual_work` measures its work on sinusoidal motions of the joint.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.learned_kernels import SCALES
 
-AMPLITUDES = (0.02, 0.1, 0.3, 0.6)
-"""Amplitudes of the joint's sinusoidal motion [rad]: from within the backlash to those of a trot."""
-FREQUENCIES = (0.5, 1.0, 2.0, 4.0)
-"""Frequencies of the joint's sinusoidal motion [Hz]: up to those of a fast trot."""
-CYCLES = 3
-"""Number of cycles; the first is for settling, the others are evaluated."""
-
-
-@dataclass(frozen=True)
-class Work:
-    """Mean work per cycle on the joints of n motors [J], by the network, and by rotor, gear and friction (< 0)."""
-
-    network: np.ndarray
-    physics: np.ndarray
+AMPLITUDES = (0.02, 0.1, 0.3, 0.6)  # [rad], from within the backlash to those of a trot
+FREQUENCIES = (0.5, 1.0, 2.0, 4.0)  # [Hz], up to those of a fast trot
+CYCLES = 3  # the first is a transient, the others are evaluated
 
 
 def residual_bound(network: LatentNetwork) -> float:
@@ -43,38 +31,36 @@ def residual_bound(network: LatentNetwork) -> float:
     return min(network.torque_limit, linear)
 
 
-def switched_off(actuator: LatentActuator, physics_dt: float) -> ActuatorArrays:
-    """Arrays of a grey box with servo gains of 0: rotor, gear, friction and the network remain."""
-    arrays = actuator.arrays(physics_dt)
-    for name in ("kp", "kd_over_kp"):  # the second row holds kd itself
-        arrays.parameters[SCALES + PARAMETERS.index(name)] = 0.0
-    return arrays
+def cycle_work(actuator: LatentActuator, amplitude: float, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) mean work per cycle on the joints [J] of switched-off motors: by the network, and by the physics (< 0).
 
-
-def cycle_work(actuator: LatentActuator, amplitude: float, frequency: float) -> Work:
-    """Work of switched-off motors whose joints are moved along amplitude·sin(2π·frequency·t), target held at 0."""
+    The joints are moved along amplitude·sin(2π·frequency·t) with servo gains of 0; the target is 0.
+    """
     dt = actuator.network.period
     steps = round(CYCLES / frequency / dt)
     angle = 2 * np.pi * frequency * dt * np.arange(steps + 1)
     q = amplitude * np.sin(angle)
     dq = np.diff(q, prepend=q[0] - (q[1] - q[0])) / dt  # the step with dq[k] ends at q[k], as in an engine
-    arrays, count = switched_off(actuator, dt), actuator.num_motors
-    still, torque, work = np.zeros(count), np.zeros(count), np.zeros((2, count))
-    reset_actuator(arrays, still, np.full(count, q[0]))
+    arrays, count = actuator.arrays(dt), actuator.num_motors
+    for name in ("kp", "kd_over_kp"):  # the second row holds kd itself
+        arrays.parameters[SCALES + PARAMETERS.index(name)] = 0.0
+    zero, torque, work = np.zeros(count), np.zeros(count), np.zeros((2, count))
+    reset_actuator(arrays, zero, np.full(count, q[0]))
     for step in range(steps):
-        step_actuator(arrays, dt, still, np.full(count, q[step]), np.full(count, dq[step]), torque)
+        step_actuator(arrays, dt, zero, np.full(count, q[step]), np.full(count, dq[step]), torque)
         if step >= steps // CYCLES:
             travel, network = dt * 0.5 * (dq[step] + dq[step + 1]), arrays.memory[0]
             work[0] += travel * network
             work[1] += travel * (torque - network - arrays.damping * dq[step + 1])
-    return Work(*(work / (CYCLES - 1)))
+    by_network, by_physics = work / (CYCLES - 1)
+    return by_network, by_physics
 
 
 def residual_work(actuator: LatentActuator) -> float:
     """Largest work of the network per cycle over the work taken by the physics [-].
 
-    The maximum is over motors, AMPLITUDES and FREQUENCIES. Below 1 none of these cycles gains energy; below 0 the
-    network brakes in all of them.
+    The maximum is over motors, AMPLITUDES and FREQUENCIES. Below 1 no cycle gains energy; below 0 the network brakes
+    in all of them.
     """
-    works = [cycle_work(actuator, amplitude, frequency) for amplitude in AMPLITUDES for frequency in FREQUENCIES]
-    return max(float(np.max(work.network / np.maximum(-work.physics, 1e-12))) for work in works)
+    works = [cycle_work(actuator, amplitude, frequency) for amplitude, frequency in product(AMPLITUDES, FREQUENCIES)]
+    return max(float(np.max(network / np.maximum(-physics, 1e-12))) for network, physics in works)
