@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.grey_box_fit import adapt
+from motorprior.identification.latents.latent_fit import adapt
 from motorprior.identification.physics.term_selection import (
     same_conditions,
 )
@@ -37,7 +37,7 @@ def test_z_describes_the_motor_whatever_it_works_under(
     decoder_data: Data, driven_by_voltage: LatentNetwork, setup: str
 ):
     data = under(decoder_data, driven_by_voltage, *SETUPS[setup])
-    found = adapt(driven_by_voltage, data, replace(PRESET, num_latents=3), 0.01, None)
+    found = adapt(driven_by_voltage, data, replace(PRESET, num_latents=3), 0.01)
     spread = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     assert np.all(np.abs(found.mean - Z) < np.maximum(3.0 * spread, 0.05))
 

@@ -24,7 +24,7 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
-from motorprior.identification.latents.grey_box_fit import inverse_precision
+from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit

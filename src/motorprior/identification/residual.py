@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.standardise import MOTORS_AT_LEAST
+from motorprior.identification.latents.standardise import MIN_MOTORS
 from motorprior.identification.networks.descent import Checkpoints, DivergedError, Report, descend
 from motorprior.identification.networks.network import export, import_parameters, initial_parameters
 from motorprior.identification.physics.fleet_fit import refined
@@ -69,7 +69,7 @@ def trained_residual(
     }
     trained, _ = descend(trainable, data, preset, seed, report, checkpoints)
     learned = trained["network"]
-    if len(physics.z) < MOTORS_AT_LEAST:
+    if len(physics.z) < MIN_MOTORS:
         learned |= {"v1": start["v1"]}  # samples lie where no motor was: its dependence on z would be extrapolated
     made = export(learned, preset, data.scales)
     return replace(made, motor=physics.network.motor)  # float64, as it was fitted

@@ -180,7 +180,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the metrics of its own errors.
     """
-    from motorprior.identification.latents.grey_box_fit import SAME_JOINT_STD, LatentPrior
+    from motorprior.identification.latents.latent_fit import SAME_JOINT_STD, LatentPrior
     from motorprior.identification.latents.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)

@@ -181,17 +181,17 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
     from motorprior.identification.evaluation.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, scaled
+    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, scaled
     from motorprior.identification.train import identify, work_of
     from motorprior.identification.training_data.windows import used_share
 
     log, recipe, origin = job.log, job.recipe, job.origin
-    if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
-        few = recipe.physics_first and log.num_joints < MOTORS_AT_LEAST
+    if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
+        few = recipe.physics_first and log.num_joints < MIN_MOTORS
         spread = "have an assumed spread" if few else "are uncertain"
         progress.note(
             f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot show a distribution: the prior "
-            f"reproduces these motors, but its samples {spread} (record {MOTORS_TO_TRUST} or more)"
+            f"reproduces these motors, but its samples {spread} (record {RELIABLE_MOTORS} or more)"
         )
     latest = ""
     progress.note(used_share(data, recipe))

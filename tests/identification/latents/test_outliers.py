@@ -13,7 +13,7 @@ import pytest
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents import grey_box_fit
+from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
 from motorprior.identification.latents.standardise import standardised
 
@@ -47,8 +47,8 @@ def judged(monkeypatch: pytest.MonkeyPatch, grey_network: Any, held: int, odd: f
     truth[2, PARAMETERS.index("viscous_damping")] += odd
     network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
     network, z = standardised(network, mean)
-    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth))
-    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
+    monkeypatch.setattr(latent_fit, "WindowRuns", lambda *_: LinearRuns(truth))
+    found = latent_fit.adapt(network, NOTHING, NOTHING, 0.05).mean
     found[:, :held] = 0.05  # of deviations that are none: 5e-8 of the logarithm of a constant
     return outliers(network, z, found, NOTHING, NOTHING, 0.05)
 

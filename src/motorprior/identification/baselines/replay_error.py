@@ -43,27 +43,28 @@ def unchanged(motors: Actuator, part: MotorLog) -> Actuator:
 
 def scaled_gains(log: MotorLog) -> AtGains:
     """Scales a PD for the whole log to the gains of a segment (`GainScaledPd`); `unchanged` if the log has no gains."""
-    rows = stated_gain_rows(log)
-    if rows is None:
+    medians = _median_gains(log)
+    if medians is None:
         return unchanged
 
     def at_gains(motors: Actuator, part: MotorLog) -> Actuator:
         gains = stated_gains_of(part)
         if gains is None or not isinstance(motors, IdealPd):
             return motors
-        return GainScaledPd(motors, _medians(rows, log)).at(gains)
+        return GainScaledPd(motors, medians).at(gains)
 
     return at_gains
 
 
 def with_scaled_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
     """A PD that was fitted to a log, scaled to the gains of other logs if this one has gains."""
+    medians = _median_gains(log)
+    return pd if medians is None else GainScaledPd(pd, medians)
+
+
+def _median_gains(log: MotorLog) -> np.ndarray | None:
     rows = stated_gain_rows(log)
-    return pd if rows is None else GainScaledPd(pd, _medians(rows, log))
-
-
-def _medians(rows: np.ndarray, log: MotorLog) -> np.ndarray:
-    return np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
+    return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
 
 
 def closed_loop_error(

@@ -67,7 +67,9 @@ class FitQuality:
             f"{1e3 * np.median(self.baseline):.1f} mrad; worst: {self.joint_names[worst]} with "
             f"{1e3 * self.motors[worst]:.1f} mrad"
         ]
-        poor = [f"{name} {100 * part:.0f} %" for name, part in zip(self.joint_names, share, strict=True) if part > MISSING]
+        poor = [
+            f"{name} {100 * part:.0f} %" for name, part in zip(self.joint_names, share, strict=True) if part > MISSING
+        ]
         if self.misses_physics:
             cause = "the model lacks dynamics of these motors, or the search missed their constants (try another seed)"
             if not self.of_the_log:

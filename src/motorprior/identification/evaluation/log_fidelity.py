@@ -60,7 +60,9 @@ def whole_runs(log: MotorLog, preset: Preset, where: str) -> list[WindowRuns]:
     data = training_data(log, preset, where)
     windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
     return [
-        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window)) for part, window in windows if window > 0
+        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
+        for part, window in windows
+        if window > 0
     ]
 
 
