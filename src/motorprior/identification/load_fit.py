@@ -30,7 +30,7 @@ from motorprior.identification.physics.initial_motor import initial_center, with
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.term_selection import VARIES, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
-from motorprior.identification.presets import PRESETS, Preset, with_what_is_stated
+from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import (
     EXTERNAL,
@@ -92,22 +92,21 @@ class _LoadedRuns(WindowRuns):
         """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of latents z (L, Z)."""
         return self.start[0] * np.exp(z[:, -3]), self.unit * z[:, -2:].T
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
+        found = []
         for first in range(0, len(motor), _LANES):
             some = slice(first, first + _LANES)
             rows = np.take(segment.rows, motor[some], axis=2)
-            _carry(rows, *self.load(z[some]))
+            inertia, gravity = self.load(z[some])
+            torque, stiffness = _gravity_torque(rows[:, POS], gravity)
+            rows[:, INERTIA], rows[:, STIFFNESS] = inertia, stiffness
+            rows[:, EXTERNAL] = torque - stiffness * rows[:, POS]
             lanes = np.arange(rows.shape[2])
-            super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows), out[some])
+            found.append(super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows)))
+        return np.concatenate(found)
 
 
-def _carry(rows: np.ndarray, inertia: np.ndarray, gravity: np.ndarray) -> None:
-    torque, stiffness = _pull(rows[:, POS], gravity)
-    rows[:, INERTIA], rows[:, STIFFNESS] = inertia, stiffness
-    rows[:, EXTERNAL] = torque - stiffness * rows[:, POS]
-
-
-def _pull(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torque of a weight [N·m] and its change with the joint's angle [N·m/rad] at angles (T, M), by s and c (2, M)."""
     sine, cosine = gravity
     swing, hold = np.sin(angle), np.cos(angle)
@@ -159,7 +158,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(
         log, load_inertia=nothing + 1.0, external_torque=nothing, load_stiffness=None, joint_torque=None
     )  # a torque computed from a current is not the torque on the joint
-    preset = with_what_is_stated(with_window_that_fits(RECIPE, log), log)
+    preset = with_logged_settings(with_window_that_fits(RECIPE, log), log)
     data = subsampled(training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
     terms = _terms(runs)
@@ -252,7 +251,7 @@ def _finished(fit: MotorFit, runs: _LoadedRuns, found: Fit, deviation: np.ndarra
 
 def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
     """The log with these loads, and without a torque computed from currents."""
-    torque, stiffness = _pull(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
+    torque, stiffness = _gravity_torque(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
     for part in log.segment_slices():
         torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])  # a log's are means until the next row
     channels = {

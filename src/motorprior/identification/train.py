@@ -6,7 +6,7 @@ the variances are computed afterwards (`standard_posterior`). A preset with ``ph
 constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
 
 Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be chance. So all motors
-are fitted with them and with the logged ones alone, and they are kept if they save LEAST_GAIN of the loss of all.
+are fitted with them and with the logged ones alone, and they are kept if they save MIN_GAIN of the loss of all motors.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from motorprior.identification.physics.term_selection import (
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import (
-    LEAST_GAIN,
+    MIN_GAIN,
     FittedMotors,
-    ResidualTraining,
     refined_motors,
+    with_residual,
     without_residual,
 )
 from motorprior.identification.training_data.windows import TrainingData, subsampled
@@ -69,7 +69,7 @@ class Identified:
 
 
 def work_of(preset: Preset) -> int:
-    """Sum of the numbers that `identify` reports, if nothing diverges."""
+    """Sum of the work that `identify` reports, if nothing diverges."""
     return (WORK if preset.physics_first else 0) + (preset.steps if preset.trains else 0)
 
 
@@ -86,8 +86,8 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and a text; with 0 several times a second during a fit of physics, so
-            that an exception that it raises ends the fit soon.
+        report: called with parts of `work_of` and a text, with 0 several times a second during a fit of physics; an
+            exception that it raises ends the fit.
         checkpoints: where an interrupted training resumes.
 
     Raises:
@@ -143,9 +143,8 @@ def _physics_first(
     report(0, "constants are refined")
     motors = refined_motors(fitted, longer, preset)
     if preset.num_neurons:
-        stored = None if checkpoints is None else _WithPhysics(checkpoints, physics.arrays())
-        training = ResidualTraining(data, preset, seed, longer, report, stored)
-        motors, note = training.best_of(fitted, motors, metrics)
+        motors, saved, note = with_residual(fitted, motors, data, preset, seed, longer, report)
+        metrics |= {} if saved is None else {"saved_residual": saved}
         preset = preset if motors.network.num_neurons else replace(preset, num_neurons=0)
         notes.append(note)
     notes += _notes_on_identifiability(motors, longer, data.joint_names, metrics)
@@ -155,12 +154,12 @@ def _physics_first(
 
 
 @dataclass(frozen=True)
-class Physics:
+class _Physics:
     """The fit of all motors, the share of the loss that each term saved, and terms that were rejected on all motors."""
 
     fit: FleetFit
     saved: dict[str, float]
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
 
     def arrays(self) -> dict[str, np.ndarray]:
         """For a checkpoint."""
@@ -172,37 +171,36 @@ class Physics:
         return {"has_term": has, "left_out": left_out, "saved": tried} | fitted
 
     @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> Physics:
+    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Physics:
         """From a checkpoint."""
-        terms, left_out = (
-            tuple(name for name, has in zip(TERMS, kept[key], strict=True) if has) for key in ("has_term", "left_out")
-        )
+        names = np.array(list(TERMS))
+        terms, left_out = (tuple(names[kept[key] > 0].tolist()) for key in ("has_term", "left_out"))
         saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
         return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved, left_out)
 
 
 def _fit_physics(
     data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> Physics:
+) -> _Physics:
     """The fit, or that of an interrupted training; raises `MotorPriorError` if no motor can be simulated."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
         report(WORK, "constants were fitted")
-        return Physics.from_arrays(kept)
+        return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
     chosen = _selected(bare, data, preset, seed, report)
     fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
     found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
     optional = tuple(name for name in chosen.terms if name not in preset.stated_terms)
     without = fit(preset.stated_terms, report=lambda: report(0, "without terms")) if optional else found
-    pays = not optional or found.loss.mean() <= (1.0 - LEAST_GAIN) * without.loss.mean()
-    found, left_out = (found, ()) if pays else (without, optional)
-    if not found.loss.max() < 1e6:
+    physics = _Physics(found, chosen.saved)
+    if found.loss.mean() > (1.0 - MIN_GAIN) * without.loss.mean() and optional:
+        physics = _Physics(without, chosen.saved, optional)
+    if not physics.fit.loss.max() < 1e6:
         raise MotorPriorError(
-            f"no motor can be simulated that moves like joint {int(found.loss.argmax())} of the log",
+            f"the simulation of joint {int(physics.fit.loss.argmax())} of the log diverges with every motor",
             remedy="check the log with `motorprior logs check`",
         )
-    physics = Physics(found, chosen.saved, left_out)
     if checkpoints is not None:
         checkpoints.save(physics.arrays())
     return physics
@@ -216,14 +214,14 @@ def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int
     some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
     part = subsampled(data, preset, max(ROWS, WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
-    work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of further rounds is unknown
+    work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
         report(CHUNK * len(TERMS), "the log is too short to choose terms by")
     return chosen
 
 
-def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
+def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
     chosen = [f"{name} (logged)" if name in preset.stated_terms else name for name in physics.fit.terms]
     notes = [f"optional terms: {', '.join(chosen) or ('none' if physics.saved else 'none was tried')}"]
     notes += [
@@ -259,16 +257,3 @@ def _notes_on_identifiability(
             "-> log kp in N·m/rad, or motions under larger loads"
         )
     return notes
-
-
-@dataclass(frozen=True)
-class _WithPhysics:
-    checkpoints: Checkpoints
-    arrays: dict[str, np.ndarray]
-
-    def load(self) -> dict[str, np.ndarray] | None:
-        kept = self.checkpoints.load()
-        return kept if kept is not None and "losses" in kept else None
-
-    def save(self, state: dict[str, np.ndarray]) -> None:
-        self.checkpoints.save(state | self.arrays)

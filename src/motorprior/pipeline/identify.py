@@ -100,9 +100,9 @@ def fit_recipe(
     parts: Sequence[MotorLog] = (),
 ) -> MotorPrior:
     """`fit_prior` with any recipe; ``parts`` are the logs that ``log`` was joined from, if any."""
-    from motorprior.identification.presets import with_what_is_stated
+    from motorprior.identification.presets import with_logged_settings
 
-    recipe = with_what_is_stated(recipe, log)
+    recipe = with_logged_settings(recipe, log)
     job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
     if out is None:
         return _fitted(job, _data(job), progress, None)
@@ -116,11 +116,11 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
-    from motorprior.identification.presets import with_what_is_stated
+    from motorprior.identification.presets import with_logged_settings
 
     recipe = _recipe(config.preset, config.steps, config.seed)
     log, inputs, origin = training_log(config.bench)
-    recipe = with_what_is_stated(recipe, log)
+    recipe = with_logged_settings(recipe, log)
     settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # among the inputs
     wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
@@ -183,7 +183,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     from motorprior.identification.evaluation.reference import reference_metrics
     from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, scaled
     from motorprior.identification.train import identify, work_of
-    from motorprior.identification.training_data.windows import used_share
+    from motorprior.identification.training_data.windows import used_seconds
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
@@ -194,7 +194,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
             f"reproduces these motors, but its samples {spread} (record {RELIABLE_MOTORS} or more)"
         )
     latest = ""
-    progress.note(used_share(data, recipe))
+    progress.note(used_seconds(data, recipe))
     if line := told_at_rest(log):
         progress.note(line)
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:

@@ -16,7 +16,7 @@ from motorprior.identification.training_data.windows import (
     TARGET,
     subsampled,
     training_data,
-    used_share,
+    used_seconds,
 )
 from motorprior.logs.motor_log import MotorLog
 
@@ -91,7 +91,7 @@ def test_stretches_are_from_all_over_the_log_and_about_as_long_as_asked_for(leng
     assert subsampled(data, PRESET, 6000) is data
 
 
-def test_the_used_share_is_that_of_whole_windows():
+def test_the_used_seconds_is_that_of_whole_windows():
     data = training_data(a_log(), PRESET, "log")
     # end to end, six rows each after the history of 4 and the row that they lead to: of 25 and of 40 rows, 18 and 30
-    assert used_share(data, replace(PRESET, physics_first="alone")).startswith("fitted to 0.1 s of 0.2 s")
+    assert used_seconds(data, replace(PRESET, physics_first="alone")).startswith("fitted to 0.1 s of 0.2 s")

@@ -3,12 +3,12 @@
 The simulation starts from the recorded state and advances as on the dynamometer; the torque depends on the simulated
 history, not the recorded one. During the warm-up before the start the model follows the recorded joint, so that its
 history and a grey box's hidden state (rotor, backlash, delayed commands) match the log. The grey box is
-`actuator.geared_motor_step` over JAX arrays; past commands are an array, newest first, since JAX arrays are immutable.
+`actuator.geared_motor_step` over JAX arrays.
 
 If the log's encoders are on the rotors, the rotor follows the recording during the warm-up, with the joint attached to
-it by the gear, and afterwards rotor angles are compared. All angles are then encoder angles, so encoder_zero has no
-effect, and the backlash is fixed at that of the central motor: an encoder on the rotor measures it so weakly that a fit
-would absorb errors of the loads in it. Such a log identifies neither. A network takes the reading as the joint's angle.
+it by the gear, and afterwards rotor angles are compared. Such a log identifies neither encoder_zero, which has no
+effect, nor backlash, which is fixed at that of the central motor: a fit would absorb errors of the loads in it. A
+network without physics takes the reading as the joint's angle.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.networks.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import (
-    CHANNELS,
     EXTERNAL,
     INERTIA,
     KD,
@@ -50,9 +49,9 @@ from motorprior.identification.training_data.windows import (
     WARMER,
 )
 
-# Bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: a motor that reaches the end
-# of its backlash one step later has huge and meaningless gradients, which would dominate the batch.
-LARGEST_SENSITIVITY = 3.0
+# bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: contact in the gear one step
+# earlier or later gives huge gradients, which would dominate the batch
+MAX_SENSITIVITY = 3.0
 _ARITHMETIC = array_arithmetic(jnp)
 
 Constants = dict[str, jnp.ndarray]
@@ -60,7 +59,7 @@ Constants = dict[str, jnp.ndarray]
 
 @jax.custom_vjp
 def _bounded_gradient(raw: jnp.ndarray) -> jnp.ndarray:
-    """Identity on (B, P) whose gradient is clipped: per row finite, of norm at most LARGEST_SENSITIVITY / B."""
+    """Identity on (B, P) whose gradient is clipped: per row finite, of norm at most MAX_SENSITIVITY / B."""
     return raw
 
 
@@ -70,8 +69,8 @@ def _forward(raw: jnp.ndarray) -> tuple[jnp.ndarray, None]:
 
 def _backward(_: None, gradient: jnp.ndarray) -> tuple[jnp.ndarray]:
     norm = jnp.sqrt(jnp.sum(gradient**2, axis=-1, keepdims=True))
-    finite, largest = jnp.isfinite(norm), LARGEST_SENSITIVITY / gradient.shape[0]
-    factor = jnp.minimum(1.0, largest / jnp.maximum(jnp.where(finite, norm, 1.0), 1e-12))
+    finite, bound = jnp.isfinite(norm), MAX_SENSITIVITY / gradient.shape[0]
+    factor = jnp.minimum(1.0, bound / jnp.maximum(jnp.where(finite, norm, 1.0), 1e-12))
     return (jnp.where(finite, gradient, 0.0) * factor,)
 
 
@@ -100,13 +99,11 @@ def decode(
     return geared_motor_constants.decode(raw, jnp, terms, Conditions(warmth, supply, warmer))
 
 
-def at_rest(
-    target: jnp.ndarray, joint_pos: jnp.ndarray, joint_vel: jnp.ndarray, terms: tuple[str, ...] = ()
-) -> MotorState:
+def initial_state(target: jnp.ndarray, joint_pos: jnp.ndarray, joint_vel: jnp.ndarray, has_terms: bool) -> MotorState:
     """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
     zero = jnp.zeros_like(joint_pos)
     state = MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero)
-    if not terms:
+    if not has_terms:
         return state
     return state._replace(reference=target, reference_vel=zero, integral=zero, current=zero, bristle=zero)
 
@@ -132,6 +129,7 @@ def advance(
     return step(constants, state, target, joint_pos, joint_vel, dt, _ARITHMETIC, terms)
 
 
+# (parameters, windows (B, rows, channels), z (B, Z)) -> errors of position, velocity and torque, each (steps, B)
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
 
@@ -153,11 +151,10 @@ def _fill(row: jnp.ndarray, length: int) -> jnp.ndarray:
 
 
 def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_rotor: bool = False) -> Rollout:
-    """Build the function (parameters, windows (B, rows, channels), z (B, Z)) -> position, velocity and torque errors.
+    """Build the rollout, whose errors are simulated minus recorded [rad], [rad/s], [N·m], over the free rows.
 
-    The errors are simulated minus recorded, each (steps, B) [rad], [rad/s], [N·m], over the free rows: positions and
-    velocities of all rows but the first, and the torques that lead to them. ``bounded`` limits the gradient of each
-    window (for training, in reverse mode). ``at_rotor`` marks windows whose positions and velocities are the rotors'.
+    Positions and velocities are those of all rows but the first, torques those that lead to them. ``bounded`` limits
+    the gradient of each window (for training, in reverse mode). ``at_rotor``: the windows have rotor positions.
     """
     taps, dt, terms = np.asarray(preset.taps), preset.period, preset.terms
     limit = scales["torque_limit"] / scales["torque_scale"]
@@ -167,12 +164,10 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
     def start(first: jnp.ndarray) -> _Memory:
         error = _fill((first[:, TARGET] - first[:, POS]) / scales["error_scale"], kept)
         velocity = _fill(first[:, VEL] / scales["velocity_scale"], kept)
-        state = at_rest(first[:, TARGET], first[:, POS], first[:, VEL], terms)
+        state = initial_state(first[:, TARGET], first[:, POS], first[:, VEL], bool(terms))
         return _Memory(error, velocity, _fill(first[:, TARGET], kept), state)
 
-    def actuate(
-        parameters: Parameters, bias: jnp.ndarray, motor: Constants, memory: _Memory, target: Any, q: Any, dq: Any
-    ):
+    def actuate(parameters: Parameters, bias: Any, motor: Constants, memory: _Memory, target: Any, q: Any, dq: Any):
         errors = _push((target - q) / scales["error_scale"], memory.errors)
         velocities = _push(dq / scales["velocity_scale"], memory.velocities)
         commands, state = _push(target, memory.commands), memory.motor
@@ -185,10 +180,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
             torque = torque + gear
         return _Memory(errors, velocities, commands, state), torque, damping
 
-    def rollout(
-        parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray
-    ) -> tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]:
-        assert windows.shape[-1] == CHANNELS, "JAX reads another channel where one is missing"
+    def rollout(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray):
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]

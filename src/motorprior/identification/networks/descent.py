@@ -18,14 +18,14 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, draw
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
-CHECKPOINT_EVERY = 5  # Number of chunks between two checkpoints
-DIVERGED = 3.0  # a chunk whose loss is so many times the lowest so far, the initial one included, has diverged
-SLOWER, RESTARTS = 3.0, 3  # By how much a restart lowers the learning rate, and how many there are
+CHECKPOINT_EVERY = 5  # chunks between two checkpoints
+DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
+SLOWER, RESTARTS = 3.0, 3  # divisor of the learning rate of each restart, and number of restarts
 _PHYSICS = ("motor_center", "motor_slope")
 
 
 class DivergedError(MotorPriorError):
-    """A training that diverged at every learning rate that was tried."""
+    """The training diverged at every learning rate."""
 
 
 Report = Callable[[int, str], None]  # (steps made, text)
@@ -51,13 +51,13 @@ def descend(
 ) -> tuple[Parameters, np.ndarray]:
     """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``; resumable to the byte.
 
-    With physics first, constants and z stay.
+    With physics first, constants and z are fixed.
 
     Returns:
         The trained parameters, and the mean loss of every CHUNK steps.
 
     Raises:
-        DivergedError: at every learning rate that was tried.
+        DivergedError: at every learning rate.
     """
     kept = checkpoints.load() if checkpoints is not None else None
     first = int(kept["restart"]) if kept is not None else 0
@@ -120,7 +120,7 @@ def _resumed(state: Any, kept: dict[str, np.ndarray] | None) -> tuple[Any, list[
 
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
-    """Compile a function that makes one chunk of Adam steps and returns their mean loss, and that before the first."""
+    """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
     objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 

@@ -36,8 +36,7 @@ class Objective:
     def gauss_newton(self, parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         """(Z, Z) Gauss-Newton approximation of the loss's Hessian in z (Z,), shared by all windows.
 
-        weight·mean of curvature(r)·∇r·∇rᵀ: positive semidefinite, and finite even where a motor sticks or reaches the
-        end of its backlash.
+        weight·mean of curvature(r)·∇r·∇rᵀ: positive semidefinite, and finite even at stiction and gear contact.
         """
 
         def residuals(latent: jnp.ndarray) -> jnp.ndarray:

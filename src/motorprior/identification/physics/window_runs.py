@@ -4,7 +4,7 @@ The counterpart of `closed_loop` for searches: thousands of motors at once, no c
 differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
 every free run starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders
 are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; then backlash and
-encoder zero, which such a log does not identify, are those of the central motor and 0.
+encoder zero, which such a log does not identify, are that of the central motor and 0.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
-from motorprior.exceptions import ConfigError
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import (
     EXTERNAL,
@@ -49,10 +48,10 @@ from motorprior.identification.training_data.windows import (
 # errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-LANES_PER_TASK = 256  # Motors that one thread simulates at a time; their state then stays in a core's cache
-HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # Constants that an encoder on the rotor does not show
-_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # Rows of a grey box's memory
-# Rows of its parameters
+LANES_PER_TASK = 256  # motors that one thread simulates at a time; their state then stays in a core's cache
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
+_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
+# rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
@@ -73,14 +72,13 @@ def huber_curvature(x: Any) -> Any:
 
 
 def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
-    """(M,) largest speed [rad/s] that each joint held for 0.1 s on its way to its target; 0 where none did.
+    """(M,) largest speed [rad/s] that each joint kept for 0.1 s on its way to its target; 0 if none.
 
-    ``vel`` (M, R) are joint velocities, ``error`` position_target - joint_pos, ``period`` [s]; segments count as one
-    motion.
+    ``vel`` (M, R) are joint velocities, ``error`` (M, R) position_target - joint_pos; segments count as one motion.
     """
     rows, lowest = max(1, round(0.1 / period)), []
-    for way in (1.0, -1.0):
-        towards = np.where(way * error > 0.0, np.maximum(way * vel, 0.0), 0.0)
+    for sign in (1.0, -1.0):
+        towards = np.where(sign * error > 0.0, np.maximum(sign * vel, 0.0), 0.0)
         lowest.append(minimum_filter1d(towards, rows, axis=1, mode="constant", cval=0.0))
     return np.max(lowest, axis=(0, 2)).astype(np.float64)
 
@@ -107,7 +105,7 @@ def _free_runs(
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, TARGET][motor], rows[0, POS][motor], rows[0, VEL][motor]
     inertia, torque, unused = rows[0, INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
-    q, dq, seen_q, seen_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
+    q, dq, obs_q, obs_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
     reset_actuator(observer, target, pos)
     reset_actuator(free, target, pos)
     for step in range(first + windows * window):
@@ -117,9 +115,9 @@ def _free_runs(
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
-            q[:], dq[:] = seen_q, seen_dq
+            q[:], dq[:] = obs_q, obs_dq
         free.clock[0] = observer.clock[0]
-        step_actuator(observer, dt, target, seen_q, seen_dq, unused)
+        step_actuator(observer, dt, target, obs_q, obs_dq, unused)
         if step >= first:
             step_actuator(free, dt, target, q, dq, torque)
         for lane in range(lanes):
@@ -127,12 +125,12 @@ def _free_runs(
             next_pos, next_vel = rows[step + 1, POS, j], rows[step + 1, VEL, j]
             if at_rotor:
                 damping = observer.damping[lane]
-                external = rows[step, EXTERNAL, j] + stiffness * seen_q[lane]
-                seen_dq[lane] = _next_velocity(seen_dq[lane], unused[lane], external, inertia[lane], damping, dt)
-                seen_q[lane] += dt * seen_dq[lane]
+                external = rows[step, EXTERNAL, j] + stiffness * obs_q[lane]
+                obs_dq[lane] = _next_velocity(obs_dq[lane], unused[lane], external, inertia[lane], damping, dt)
+                obs_q[lane] += dt * obs_dq[lane]
                 observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
             else:
-                seen_q[lane], seen_dq[lane] = next_pos, next_vel
+                obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
             damping, external = free.damping[lane], rows[step, EXTERNAL, j] + stiffness * q[lane]
@@ -177,7 +175,7 @@ class WindowRuns:
     Args:
         data: the logs.
         preset: window, warm-up and period.
-        motors: of the log that are used; all if not given.
+        motors: indices of the motors that are used; all if not given.
         beat: called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
@@ -204,18 +202,17 @@ class WindowRuns:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
-        self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
-        error = series[..., TARGET] - series[..., POS]
-        of_profile, of_voltage = SPEED_LIMITS
+        velocity, error = series[..., VEL], series[..., TARGET] - series[..., POS]
+        self.fastest = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
+        speeds = (velocity, velocity / series[..., SUPPLY])
         self.held_speeds = {
-            of_profile: held_speed(series[..., VEL], error, preset.period),
-            of_voltage: held_speed(series[..., VEL] / series[..., SUPPLY], error, preset.period),
+            name: held_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
         self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
 
     @property
     def windows(self) -> int:
-        """Of each motor."""
+        """Number of windows of each motor."""
         return sum(segment.windows for segment in self.segments)
 
     @property
@@ -230,27 +227,31 @@ class WindowRuns:
         return np.quantile(np.concatenate(asked), 0.999, axis=0)
 
     def groups(self) -> np.ndarray:
-        """(N,) number of the segment that each window is in."""
+        """(N,) index of the segment of each window."""
         return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
 
     def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, N, C, W) scaled errors of motor ``motor[l]`` simulated with latents z[l], for L pairs; float32."""
-        lanes, preset = len(motor), self.preset
-        out = np.empty((lanes, self.windows, self.channels, preset.window), np.float32)
+        lanes = len(motor)
+        out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
         tasks, done = [], 0
         for segment in self.segments:
             inside = slice(done, done + segment.windows)
             for first in range(0, lanes, LANES_PER_TASK):
-                some = slice(first, min(first + LANES_PER_TASK, lanes))
-                tasks.append((network, z[some], motor[some], segment, out[some, inside]))
+                tasks.append((slice(first, min(first + LANES_PER_TASK, lanes)), inside, segment))
             done += segment.windows
+
+        def simulate(task: tuple[slice, slice, Segment]) -> None:
+            some, inside, segment = task
+            out[some, inside] = self._run(network, z[some], motor[some], segment)
+
         self.beat()
-        for _ in self._threads.map(lambda task: self._run(*task), tasks):
+        for _ in self._threads.map(simulate, tasks):
             self.beat()
         return out
 
     def recorded(self, channel: int) -> np.ndarray:
-        """(M, N, W) what the log has of a channel of `windows` at the end of every step of the windows."""
+        """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
         preset, found = self.preset, []
         for segment in self.segments:
             first = preset.history + 1
@@ -261,50 +262,41 @@ class WindowRuns:
     def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are. A
+        Grey boxes run as in `residuals`; for all others the joint is compared, wherever the log's encoders are. A
         `GainScaledPd` has the gains of each segment.
         """
+        everyone = np.arange(self.num_motors)
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:
-            return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
-        out = np.empty((self.num_motors, self.windows, self.channels, self.preset.window), np.float32)
-        done, dt = 0, self.preset.period
+            return self.residuals(motors.network, motors.z, everyone)
+        found = []
         for segment in self.segments:
-            filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
             rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
             rows[:, INERTIA] += here.armature
-            self._fill(here.arrays(dt), here.arrays(dt), np.arange(self.num_motors), rows, False, filled)
-            out[:, done : done + segment.windows] = filled
-            done += segment.windows
-        return out
+            found.append(self._simulate(here, everyone, Segment(rows, segment.windows)))
+        return np.concatenate(found, axis=1)
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
-        if network.gain_unit and network.gain_unit != self.gain_unit:
-            raise ConfigError(
-                f"these motors were learned with logged gains [{network.gain_unit}], this log has none",
-                remedy="give kp and kd of its joints when importing it",
-            )
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
         gains = segment.gains[:, motor] if network.gain_unit else None
-        under = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
-        motors, dt = LatentActuator(network, z, under, gains), self.preset.period
-        observer, free = motors.arrays(dt), motors.arrays(dt)
-        at_rotor = self.at_rotor and network.motor is not None
-        if at_rotor:
-            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1]).arrays(dt)
-            for arrays in (observer, free):
-                arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
-                arrays.parameters[_ZERO] = 0.0
-        filled = np.empty(out.shape, np.float32)
-        self._fill(observer, free, motor, segment.rows, at_rotor, filled)
-        out[...] = filled
+        conditions = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        central = None
+        if self.at_rotor and network.motor is not None:
+            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1])
+        return self._simulate(LatentActuator(network, z, conditions, gains), motor, segment, central)
 
-    def _fill(
-        self,
-        observer: ActuatorArrays,
-        free: ActuatorArrays,
-        motor: np.ndarray,
-        rows: np.ndarray,
-        at_rotor: bool,
-        filled: np.ndarray,
-    ) -> None:
-        preset, scales = self.preset, np.array(SCALES)
-        _free_runs(observer, free, motor, rows, preset.period, preset.history, preset.window, scales, at_rotor, filled)
+    def _simulate(
+        self, motors: Actuator, motor: np.ndarray, segment: Segment, central: LatentActuator | None = None
+    ) -> np.ndarray:
+        """(L, windows, C, W) scaled errors in a segment; ``central`` is given if the encoders are on the rotors."""
+        preset = self.preset
+        observer, free = motors.arrays(preset.period), motors.arrays(preset.period)
+        if central is not None:
+            backlash = central.arrays(preset.period).parameters[_BACKLASH, 0]
+            for arrays in (observer, free):
+                arrays.parameters[_BACKLASH] = backlash
+                arrays.parameters[_ZERO] = 0.0
+        out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
+        _free_runs(
+            observer, free, motor, segment.rows, preset.period, preset.history, preset.window, np.array(SCALES),
+            central is not None, out,
+        )  # fmt: skip
+        return out
