@@ -39,13 +39,7 @@ from motorprior.identification.physics.term_selection import (
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.residual import (
-    MIN_GAIN,
-    FittedMotors,
-    refined_motors,
-    with_residual,
-    without_residual,
-)
+from motorprior.identification.residual import MIN_GAIN, FittedMotors, refined_motors, with_residual, without_residual
 from motorprior.identification.training_data.windows import TrainingData, subsampled
 
 WORK = CHUNK * (len(TERMS) + STAGES)  # of the fit of physics, in Adam steps

@@ -1,4 +1,4 @@
-"""Closed-loop fidelity: what an ensemble predicts, and what physical motors say of themselves."""
+"""Closed-loop fidelity of ensembles on the bench and in the robot."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A descent that diverges begins again, slower; one that was interrupted ends at the same bytes."""
+"""A descent that diverges restarts at a lower rate; an interrupted one ends at the same bytes."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ class Kept:
 
 
 class Interrupted(Exception):
-    """By whoever reports."""
+    """Raised by the report."""
 
 
 def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np.nan, where: int = 3) -> list[float]:
@@ -73,14 +73,14 @@ def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np
 
 
 @pytest.mark.parametrize(("broken", "where"), [(np.nan, 1), (10.0, 3)])
-def test_a_training_that_diverges_begins_again_at_a_third_of_the_rate(
+def test_a_training_that_diverges_restarts_at_a_third_of_the_rate(
     monkeypatch: pytest.MonkeyPatch, broken: float, where: int
 ):
     rates, reports = diverging(monkeypatch, 2, broken, where), []
     _, losses = descend(start(), data(), PRESET, 0, lambda *what: reports.append(what))
     assert rates == pytest.approx([PRESET.learning_rate / SLOWER**k for k in range(3)])
     np.testing.assert_allclose(losses, 1.0 - 0.01 * np.arange(1, 7))
-    assert sum(steps for steps, _ in reports) == PRESET.steps  # what was made in vain is taken back
+    assert sum(steps for steps, _ in reports) == PRESET.steps
 
 
 @pytest.mark.parametrize("stop", [6])

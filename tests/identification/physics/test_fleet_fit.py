@@ -64,7 +64,7 @@ def test_the_constants_of_four_motors_are_found(found: FleetFit):
     np.testing.assert_array_equal(network.motor.center, found.center)
 
 
-def test_a_gain_beyond_the_reach_of_the_initial_motor_is_found(decoder_data: Data):
+def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
     center, kp = initial_center(()), PARAMETERS.index("kp")
     center[kp] += np.log(0.04)
     runs = WindowRuns(decoder_data(with_motor(bare(), center, ()), truth(), segments=5, rows=400), PRESET)
@@ -73,20 +73,20 @@ def test_a_gain_beyond_the_reach_of_the_initial_motor_is_found(decoder_data: Dat
     np.testing.assert_allclose(found.raw[:, kp], expected, atol=0.25)
 
 
-@pytest.mark.parametrize(("limit", "shown"), [(60.0, False), (1.5, True)])
-def test_a_limit_of_torque_that_no_log_shows_is_wide(decoder_data: Data, limit: float, shown: bool):
+@pytest.mark.parametrize(("limit", "identifiable"), [(60.0, False), (1.5, True)])
+def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, limit: float, identifiable: bool):
     column, motors = PARAMETERS.index("torque_limit"), truth()
     motors[:, column] = np.log(limit / 1.5)
     runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
     asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
     found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=()).raw[:, column])
-    if shown:
+    if identifiable:
         np.testing.assert_allclose(found, limit, rtol=0.1)
     else:
         assert np.all(found > 3.0 * asked)
 
 
-def test_a_register_that_the_log_states_is_not_fitted(decoder_data: Data):
+def test_a_logged_register_is_not_fitted(decoder_data: Data):
     terms = ("profile",)
     row, raw = parameters_of(terms).index("profile_acceleration"), truth(terms)
     raw[:, row] = np.log(20.0) - initial_center(terms)[row]
@@ -109,6 +109,3 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: Windo
     assert results[0] == results[1]
     other = fit_fleet(bare(), runs, (), True, 6, turns=few)
     assert other.offsets.tobytes() not in results[0]
-
-
-# Steps of a fit.

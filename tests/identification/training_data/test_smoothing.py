@@ -1,4 +1,4 @@
-"""A log's readings are freed of their noise, as much of it as there is."""
+"""Smoothing removes noise, and leaves a log without noise as it is."""
 
 import numpy as np
 import pytest
