@@ -2,14 +2,14 @@
 
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
-with the joint's angle q. Free runs of the grey box have three latents more than constants, ln(J/J₀), s/g and c/g, with
-g = 0.2 rad·kp, around a regression of the logged proportional law,
+with the joint's angle q. Free runs of the grey box have three more latents, ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp,
+around a regression of the logged proportional law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-A log of angles and commands does not identify the scale of torques, so the gains have to be logged in N·m/rad. Nor does
-it separate the inertia of a load from the armature of a rotor without play: only their sum is identified, and the prior
-divides it. The standard deviations (Laplace) count the whole log as one observation, since residuals mostly come from
+The gains have to be logged in N·m/rad, since angles and commands do not identify the scale of torques. Nor do they
+separate the inertia of a load from the armature of a rotor without play: only the sum is identified, and the prior
+divides it. Standard deviations (Laplace) count the whole log as one observation, since residuals mostly come from
 missing physics, which is the same in every window.
 """
 
@@ -32,19 +32,7 @@ from motorprior.identification.physics.term_selection import VARIES, same_condit
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
 from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import (
-    EXTERNAL,
-    INERTIA,
-    KP,
-    POS,
-    STIFFNESS,
-    TARGET,
-    VEL,
-    TrainingData,
-    subsampled,
-    training_data,
-    with_window_that_fits,
-)
+from motorprior.identification.training_data import windows
 from motorprior.logs.doctor.joint_checks import joints_at_rest
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
@@ -84,7 +72,7 @@ class _LoadedRuns(WindowRuns):
         unit: g [N·m].
     """
 
-    def __init__(self, data: TrainingData, preset: Preset):
+    def __init__(self, data: windows.TrainingData, preset: Preset):
         super().__init__(data, preset)
         self.start, self.unit = _regression(self), _SAG * float(self.gains[0, 0])
 
@@ -98,9 +86,9 @@ class _LoadedRuns(WindowRuns):
             some = slice(first, first + _LANES)
             rows = np.take(segment.rows, motor[some], axis=2)
             inertia, gravity = self.load(z[some])
-            torque, stiffness = _gravity_torque(rows[:, POS], gravity)
-            rows[:, INERTIA], rows[:, STIFFNESS] = inertia, stiffness
-            rows[:, EXTERNAL] = torque - stiffness * rows[:, POS]
+            torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
+            rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
+            rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
             lanes = np.arange(rows.shape[2])
             found.append(super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows)))
         return np.concatenate(found)
@@ -117,7 +105,7 @@ def _regression(runs: WindowRuns) -> np.ndarray:
     """(3,) J₀, s₀, c₀ of the logged proportional law on all rows."""
     regressors, torques = [], []
     for segment in runs.segments:
-        target, angle, speed, kp = segment.rows[:, [TARGET, POS, VEL, KP], 0].T
+        target, angle, speed, kp = segment.rows[:, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0].T
         acceleration = np.gradient(speed, runs.preset.period)
         regressors.append(np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)]))
         torques.append(kp * (target - angle))
@@ -157,8 +145,8 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     zero = np.zeros_like(log.joint_pos)
     # a torque computed from a current is not the torque on the joint
     bare = replace(log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None)
-    preset = with_logged_settings(with_window_that_fits(RECIPE, log), log)
-    data = subsampled(training_data(bare, preset, log.source), preset, _ROWS)
+    preset = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
+    data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
     same = same_conditions(runs)
     terms = in_order([*preset.stated_terms, *(name for name in VARIES if name not in same)])

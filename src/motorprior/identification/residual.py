@@ -68,20 +68,10 @@ def with_residual(
     runs: WindowRuns,
     report: Report,
 ) -> tuple[FittedMotors, float | None, str]:
-    """Train and test a residual network.
+    """Train a residual network for the ``fitted`` physics, and test it on long free ``runs``.
 
-    Args:
-        fitted: physics alone, fitted to the recipe's windows.
-        without: the same, refined on ``runs``.
-        data: the logs.
-        preset: recipe.
-        seed: of weights and windows.
-        runs: long free runs for the test.
-        report: see `descend`.
-
-    Returns:
-        Refined motors with a residual if it passes the test, otherwise ``without``; the share of the held-out loss that
-        the residual saves, None if it was not tested; and a note.
+    ``without`` are the fitted motors refined on these runs. Returns refined motors with a residual if it passes the
+    test, otherwise ``without``; the share of the held-out loss that it saves, None if it was not tested; and a note.
     """
     test = held_out_windows(runs)
     if test.all() or not test.any():

@@ -55,11 +55,15 @@ class Identified:
     preset: Preset  # the recipe, with the terms that were selected and without a network that was rejected
     # mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
-    aggregate_kl: float  # KL divergence of the mixture of all posteriors from N(0, I) [nat]
     # ``saved_TERM`` and ``saved_residual``, shares of the held-out loss that a term or the residual network
     # saves; ``not_shown_LIMIT`` and ``unknown_torque_size``, see `identifiability`
     metrics: dict[str, float]
-    notes: tuple[str, ...]  # for the user, line by line
+    notes: tuple[str, ...]  # lines for the user
+
+    @property
+    def aggregate_kl(self) -> float:
+        """KL divergence of the mixture of all posteriors from N(0, I) [nat]."""
+        return aggregate_posterior_kl(self.mean, self.log_var) if self.mean.size else 0.0
 
 
 def work_of(preset: Preset) -> int:
@@ -80,38 +84,24 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and a text, with 0 several times a second during a fit of physics; an
-            exception that it raises ends the fit.
+        report: called with parts of `work_of` and a text, often with 0; an exception that it raises ends the fit.
         checkpoints: where an interrupted training resumes.
 
     Raises:
         MotorPriorError: the training diverged.
     """
+    assumed = None
     if preset.physics_first:
-        return _physics_first(data, preset, seed, report, checkpoints)
-    trained, losses = descend(
-        _initial(data, preset, np.random.default_rng([seed, 0])), data, preset, seed, report, checkpoints
-    )
-    network = export(trained["network"], preset, data.scales)
-    mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-    return _finished(network, mean, log_var, data, preset, losses, {}, ())
-
-
-def _finished(
-    network: LatentNetwork,
-    mean: np.ndarray,
-    log_var: np.ndarray,
-    data: TrainingData,
-    preset: Preset,
-    losses: np.ndarray,
-    metrics: dict[str, float],
-    notes: tuple[str, ...],
-    assumed: np.ndarray | None = None,
-) -> Identified:
+        found, assumed = _physics_first(data, preset, seed, report, checkpoints)
+    else:
+        start = _initial(data, preset, np.random.default_rng([seed, 0]))
+        trained, losses = descend(start, data, preset, seed, report, checkpoints)
+        mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+        found = Identified(export(trained["network"], preset, data.scales), mean, log_var, preset, losses, {}, ())
     if preset.standardise:
-        network, mean, log_var = standard_posterior(network, data, preset, mean, assumed)
-    divergence = aggregate_posterior_kl(mean, log_var) if mean.size else 0.0
-    return Identified(network, mean, log_var, preset, losses, divergence, metrics, notes)
+        network, mean, log_var = standard_posterior(found.network, data, found.preset, found.mean, assumed)
+        found = replace(found, network=network, mean=mean, log_var=log_var)
+    return found
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
@@ -125,7 +115,8 @@ def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Pa
 
 def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> Identified:
+) -> tuple[Identified, np.ndarray]:
+    """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
     physics = _fit_physics(data, preset, runs, seed, report, checkpoints)
     found = physics.fit
@@ -144,39 +135,35 @@ def _physics_first(
     notes += _notes_on_identifiability(motors, longer, data.joint_names, metrics)
     log_var, losses = np.zeros_like(motors.z), MotorFit(motors.network, runs).losses(motors.z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
-    return _finished(motors.network, motors.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
+    return Identified(motors.network, motors.z, log_var, preset, losses, metrics, tuple(notes)), assumed
 
 
 @dataclass(frozen=True)
 class _Physics:
-    """The fit of all motors, the share of the loss that each term saved, and terms that were rejected on all motors."""
+    """The fit of all motors, and the share of the loss that each term saved."""
 
     fit: FleetFit
     saved: dict[str, float]
-    left_out: tuple[str, ...] = ()
 
     def arrays(self) -> dict[str, np.ndarray]:
         """For a checkpoint."""
-        has, left_out = (
-            np.array([name in names for name in TERMS], np.float64) for names in (self.fit.terms, self.left_out)
-        )
-        tried = np.array([self.saved.get(name, np.nan) for name in TERMS])
+        has = np.array([name in self.fit.terms for name in TERMS], np.float64)
+        saved = np.array([self.saved.get(name, np.nan) for name in TERMS])
         fitted = {"center": self.fit.center, "offsets": self.fit.offsets, "fitted": self.fit.loss}
-        return {"has_term": has, "left_out": left_out, "saved": tried} | fitted
+        return {"has_term": has, "saved": saved} | fitted
 
     @classmethod
     def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Physics:
         """From a checkpoint."""
-        names = np.array(list(TERMS))
-        terms, left_out = (tuple(names[kept[key] > 0].tolist()) for key in ("has_term", "left_out"))
+        terms = tuple(name for name, has in zip(TERMS, kept["has_term"], strict=True) if has)
         saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
-        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved, left_out)
+        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved)
 
 
 def _fit_physics(
     data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> _Physics:
-    """The fit, or that of an interrupted training; raises `MotorPriorError` if no motor can be simulated."""
+    """The fit, or that of an interrupted training; raises `MotorPriorError` if every simulation diverges."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
         report(WORK, "constants were fitted")
@@ -185,16 +172,15 @@ def _fit_physics(
     chosen = _selected(bare, data, preset, seed, report)
     fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
     found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
-    optional = tuple(name for name in chosen.terms if name not in preset.stated_terms)
-    without = fit(preset.stated_terms, report=lambda: report(0, "without terms")) if optional else found
-    physics = _Physics(found, chosen.saved)
-    if found.loss.mean() > (1.0 - MIN_GAIN) * without.loss.mean() and optional:
-        physics = _Physics(without, chosen.saved, optional)
-    if not physics.fit.loss.max() < 1e6:
+    if set(chosen.terms) - set(preset.stated_terms):
+        without = fit(preset.stated_terms, report=lambda: report(0, "without terms"))
+        found = found if found.loss.mean() <= (1.0 - MIN_GAIN) * without.loss.mean() else without
+    if not found.loss.max() < 1e6:
         raise MotorPriorError(
-            f"the simulation of joint {int(physics.fit.loss.argmax())} of the log diverges with every motor",
+            f"the simulation of joint {int(found.loss.argmax())} of the log diverges with every motor",
             remedy="check the log with `motorprior logs check`",
         )
+    physics = _Physics(found, chosen.saved)
     if checkpoints is not None:
         checkpoints.save(physics.arrays())
     return physics
@@ -224,8 +210,6 @@ def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
         for name, least, usual, most in preset.conditions
         if not preset.tries_terms and most - least >= least_difference(name, usual)
     ]
-    if physics.left_out:
-        notes.append(f"selected on some motors, rejected on all: {', '.join(physics.left_out)}")
     return notes
 
 

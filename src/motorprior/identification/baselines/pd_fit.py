@@ -1,10 +1,9 @@
 """Fit of PDs, the same for all motors of a log: gains alone, with armature and delay, or with friction as well.
 
-`fit_pd` restarts Nelder-Mead until a restart improves nothing, and reports whether it converged. `tuned_pd` needs no
-starting point. A log may not separate a large armature from a long delay, and a search from one does not find the
-other; nor does a search without a torque limit find one. So on a part of the log, searches start from several armatures
-and delays, each at its best gains, first without a torque limit, then with the best one. The best of both kinds
-continue on the whole log.
+`fit_pd` restarts Nelder-Mead until a restart improves nothing. `tuned_pd` needs no starting point. A log may not
+separate a large armature from a long delay, and a search does not get from one to the other, nor from no torque limit
+to one. So on a part of the log, searches start from several armatures and delays, each at its best gains, first without
+a torque limit, then with the best one; the best of both kinds continue on the whole log.
 """
 
 from __future__ import annotations
@@ -87,15 +86,9 @@ def fit_pd(
     """One PD for all motors of a log with known loads, with the smallest closed-loop error.
 
     Nelder-Mead over the ``free`` constants: the delay in units of 10 ms, the logarithms of the others. A search from
-    each start, then restarts from the best with a new simplex, until one lowers the error by less than 0.2 %.
-
-    Args:
-        log: with known loads.
-        starts: constants by name; those that are not free are taken from the first.
-        free: names of the constants to fit.
-        progress: called after every evaluation.
-        budget: of evaluations.
-        at_gains: gives the PD the gains of each segment.
+    each start, then restarts from the best with a new simplex, until one lowers the error by less than 0.2 %. The other
+    constants are those of the first start. ``progress`` is called after every evaluation; ``at_gains`` gives the PD the
+    gains of each segment.
     """
     error_of = closed_loop_error(log, progress, at_gains)
     fixed, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"

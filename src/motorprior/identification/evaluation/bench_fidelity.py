@@ -90,19 +90,12 @@ def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray
 
 
 def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, answer: Response) -> np.ndarray:
-    """Torque of the network on the true history, in open loop and one step ahead, as the paper fits it.
+    """(steps, n) torque on the joint [N·m] of motors z (n, Z) on the true history, one step ahead, as in the paper.
 
-    Args:
-        network: with the period ``case.dt``.
-        z: (n, Z) latents of the trial's motors.
-        case: commands of the trial.
-        answer: the physical motors' response.
-
-    Returns:
-        (steps, n) torque on the joint [N·m], averaged over the following step: the actuator's torque minus its damping
-        and minus armature(z)·acceleration. NaN until the history is full. A grey box gets velocities of half a step
-        earlier, as in an engine, and its forces belong to the time of the positions; so the average is over two rows
-        and the last row is NaN.
+    It is averaged over the following step: the actuator's torque minus its damping and minus armature(z)·acceleration.
+    NaN until the history is full. A grey box gets velocities of half a step earlier, as in an engine, and its forces
+    belong to the time of the positions; so the average is over two rows and the last row is NaN. ``answer`` is the
+    physical motors' response to the trial, whose period is that of the network.
     """
     actuator, velocity = LatentActuator(network, z), answer.joint_vel
     inputs = velocity if network.motor is None else 0.5 * (velocity + np.concatenate([velocity[:1], velocity[:-1]]))

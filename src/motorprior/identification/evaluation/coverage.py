@@ -60,8 +60,7 @@ def coverage(
 ) -> Results:
     """Share of the physical motors' held-out trajectories inside the central 50 % and 90 % prediction intervals.
 
-    Returns:
-        ``coverage50`` and ``coverage90``, over all motors, times and excitations, and for each excitation alone.
+    ``coverage50`` and ``coverage90`` are over all motors and times, of all excitations and of each.
     """
     rng = np.random.default_rng([seed, COVERAGE_STREAM])
     shares = {kind: np.zeros(len(LEVELS)) for kind in preset.kinds}

@@ -1,11 +1,8 @@
 """Whether a motor prior matches a fleet: two-sample tests of behaviour features, and moments of the posteriors.
 
-Features of different units are standardised by the median and spread of the pooled samples, whatever their labels:
-
-    x' = (x - median) / (IQR / 1.349)
-
-The standard deviation replaces a scale of 0, and 1 a standard deviation of 0. So every result is invariant to the
-units of the features, and the permutation test is exact.
+Features are standardised by the median and the interquartile range of the pooled samples, x' = (x - median) / (IQR /
+1.349), so that results do not depend on units and the permutation test is exact. The standard deviation replaces a
+scale of 0, and 1 a standard deviation of 0.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """How well a prior's motors replay the logs they were fitted to, compared with a carefully tuned PD.
 
-Segments are replayed from their first rows with their commands and loads, without feedback of the recording. Where the
-motors' error is above MISSING times the PD's, apart from an unavoidable error (MEASURED), the model lacks dynamics or
-the fit missed the constants: then constants are not physical, and the standard deviation of samples is scaled. Where
-the log has gains, the PD's gains scale with them.
+Segments are replayed from their first rows without feedback of the recording. Where the motors' error is above MISSING
+times the PD's, apart from an unavoidable MEASURED, the model lacks dynamics or the fit missed the constants: then
+constants are not physical, and the standard deviation of samples is scaled. The PD's gains scale with logged gains.
 """
 
 from __future__ import annotations
@@ -93,14 +92,9 @@ def fit_quality(
     of_the_log: bool = True,
     usual: Mapping[str, float] = MappingProxyType({}),
 ) -> FitQuality:
-    """Replay a log with its motors, and with a PD tuned to it.
+    """Replay a log with known loads with its motors, and with a PD tuned to it.
 
-    Args:
-        motors: one per joint of the log.
-        log: with known loads.
-        report: called after every evaluation of the tuning.
-        of_the_log: whether the motors were fitted to this log.
-        usual: conditions of the motors' recipe.
+    ``report`` is called after every evaluation of the tuning; ``usual`` are the conditions of the motors' recipe.
     """
     work, segment = seconds_of_work(log), np.zeros(len(log.time)) if log.segment is None else log.segment
 

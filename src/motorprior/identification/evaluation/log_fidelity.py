@@ -41,21 +41,13 @@ def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
 
 
 def free_runs(log: MotorLog, preset: Preset, where: str) -> WindowRuns:
-    """The log as free runs of FREE_RUN, with the warm-up of a recipe.
-
-    Raises:
-        LogError: it lacks a channel, has another sample period, or no segment is long enough.
-    """
+    """The log as free runs of FREE_RUN, with the warm-up of a recipe; raises `LogError` (see `training_data`)."""
     preset = replace(preset, objective="rollout", window=round(FREE_RUN / preset.period))
     return WindowRuns(training_data(log, preset, where), preset)
 
 
 def whole_runs(log: MotorLog, preset: Preset, where: str) -> list[WindowRuns]:
-    """Every segment of the log as one free run; segments no longer than the warm-up are left out.
-
-    Raises:
-        LogError: see `free_runs`.
-    """
+    """Every segment of the log that is longer than the warm-up as one free run; raises `LogError`."""
     preset = replace(preset, objective="rollout", window=1)
     data = training_data(log, preset, where)
     windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]

@@ -78,16 +78,10 @@ def loss_metrics(losses: np.ndarray, preset: Preset, suffix: str) -> dict[str, f
 
 
 def replay_errors(motors: Actuator, log: MotorLog, at_gains: AtGains) -> tuple[np.ndarray, np.ndarray]:
-    """Replay segments of a log from their first rows with their commands and loads.
+    """Replay at most _MAX_SEGMENTS segments of a log with known loads from their first rows.
 
-    Args:
-        motors: one per joint.
-        log: with known loads; at most _MAX_SEGMENTS of its segments are used, evenly spread.
-        at_gains: sets gains and conditions of a segment.
-
-    Returns:
-        Recorded - simulated angles [rad], both read by the same encoder, and velocities of the simulated joints
-        [rad/s], each (steps of all segments, n).
+    ``at_gains`` sets gains and conditions of a segment. Returns recorded - simulated angles [rad], both read by the
+    same encoder, and velocities of the simulated joints [rad/s], each (steps of all segments, n).
     """
     parts = list(log.segments())
     places = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
@@ -144,19 +138,15 @@ def has_reference_metrics(metrics: dict[str, float], closed_loop: bool) -> bool:
 def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, suffix: str = "") -> np.ndarray:
     """(M,) one-sided p-value of the fits: probability that a motor of the prior's fleet has a loss as large [-].
 
-    A test at level α has a false-alarm rate of about α. Mean losses are modelled as log-normal over motors, and the
-    mean over n blocks of one motor's log as log-normal too, with the moments of a sum (Fenton & Wilkinson):
+    Mean losses are modelled as log-normal over motors, and the mean over n blocks of one motor's log as log-normal too,
+    with the moments of a sum (Fenton & Wilkinson):
 
         log loss ~ N(m - v/2, s² + v),   v = max(0, log(1 + V/n) - log(1 + V/N))
 
     where m and s come from logs of N blocks, and V is the variance of a block. Since s is estimated from the training
-    motors, the test uses Student's t with motors - 1 degrees of freedom and s²·(1 + 1/motors).
-
-    Args:
-        metrics: of the prior.
-        losses: (M,) mean window loss of the new motors at their posterior means.
-        count: n, number of blocks in the new log; see `num_blocks`.
-        suffix: `metric_suffix` of the metrics to compare with.
+    motors, the test uses Student's t with motors - 1 degrees of freedom and s²·(1 + 1/motors). ``metrics`` are those of
+    the prior with this `metric_suffix`, ``losses`` (M,) mean window losses of the new motors at their posterior means,
+    and ``count`` is n, the `num_blocks` of their log.
     """
     _, m, s, motors, whole, variance = (metrics[f"loss_{name}{suffix}"] for name in _LOSS_METRICS)
     added = max(0.0, math.log1p(variance / count) - math.log1p(variance / whole))

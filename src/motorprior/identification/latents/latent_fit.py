@@ -65,10 +65,10 @@ def adapt(
 
     Args:
         network: of the prior.
-        data: logs of the new motors, stacked.
+        data: logs of the new motors.
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
-        steps: number of Adam steps, for a network without physics.
+        steps: of Adam, for a network without physics.
         start: (M, Z) initial latents; found by a random search if not given.
         prior: of grey boxes; N(0, I) if not given.
     """

@@ -1,19 +1,14 @@
 """Outlier tests by latents: whether motors lie inside the prediction interval of the training motors.
 
-`outliers` tests new motors. The loss of a fit has little power: it differs by a factor of two between motors of one
-fleet. So every new motor is fitted a second time, by `adapt`, with a prior WIDER times as wide as the training motors,
-which hardly shrinks the estimate. The fit is in decoder latents (for preset rollout the logarithms of the constants)
-and starts from the posterior mean. The result is compared with the M training motors, of mean m and standard
-deviation s,
+`outliers` tests new motors. Every motor is fitted a second time, by `adapt`, with a prior WIDER times as wide as the
+training motors, which hardly shrinks the estimate (the loss of a fit alone has little power). The result, in decoder
+latents, is compared with the M training motors, of mean m and standard deviation s,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
 where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
-correction over the L latents in which the training motors differ. The test has power only for constants that the log
-identifies.
-
-`leave_one_out_outliers` tests each training motor against the other M - 1 without another fit, with M - 2 degrees of
-freedom and all Z latents.
+correction over the L latents in which the training motors differ. `leave_one_out_outliers` tests each training motor
+against the others without another fit, with M - 2 degrees of freedom and all latents.
 """
 
 from __future__ import annotations

@@ -1,22 +1,18 @@
 """Latents in which the training motors are distributed as N(0, I), so that samples of N(0, I) are such motors.
 
-After training, the motors' latents have arbitrary location, scale and shape. A Gaussian copula (`actuator.copula`) is
-put before the decoder: each latent keeps its marginal distribution over the training motors, by their quantiles, and
-the correlations R of the normal scores are shrunk, since samples of few motors show spurious correlation,
+A Gaussian copula (`actuator.copula`) is put before the decoder, which does not change the training motors: each latent
+keeps its quantiles over these motors, and the correlations R of the normal scores are shrunk, since samples of few
+motors show spurious correlation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005),
 
     (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
     w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
 
-for scores x standardised with the n - 1 standard deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005).
-The decoded motors do not change. Fewer than MIN_MOTORS motors give no reliable quantiles: their latents are scaled by
-mean and standard deviation alone. For constants these have a scaled inverse-χ² prior on the variance of each decoder
-output, worth PRIOR_MOTORS motors with standard deviation s, and a flat prior on its mean. Of M motors with outputs z_i
-and mean z̄ one more has a t distribution around z̄, with PRIOR_MOTORS + M - 1 degrees of freedom and scale √v,
+for standardised scores x. The latents of fewer than MIN_MOTORS motors are scaled by mean and standard deviation alone,
+with a scaled inverse-χ² prior on the variance of each decoder output, worth PRIOR_MOTORS motors with standard deviation
+s, and a flat prior on its mean. One more motor then has a t distribution, whose scale √v is used (Gelman et al.,
+Bayesian Data Analysis, 3rd ed., sections 3.2 and 3.3):
 
     v = (PRIOR_MOTORS·s² + Σ_i (z_i - z̄)²) / (PRIOR_MOTORS + M - 1) · (M + 1)/M
-
-of which a normal distribution with that standard deviation is kept (Gelman et al., Bayesian Data Analysis, 3rd ed.,
-sections 3.2 and 3.3).
 """
 
 from __future__ import annotations
@@ -63,10 +59,8 @@ def standardised(
 ) -> tuple[LatentNetwork, np.ndarray]:
     """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
 
-    Args:
-        network: trained network without a copula.
-        mean: (M, Z) latents of the training motors.
-        assumed: (Z,) assumed standard deviations, used for few motors; 0 if not given.
+    ``mean`` (M, Z) are their latents in a network without a copula, ``assumed`` (Z,) the assumed standard deviations,
+    used for few motors, 0 if not given.
     """
     motors, latents = mean.shape
     if latents == 0:

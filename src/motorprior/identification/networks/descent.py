@@ -35,10 +35,10 @@ class Checkpoints(Protocol):
     """Storage of the state from which an interrupted training continues."""
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """The last state that this training saved, or None."""
+        """The last saved state, or None."""
 
     def save(self, state: dict[str, np.ndarray]) -> None:
-        """Save the state in place of the previous one."""
+        """Replace the state."""
 
 
 def descend(
@@ -90,8 +90,11 @@ def _attempt(
     schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, preset, optimiser)
-    state, losses = _resumed((trainable, optimiser.init(trainable)), kept)
-    before = np.inf if kept is None else float(kept["before"])
+    state, losses, before = (trainable, optimiser.init(trainable)), [], np.inf
+    if kept is not None:
+        leaves = [jnp.asarray(kept[name]) for name in _flat(state)]
+        state = jax.tree.unflatten(jax.tree.structure(state), leaves)
+        losses, before = kept["losses"].tolist(), float(kept["before"])
     for first in range(CHUNK * len(losses), preset.steps, CHUNK):
         count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
         rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
@@ -110,13 +113,6 @@ def _attempt(
 
 def _flat(state: Any) -> dict[str, np.ndarray]:
     return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
-
-
-def _resumed(state: Any, kept: dict[str, np.ndarray] | None) -> tuple[Any, list[float]]:
-    if kept is None:
-        return state, []
-    leaves = [jnp.asarray(kept[name]) for name in _flat(state)]
-    return jax.tree.unflatten(jax.tree.structure(state), leaves), kept["losses"].tolist()
 
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):

@@ -7,9 +7,8 @@ restarts also start at other motors' constants, and a Gaussian over the motors i
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (z - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
 
-v is the variance of one more motor: that between the motors, plus the uncertainty of each (expectation-maximisation of
-a Gaussian over motors; the first turn has no S). A window, of N, fitted as well as the average one counts as one
-observation. One motor is fitted alone.
+v is the variance of one more motor: that between the motors, plus the uncertainty of each (the first turn has no S). A
+window, of N, fitted as well as the average one counts as one observation. One motor is fitted alone.
 
 Long free runs identify constants that short ones confuse, but a search on them ends in poor optima. So the search uses
 short runs, and `refined` takes the last steps on longer ones.
@@ -79,12 +78,12 @@ def fit_fleet(
     """Fit all motors of the logs.
 
     Args:
-        network: with a residual that stays as it is.
+        network: its residual does not change.
         runs: the logs.
         terms: optional terms of the motors (`optional_terms`).
         together: estimate a Gaussian over the motors.
         seed: of the searches.
-        start: (M, P) decoder outputs at which the fit begins; found by a random search if not given.
+        start: (M, P) initial decoder outputs; found by a random search if not given.
         chosen: (N,) mask of the windows that count; all if not given.
         turns: of the empirical Bayes.
         report: called 1 + RESTARTS + len(turns) times.
@@ -225,10 +224,9 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: Gaussian
 
 
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
-    """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe.
+    """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe, if they are as long.
 
-    The latter if they are as long, if longer windows leave out more than MAX_LOST of the rows, or if there are fewer
-    than MIN_LONGER_WINDOWS of them.
+    Also the latter if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
     """
     lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
     length = int(np.median(lengths[lengths >= preset.window]))
@@ -243,10 +241,9 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
 def refined(
     network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
 ) -> np.ndarray:
-    """(M, Z) latents after steps that lower loss and prior on ``runs``, longer than those of the fit (`motor_fit`).
+    """(M, Z) latents after Gauss-Newton steps from ``z`` on ``runs``, longer than those of the fit (`motor_fit`).
 
-    ``z`` (M, Z) are the fitted latents, ``chosen`` (N,) masks windows. The prior is the fleet's if
-    ``together``, estimated once at z; of a motor alone it is weak, around z.
+    The prior is the fleet's if ``together``, estimated at z; otherwise it is weak, around z.
     """
     motor = network.motor
     assert motor is not None

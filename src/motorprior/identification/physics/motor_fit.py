@@ -216,17 +216,12 @@ class MotorFit:
             some = motors[first : first + together]
             lanes = (z[some][:, None] + shifts).reshape(-1, size)
             found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
-            for row, values in enumerate(found):
-                slope[first + row], curvature[first + row] = self._normal_equations(values, reach, bend)
+            for row, values in enumerate(found, first):
+                with np.errstate(over="ignore", invalid="ignore"):
+                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * reach)
+                    usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
+                here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
+                gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
+                factor = self.runs.channels / len(here)
+                slope[row], curvature[row] = factor * gradient, factor * matrix
         return slope, curvature
-
-    def _normal_equations(self, found: np.ndarray, reach: float, bend: Callable) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient and Gauss-Newton matrix from residuals (1 + 2Z, R) at z, above and below."""
-        size = (len(found) - 1) // 2
-        with np.errstate(over="ignore", invalid="ignore"):
-            here, slopes = found[0], (found[1 : size + 1] - found[size + 1 :]) / np.float32(2.0 * reach)
-            usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
-        here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
-        factor = self.runs.channels / len(here)
-        gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
-        return factor * gradient, factor * matrix

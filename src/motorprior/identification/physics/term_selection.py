@@ -1,20 +1,17 @@
 """Selection of optional dynamics terms (`optional_terms`) by backward elimination on held-out free runs.
 
 Some motors are fitted on every second segment of their logs and tested on the others. All terms are fitted at once
-first, since some are useless without another: an encoder on the output needs the joint's own damping, or the joint
-rattles in its play. With so many constants one random search can end in a poor optimum, so there are several, and one
-that starts from a fit with the terms of SERVO alone; the best of each motor counts. Then each term is left out in turn,
-the rarest first. The fit is polished without it and, if the loss rises, searched again, since other constants change
-with a term. The term stays if
+first, since some are useless without another, by several searches and one that starts from the terms of SERVO alone;
+the best of each motor counts. Then each term is left out in turn, the rarest first. The fit is polished without it and,
+if the loss rises, searched again, since other constants change with a term. The term stays if
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
 
-(at 5 %, few motors reject terms that they have and that help on held-out motion; of fewer than five motors the test is
-over the held-out parts of each). This is repeated with the terms that saved no more than SURE until none leaves. Each
-term that left is tried once more from the remaining fit, by the same price and the test at 5 %. In the end all are
-compared with no optional term, likewise. Where conditions differ between segments, their terms are also tried alone:
-with few logs, a fit of all terms may be too poor to identify them. Not tried: terms whose constants are logged, also
-as off, and conditions that are the same in all segments.
+(at 5 %, few motors reject terms that they have; of fewer than five motors the test is over the held-out parts of each).
+This is repeated with the terms that saved no more than SURE until none leaves. Each term that left is tried once more
+from the remaining fit, by the same price and the test at 5 %. In the end all are compared with no optional term,
+likewise. Where conditions differ between segments, their terms are also tried alone: with few logs, a fit of all terms
+may be too poor to identify them. Not tried: terms whose constants are logged, and conditions that do not vary.
 """
 
 from __future__ import annotations
@@ -75,16 +72,12 @@ class _State:
 def select_terms(
     network: LatentNetwork, runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None
 ) -> Selection:
-    """Choose terms for the motors of ``runs``.
+    """Choose terms for the motors of ``runs``; MOTORS of a fleet are enough.
 
-    Args:
-        network: with a residual that stays as it is.
-        runs: logs of m motors; MOTORS of a fleet are enough.
-        seed: of the searches.
-        report: called once for every term of ORDER in the first round, then for every fit of a further round and
-            every term that returns.
+    ``report`` is called for every term of ORDER in the first round, then for every fit of a later round.
     """
-    parts = parts_of(runs, segments_for_selection(runs.num_motors))
+    motors = runs.num_motors
+    parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
     given, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
     test = parts % 2 == 1
@@ -246,8 +239,3 @@ def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
 def held_out_windows(runs: WindowRuns) -> np.ndarray:
     """(N,) whether a window is for testing: every second of the `parts_of`."""
     return parts_of(runs) % 2 == 1
-
-
-def segments_for_selection(motors: int) -> int:
-    """Minimum number of segments that are themselves the parts by which terms of so many motors are selected."""
-    return MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors)  # few motors need many gains of each

@@ -1,10 +1,10 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
-The counterpart of `closed_loop` for searches: thousands of motors at once, no compilation per recipe, derivatives by
-differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
-every free run starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders
-are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; then backlash and
-encoder zero, which such a log does not identify, are that of the central motor and 0.
+The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
+observer, a second simulation of every motor, follows the recorded joint through the whole segment; every free run
+starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders are on the
+rotors, the observer's rotor follows the recording instead, with the joint attached to it; backlash and encoder zero,
+which such a log does not identify, are then that of the central motor and 0.
 """
 
 from __future__ import annotations
@@ -29,21 +29,8 @@ from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import (
-    EXTERNAL,
-    INERTIA,
-    KD,
-    KP,
-    POS,
-    SECONDS,
-    STIFFNESS,
-    SUPPLY,
-    TARGET,
-    TORQUE,
-    VEL,
-    WARMER,
-    TrainingData,
-)
+from motorprior.identification.training_data import windows as channel
+from motorprior.identification.training_data.windows import TrainingData
 
 # errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
@@ -103,15 +90,15 @@ def _free_runs(
     """
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
-    target, pos, vel = rows[0, TARGET][motor], rows[0, POS][motor], rows[0, VEL][motor]
-    inertia, torque, unused = rows[0, INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
+    target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
+    inertia, torque, unused = rows[0, channel.INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
     q, dq, obs_q, obs_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
     reset_actuator(observer, target, pos)
     reset_actuator(free, target, pos)
     for step in range(first + windows * window):
         index, within = (step - first) // window, (step - first) % window
         for lane in range(lanes):
-            target[lane] = rows[step, TARGET, motor[lane]]
+            target[lane] = rows[step, channel.TARGET, motor[lane]]
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
@@ -121,11 +108,11 @@ def _free_runs(
         if step >= first:
             step_actuator(free, dt, target, q, dq, torque)
         for lane in range(lanes):
-            j, stiffness = motor[lane], rows[step, STIFFNESS, motor[lane]]
-            next_pos, next_vel = rows[step + 1, POS, j], rows[step + 1, VEL, j]
+            j, stiffness = motor[lane], rows[step, channel.STIFFNESS, motor[lane]]
+            next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
             if at_rotor:
                 damping = observer.damping[lane]
-                external = rows[step, EXTERNAL, j] + stiffness * obs_q[lane]
+                external = rows[step, channel.EXTERNAL, j] + stiffness * obs_q[lane]
                 obs_dq[lane] = _next_velocity(obs_dq[lane], unused[lane], external, inertia[lane], damping, dt)
                 obs_q[lane] += dt * obs_dq[lane]
                 observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
@@ -133,7 +120,7 @@ def _free_runs(
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
-            damping, external = free.damping[lane], rows[step, EXTERNAL, j] + stiffness * q[lane]
+            damping, external = free.damping[lane], rows[step, channel.EXTERNAL, j] + stiffness * q[lane]
             dq[lane] = _next_velocity(dq[lane], torque[lane], external, inertia[lane], damping, dt)
             q[lane] += dt * dq[lane]
             own_pos, own_vel = q[lane], dq[lane]
@@ -143,7 +130,7 @@ def _free_runs(
             out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
             if channels > 2:
                 applied = torque[lane] - damping * dq[lane]
-                out[lane, index, 2, within] = (applied - rows[step, TORQUE, j]) / scales[2]
+                out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / scales[2]
 
 
 @dataclass(frozen=True)
@@ -156,17 +143,17 @@ class Segment:
     @property
     def seconds(self) -> float:
         """Mean time since the log began [s]."""
-        return float(self.rows[:, SECONDS, 0].mean())
+        return float(self.rows[:, channel.SECONDS, 0].mean())
 
     @property
     def gains(self) -> np.ndarray:
         """(2, M) logged kp and kd."""
-        return self.rows[0, [KP, KD]]
+        return self.rows[0, [channel.KP, channel.KD]]
 
     @property
     def conditions(self) -> np.ndarray:
         """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
-        return self.rows[0, [SUPPLY, WARMER]]
+        return self.rows[0, [channel.SUPPLY, channel.WARMER]]
 
 
 class WindowRuns:
@@ -202,9 +189,9 @@ class WindowRuns:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
-        velocity, error = series[..., VEL], series[..., TARGET] - series[..., POS]
+        velocity, error = series[..., channel.VEL], series[..., channel.TARGET] - series[..., channel.POS]
         self.fastest = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
-        speeds = (velocity, velocity / series[..., SUPPLY])
+        speeds = (velocity, velocity / series[..., channel.SUPPLY])
         self.held_speeds = {
             name: held_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
@@ -223,8 +210,9 @@ class WindowRuns:
     @property
     def largest_request(self) -> np.ndarray:
         """(M,) 99.9 % quantile of logged kp times position error [rad]."""
-        asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
-        return np.quantile(np.concatenate(asked), 0.999, axis=0)
+        errors = [np.abs(one.rows[:, channel.TARGET] - one.rows[:, channel.POS]) for one in self.segments]
+        requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
+        return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
     def groups(self) -> np.ndarray:
         """(N,) index of the segment of each window."""
@@ -250,12 +238,12 @@ class WindowRuns:
             self.beat()
         return out
 
-    def recorded(self, channel: int) -> np.ndarray:
+    def recorded(self, index: int) -> np.ndarray:
         """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
         preset, found = self.preset, []
         for segment in self.segments:
             first = preset.history + 1
-            rows = segment.rows[first : first + segment.windows * preset.window, channel]
+            rows = segment.rows[first : first + segment.windows * preset.window, index]
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
@@ -271,7 +259,7 @@ class WindowRuns:
         found = []
         for segment in self.segments:
             rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
-            rows[:, INERTIA] += here.armature
+            rows[:, channel.INERTIA] += here.armature
             found.append(self._simulate(here, everyone, Segment(rows, segment.windows)))
         return np.concatenate(found, axis=1)
 
