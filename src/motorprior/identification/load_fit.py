@@ -125,15 +125,12 @@ def require_torque(log: MotorLog) -> None:
 
 
 def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple[FittedLoad, ...]:
-    """Fit the load of every joint of a log, each by itself.
+    """Fit the load of every joint of a log with gains in N·m/rad; its own loads and torques are ignored.
 
-    Args:
-        log: with gains in N·m/rad, at the period of RECIPE; its own loads and torques are ignored.
-        report: called after every round, MAX_ROUNDS times per joint at most.
+    ``report`` is called after every round, MAX_ROUNDS times per joint at most.
 
     Raises:
-        LogError: without such gains, at another period, too short for a window, of a static joint, or if every
-            simulation of a joint diverges.
+        LogError: no such gains, another period than RECIPE's, too short, a static joint, or all simulations diverge.
     """
     require_torque(log)
     if static := joints_at_rest(log):

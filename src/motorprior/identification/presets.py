@@ -22,23 +22,18 @@ class Preset:
     grey_box: bool = False  # decode the constants of a geared motor from z; the network adds a residual torque
     num_latents: int = 4  # size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
-    # weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of order 1;
-    # without noise only its term ½|μ|² matters
-    kl_weight: float = 1e-3
+    kl_weight: float = 1e-3  # of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors
     # steps before a window in which the motor follows the recorded joint, until its hidden state converges; a short
     # warm-up biases friction low
     warm_up: int = 0
     window: int = 64  # steps of a rollout (1 for torque regression)
-    # draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise masks
-    # weakly identified differences, such as that between dry and viscous friction
-    noisy: bool = True
+    noisy: bool = True  # sample z from the motors' posteriors in training, as the paper does; otherwise use the mean
     batch: int = 256  # windows per Adam step
     steps: int = 3000  # Adam steps
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
     own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
-    # fit the constants by compiled free runs first: ``together``, with a Gaussian over the motors, or ``alone``;
-    # the network then learns the residual, and constants are refined on longer windows (`fleet_fit`). "" if
-    # everything is trained at once
+    # fit the constants by compiled free runs first (`fleet_fit`): ``together``, with a Gaussian over the motors, or
+    # ``alone``; the network then learns the residual. "" if everything is trained at once
     physics_first: str = ""
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
     tries_terms: bool = True  # whether terms are selected
@@ -92,8 +87,7 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # quick: long_runs without the selection of optional terms, which takes minutes.
 # Baselines:
 # one_motor: rollout without latents, the best single set of constants.
-# per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
-#     Bjelonic et al., 2025, whose motors have no backlash).
+# per_motor: every motor's constants by a search on its own log, no network (as PACE, Bjelonic et al., 2025).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
 # pace, pace_long_runs: per_motor and its long runs without optional terms but logged ones.
 # coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.

@@ -26,17 +26,12 @@ from motorprior.identification.evaluation.distribution import aggregate_posterio
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
+from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet, fixed_constants, longer_runs
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
+from motorprior.identification.physics.initial_motor import with_motor
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.term_selection import (
-    MOTORS,
-    ROWS,
-    WINDOWS,
-    Selection,
-    least_difference,
-    select_terms,
-)
+from motorprior.identification.physics.term_selection import Selection, least_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import MIN_GAIN, FittedMotors, refined_motors, with_residual, without_residual
@@ -123,7 +118,7 @@ def _physics_first(
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in physics.saved.items()}
     notes = _notes_on_terms(physics, preset)
-    fitted = FittedMotors(found.network(without_residual(data.scales, preset)), found.offsets)
+    fitted = FittedMotors(with_motor(without_residual(data.scales, preset), found.center, found.terms), found.offsets)
     longer = longer_runs(data, preset, runs)
     report(0, "constants are refined")
     motors = refined_motors(fitted, longer, preset)
@@ -191,8 +186,8 @@ def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int
         report(CHUNK * len(TERMS), "no terms are tried")
         return Selection(preset.stated_terms, {})
     motors = len(data.series)
-    some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(ROWS, WINDOWS * preset.window))
+    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MOTORS, motors)).astype(int))
+    part = subsampled(data, preset, max(term_selection.ROWS, term_selection.WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
     work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))

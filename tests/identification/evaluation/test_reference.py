@@ -20,6 +20,7 @@ from motorprior.identification.evaluation.reference import (
 from motorprior.identification.latents.latent_fit import adapt
 from motorprior.identification.latents.standardise import standard_posterior
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
+from motorprior.identification.physics.initial_motor import with_motor
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.residual import without_residual
@@ -44,7 +45,7 @@ def p_values():
     bare = without_residual(data.scales, RECIPE)
     fit = fit_fleet(bare, WindowRuns(data, RECIPE), (), True, 0, turns=(*TURNS[:2], *TURNS[-4:]))
     recipe = replace(RECIPE, num_latents=len(fit.center))
-    network, mean, _ = standard_posterior(fit.network(bare), data, recipe, fit.offsets)
+    network, mean, _ = standard_posterior(with_motor(bare, fit.center, fit.terms), data, recipe, fit.offsets)
     metrics = reference_metrics(network, data, recipe, mean, log)
     new, found = FLEET.sample(NEW, rng), {}
     for seconds in (2, 5, 10, 30):

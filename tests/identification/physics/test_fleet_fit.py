@@ -54,14 +54,10 @@ def found(runs: WindowRuns) -> FleetFit:
 
 def test_the_constants_of_four_motors_are_found(found: FleetFit):
     assert found.loss.max() < 3e-3, found.loss
-    error = np.abs(found.raw - initial_center(()) - truth())
+    error = np.abs(found.center + found.offsets - initial_center(()) - truth())
     within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}
     for name, bound in within.items():
         assert error[:, PARAMETERS.index(name)].max() < bound, (name, error[:, PARAMETERS.index(name)])
-    np.testing.assert_allclose(found.center + found.offsets, found.raw)
-    network = found.network(bare())
-    assert network.motor is not None
-    np.testing.assert_array_equal(network.motor.center, found.center)
 
 
 def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
@@ -70,7 +66,7 @@ def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
     runs = WindowRuns(decoder_data(with_motor(bare(), center, ()), truth(), segments=5, rows=400), PRESET)
     found = fit_fleet(bare(), runs, (), True, 0, turns=((WIDE, 5),) * 3)
     expected = center[kp] + truth()[:, kp]  # a factor of 25 away; fits on other processors differ by 0.2
-    np.testing.assert_allclose(found.raw[:, kp], expected, atol=0.25)
+    np.testing.assert_allclose((found.center + found.offsets)[:, kp], expected, atol=0.25)
 
 
 @pytest.mark.parametrize(("limit", "identifiable"), [(60.0, False), (1.5, True)])
@@ -79,7 +75,8 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, li
     motors[:, column] = np.log(limit / 1.5)
     runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
     asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
-    found = np.exp(fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=()).raw[:, column])
+    fit = fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=())
+    found = np.exp((fit.center + fit.offsets)[:, column])
     if identifiable:
         np.testing.assert_allclose(found, limit, rtol=0.1)
     else:
@@ -94,7 +91,7 @@ def test_a_logged_register_is_not_fitted(decoder_data: Data):
     for stated in (20.0, 60.0):  # the motors' own, and another
         runs = WindowRuns(data, replace(PRESET, firmware=(("profile_acceleration", stated),)))
         found = fit_fleet(bare(), runs, terms, True, 0, turns=((WIDE, 3),))
-        np.testing.assert_allclose(np.exp(found.raw[:, row]), stated, rtol=1e-12)
+        np.testing.assert_allclose(np.exp((found.center + found.offsets)[:, row]), stated, rtol=1e-12)
         losses.append(found.loss)
     assert np.all(losses[0] < 0.5 * losses[1]), losses
 

@@ -32,15 +32,12 @@ def reference_metrics(
 ) -> dict[str, float]:
     """Errors of the training motors at their posterior means.
 
-    Returns:
-        ``loss_log_mean`` and ``loss_log_std``: mean and standard deviation, over the ``loss_motors`` motors, of the
-        logarithm of a motor's mean window loss. ``loss_mean``: mean window loss of all motors. ``loss_pieces``: number
-        of blocks per motor. ``loss_piece_variance``: variance of the blocks' mean losses within a motor, over the
-        motor's mean loss squared. If the log has torques, the same with the suffix ``_without_torque``, for new motors
-        whose log has none.
-        For a prior trained in closed loop also ``residual_p05_SPEED`` … ``residual_p95_SPEED``: percentiles of
-        recorded - simulated joint_pos [rad], both read by the same encoder, when the log's commands and loads are
-        replayed, for every pool of SPEEDS of the simulated joint.
+    ``loss_log_mean`` and ``loss_log_std`` are mean and standard deviation, over the ``loss_motors`` motors, of the
+    logarithm of a motor's mean window loss, ``loss_mean`` is the mean window loss of all motors, ``loss_pieces`` the
+    number of blocks per motor, and ``loss_piece_variance`` the variance of the blocks' mean losses within a motor, over
+    the motor's mean loss squared. If the log has torques, the same with the suffix ``_without_torque``, for new motors
+    whose log has none. For a prior trained in closed loop, ``residual_p05_SPEED`` … ``residual_p95_SPEED`` are
+    percentiles of `replay_errors` for every pool of SPEEDS of the simulated joint.
     """
     metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
     if preset.objective == "rollout":

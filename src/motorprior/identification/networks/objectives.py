@@ -260,10 +260,7 @@ def torque_objective(preset: Preset, scales: dict[str, float], measured: Measure
 
 
 def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measured, bounded: bool) -> Objective:
-    """The rollout loss: errors of simulated positions and velocities, and of torques if the log has them.
-
-    ``bounded`` limits the gradient of each window; for training, in reverse mode only.
-    """
+    """The rollout loss: errors of simulated positions and velocities, and of torques if the log has them."""
     rollout = closed_loop(preset, scales, bounded, measured.at_rotor)
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:

@@ -54,15 +54,6 @@ class FleetFit:
     loss: np.ndarray
     terms: tuple[str, ...]
 
-    @property
-    def raw(self) -> np.ndarray:
-        """(M, P) decoder outputs of the motors."""
-        return self.center + self.offsets
-
-    def network(self, like: LatentNetwork) -> LatentNetwork:
-        """``like`` with these motors' decoder."""
-        return with_motor(like, self.center, self.terms)
-
 
 def fit_fleet(
     network: LatentNetwork,

@@ -157,20 +157,15 @@ class Segment:
 
 
 class WindowRuns:
-    """Free runs over all windows of M motors' logs.
+    """Free runs over all windows of M motors' logs, or of those with the indices ``motors``.
 
-    Args:
-        data: the logs.
-        preset: window, warm-up and period.
-        motors: indices of the motors that are used; all if not given.
-        beat: called several times a second during `residuals`; an exception that it raises ends them.
+    ``beat`` is called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
         at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the whole log; for that of the voltage, at the
-            usual voltage.
+        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the log; for no_load_speed, at the usual voltage.
     """
 
     def __init__(

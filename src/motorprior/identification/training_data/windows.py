@@ -44,11 +44,6 @@ class TrainingData:
     joint_names: tuple[str, ...] = ()  # M names, or none
 
 
-_REMEDIES = {
-    "rollout": "record the loads, or let `motorprior logs import` add them: option `suspended` (or fixed base), "
-    "`fit_load` for an unknown body on each joint",
-    "torque": "record the channel, or use preset rollout, which learns from positions",
-}
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
 SUPPLY, WARMER, STIFFNESS = range(KD + 1, KD + 4)
 CHANNELS = STIFFNESS + 1
@@ -160,7 +155,9 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         if getattr(log, channel) is None:
             raise LogError(
                 f"no {channel}, which the {preset.objective} objective needs", where=where,
-                remedy=_REMEDIES[preset.objective],
+                remedy="record the loads, or let `motorprior logs import` add them: option `suspended` (or fixed base) "
+                "or `fit_load` for an unknown body on each joint" if preset.objective == "rollout"
+                else "record the channel, or use preset rollout, which learns from positions",
             )  # fmt: skip
     period = next(log.segments()).period
     if abs(period - preset.period) > 0.01 * preset.period:
