@@ -128,9 +128,10 @@ def test_one_step_is_one_in_all_three_and_the_root_of_its_equation(motors):
     constants = {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in s.items()}
     start = MotorState(*(floats[name] for name in STATE))
-    moved, jax_torque, jax_damping = objectives.advance(
-        constants, start, floats["target"], floats["q"], floats["dq"], DT
-    )
+    moved, jax_torque, jax_damping = step(
+        step_constants(constants, DT, jnp), start, floats["target"], floats["q"], floats["dq"], DT,
+        array_arithmetic(jnp),
+    )  # fmt: skip
     np.testing.assert_allclose(torque, expected, atol=1e-12 * np.abs(expected).max())
     np.testing.assert_allclose(jax_torque, expected, atol=1e-5 * np.abs(expected).max())
     np.testing.assert_allclose(arrays.damping, damping, atol=1e-12)
@@ -181,9 +182,10 @@ def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
     for name, value in values.items():
         np.testing.assert_allclose(constants[name], value, rtol=1e-5, atol=1e-7, err_msg=name)
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in drawn.items()}
-    moved, jax_torque, jax_damping = objectives.advance(
-        constants, MotorState(*(floats[name] for name in names)), floats["target"], floats["q"], floats["dq"], DT, terms
-    )
+    moved, jax_torque, jax_damping = step(
+        step_constants(constants, DT, jnp, terms), MotorState(*(floats[name] for name in names)), floats["target"],
+        floats["q"], floats["dq"], DT, array_arithmetic(jnp), terms,
+    )  # fmt: skip
     np.testing.assert_allclose(jax_torque, torque, atol=2e-5 * np.abs(torque).max())
     np.testing.assert_allclose(jax_damping, damping, atol=1e-6)
     for name, one, other in zip(names, moved, expected, strict=True):

@@ -37,16 +37,7 @@ GRAVITY = {"torque": ("sag",), "angle": ("sine", "cosine")}
 
 
 @njit(cache=True, nogil=True)
-def _respond(
-    target: np.ndarray,
-    external: np.ndarray,
-    starts: np.ndarray,
-    pos: np.ndarray,
-    vel: np.ndarray,
-    constants: np.ndarray,
-    dt: float,
-    out: np.ndarray,
-) -> None:
+def _respond(target, external, starts, pos, vel, constants, dt, out):
     """Fill out (runs, steps) with one joint's angles [rad] at the end of every step.
 
     target [rad] and external [N·m] are (rows,); runs start at rows ``starts`` (runs,) from ``pos`` [rad] and ``vel``,

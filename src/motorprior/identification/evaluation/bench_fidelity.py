@@ -40,10 +40,7 @@ _REPEATS = 4  # trials per excitation
 
 
 def held_out_trials(kind: str, motors: int, seed: int, preset: BenchPreset = HELD_OUT) -> list[Trial]:
-    """Trials of one excitation for all motors, every second one sampled and held at 100 Hz.
-
-    ``kind`` is the name of the excitation, ``preset`` HELD_OUT or its version for a robot.
-    """
+    """Trials of one excitation (``kind``) for all motors, every second one sampled and held at 100 Hz."""
     tags = [HELD_OUT_SEED, seed, preset.kinds.index(kind)]
     rngs = [np.random.default_rng([*tags, repeat, BENCH_STREAM]) for repeat in range(_REPEATS)]
     steps = preset.segment_steps

@@ -43,8 +43,7 @@ def predictive_draws(
 def band(draws: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper edge (...,) of the central ``level`` % prediction interval of samples (D, ...).
 
-    Quantiles are interpolated at Weibull's plotting positions p·(D + 1): one more sample of the same distribution is
-    then inside with probability ``level`` %. The usual positions p·(D - 1) + 1 with D = 40 cover 86 %, not 90 %.
+    Weibull's plotting positions p·(D + 1) make it exact. The usual positions p·(D - 1) + 1 cover 86 %, not 90 %.
     """
     low, high = np.percentile(draws, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
     return low, high

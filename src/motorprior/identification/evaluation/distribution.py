@@ -43,8 +43,7 @@ def energy_distance(a: np.ndarray, b: np.ndarray) -> float:
     """Squared energy distance of two standardised samples (n, F) and (m, F) [-].
 
     2·E|X - Y| - E|X - X'| - E|Y - Y'|, averaged over all pairs, pairs of a point with itself included (Székely & Rizzo,
-    Energy statistics, J. Stat. Plan. Inference 143, 2013). It is never negative, and O(1/n + 1/m) for equal
-    distributions; `permutation_p_value` gives its significance.
+    Energy statistics, J. Stat. Plan. Inference 143, 2013): non-negative, O(1/n + 1/m) for equal distributions.
     """
     return float(_energy(_distances(np.concatenate(standardise(a, b))), _labels(len(a), len(b))[None])[0])
 
@@ -89,7 +88,7 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
 def feature_auc(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(F,) AUC of each feature alone, P(a's value > b's) + P(equal)/2 [-]: below 0.5 where ``a`` has lower values.
 
-    It misses differences of spread and correlation, but identifies the feature that makes `two_sample_auc` large.
+    It identifies the feature that makes `two_sample_auc` large, but misses differences of spread and correlation.
     """
     return np.array([area_under_curve(one, other) for one, other in zip(a.T, b.T, strict=True)])
 
@@ -112,8 +111,7 @@ def _quadratic(features: np.ndarray) -> np.ndarray:
 def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """(K,) weights of a ridge logistic regression of labels (N,) on features (N, K), by Newton's method.
 
-    Column 0 of the features must be 1. Each class has half of the total weight, so that unequal sample sizes do not
-    shift the intercept.
+    Column 0 of the features is 1. Each class has half of the total weight.
     """
     penalty = np.full(features.shape[1], _RIDGE * len(features))
     penalty[0] = 1e-6

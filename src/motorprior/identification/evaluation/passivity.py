@@ -1,12 +1,10 @@
 """Energy that the residual network of a grey box adds to a motor that is switched off.
 
-The physics of a grey box are passive: unpowered, they only take energy from the joint. The network, a function of
-errors and velocities, is not proven to be passive. Its torque is bounded, since a softsign is below 1,
+Its torque is bounded, since a softsign is below 1,
 
     |torque| <= bound = min(torque_limit, torque_scale·(|b3| + Σ|w3|)),
 
-so that over a cycle it adds at most bound·travel, and it cannot drive a joint faster than bound/viscous_damping.
-`residual_work` measures its work on sinusoidal motions of the joint.
+so that over a cycle it adds at most bound·travel. The physics of a grey box are passive, the network need not be.
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64  # standard deviati
 STEPS, MAX_RESTARTS = 8, 20  # Gauss-Newton steps from one start
 PATIENCE, MIN_GAIN = 4, 2e-3  # the search ends after so many restarts that lower the energies by a smaller share
 REDRAWN = 96  # samples of which each restart is the best: the motor so far, with a random half of z resampled
-# Standard deviation of a joint from the joint of the same name among the training motors, in those of the prior: an
-# assumption, wider than the 13 to 17 % by which frictions of like joints of one robot were found to differ.
+# assumed standard deviation from the training motor of a joint of the same name, in those of the prior; frictions of
+# equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47

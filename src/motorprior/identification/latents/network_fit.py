@@ -1,7 +1,6 @@
 """The posterior of z of a latent network without physics: Adam on random subsets of the windows, then Gauss-Newton.
 
-The compiled functions have the network's parameters as arguments, so that another prior of the same shape needs no
-second compilation.
+The network's parameters are arguments of the compiled functions, which serve all priors of the same shape.
 """
 
 from __future__ import annotations

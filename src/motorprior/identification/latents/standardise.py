@@ -79,10 +79,9 @@ def standardised(
 def standard_posterior(
     network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray, assumed: np.ndarray | None = None
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
+    """`standardised` network and means, and log-variances (M, Z).
 
     The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
-    ``mean`` (M, Z) are the latents after training; ``assumed`` as in `standardised`.
     """
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:
@@ -95,9 +94,9 @@ def standard_posterior(
 def scaled(
     network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Scale the distribution of samples around the central motor by ``factor`` >= 1; the decoded motors stay the same.
+    """Network, latents and log-variances with samples scaled around the central motor by ``factor`` >= 1.
 
-    Returns network, latents and log-variances; unchanged without a copula.
+    The decoded training motors stay the same; a network without a copula is unchanged.
     """
     copula = network.copula
     if copula is None or factor == 1.0:

@@ -51,13 +51,8 @@ def descend(
 ) -> tuple[Parameters, np.ndarray]:
     """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``; resumable to the byte.
 
-    With physics first, constants and z are fixed.
-
-    Returns:
-        The trained parameters, and the mean loss of every CHUNK steps.
-
-    Raises:
-        DivergedError: at every learning rate.
+    With physics first, constants and z are fixed. Returns the trained parameters, and the mean loss of every CHUNK
+    steps; raises `DivergedError` at the smallest learning rate.
     """
     kept = checkpoints.load() if checkpoints is not None else None
     first = int(kept["restart"]) if kept is not None else 0

@@ -41,8 +41,6 @@ from motorprior.identification.training_data.windows import Measured
 MAX_SENSITIVITY = 3.0
 _ARITHMETIC = array_arithmetic(jnp)
 
-Constants = dict[str, jnp.ndarray]
-
 
 @jax.custom_vjp
 def _bounded_gradient(raw: jnp.ndarray) -> jnp.ndarray:
@@ -72,7 +70,7 @@ def decode(
     seconds: jnp.ndarray | float = 0.0,
     supply: jnp.ndarray | float = 1.0,
     warmer: jnp.ndarray | float = 0.0,
-) -> Constants:
+) -> dict[str, jnp.ndarray]:
     """(B,) constants by name for latents z (B, Z).
 
     ``bounded`` limits the gradient of each row (reverse mode only); ``seconds`` since a cold start, ``supply`` voltage
@@ -100,20 +98,6 @@ def delayed(commands: jnp.ndarray, delay: jnp.ndarray, dt: float) -> jnp.ndarray
     ages = jnp.arange(commands.shape[1])
     weight = jnp.maximum(0.0, 1.0 - jnp.abs(delay[:, None] / dt - ages))
     return jnp.sum(weight * commands, axis=1)
-
-
-def advance(
-    motor: Constants,
-    state: MotorState,
-    target: jnp.ndarray,
-    joint_pos: jnp.ndarray,
-    joint_vel: jnp.ndarray,
-    dt: float,
-    terms: tuple[str, ...] = (),
-) -> tuple[MotorState, jnp.ndarray, jnp.ndarray]:
-    """New state, torque [N·m] and damping [N·m·s/rad] on the joint; ``target`` is the delayed command's mean."""
-    constants = step_constants(motor, dt, jnp, terms)
-    return step(constants, state, target, joint_pos, joint_vel, dt, _ARITHMETIC, terms)
 
 
 # (parameters, windows (B, rows, channels), z (B, Z)) -> errors of position, velocity and torque, each (steps, B)
@@ -154,7 +138,7 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         state = initial_state(first[:, channel.TARGET], first[:, channel.POS], first[:, channel.VEL], bool(terms))
         return _Memory(error, velocity, _fill(first[:, channel.TARGET], kept), state)
 
-    def actuate(parameters: Parameters, bias: Any, motor: Constants, memory: _Memory, target: Any, q: Any, dq: Any):
+    def actuate(parameters: Parameters, bias: Any, motor: Any, memory: _Memory, target: Any, q: Any, dq: Any):
         errors = _push((target - q) / scales["error_scale"], memory.errors)
         velocities = _push(dq / scales["velocity_scale"], memory.velocities)
         commands, state = _push(target, memory.commands), memory.motor
@@ -163,7 +147,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
         damping = jnp.zeros_like(q)
         if preset.grey_box:
             wanted = delayed(commands, motor["delay"] + 0.5 * dt, dt)
-            state, gear, damping = advance(motor, state, wanted, q, dq, dt, terms)
+            constants = step_constants(motor, dt, jnp, terms)
+            state, gear, damping = step(constants, state, wanted, q, dq, dt, _ARITHMETIC, terms)
             torque = torque + gear
         return _Memory(errors, velocities, commands, state), torque, damping
 

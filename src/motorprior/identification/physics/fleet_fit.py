@@ -126,9 +126,8 @@ def fit_fleet(
 def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(M, P) lower bounds of searches around a central motor (P,): limits of speed are above the logged speeds.
 
-    A limit that starts above every speed of a log has no effect, and one far below the motor's own keeps a search in a
-    poor optimum. -inf for other and for fixed constants. An impact can drive a joint faster than its motor for 0.1 s,
-    so Gauss-Newton steps may go below the bound.
+    A limit far below the motor's own keeps a search in a poor optimum. An impact can drive a joint faster than its
+    motor for 0.1 s, so Gauss-Newton steps may go below the bound. -inf for other and for fixed constants.
     """
     lower = np.full((len(runs.held_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
     for row, name in enumerate(parameters_of(terms)):
@@ -173,7 +172,7 @@ def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
 
 
 def weak_prior(size: int) -> GaussianPrior:
-    """Prior that keeps constants at their start if a log does not identify them."""
+    """Prior that keeps unidentifiable constants at their start."""
     return GaussianPrior(np.zeros(size), np.full(size, _WEAK))
 
 

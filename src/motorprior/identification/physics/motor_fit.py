@@ -87,11 +87,11 @@ def select(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.nda
 
 
 class MotorFit:
-    """The problem: a decoder, logs, and which windows count.
+    """The fit of M motors.
 
     Args:
         network: decoder from z to motors.
-        runs: the logs of M motors.
+        runs: the logs.
         chosen: (N,) mask of the windows that count; all if not given.
         lower: (M, Z) lower bounds of z in random searches and restarts, not in Gauss-Newton steps; none if not given.
     """

@@ -83,7 +83,7 @@ def select_terms(
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    search = _Search(network, runs, parts, seed, given, report)
+    search = _Search(network, runs, parts, seed, report)
     best = search.all_terms(tried, (*(name for name in SERVO if name not in off), *given))
     for name in ORDER:
         if name in (*given, *off):
@@ -135,19 +135,13 @@ def _logarithm(loss: np.ndarray) -> np.ndarray:
 
 
 class _Search:
-    """Fits to the windows in every second of these ``parts`` (N,), tested on the others; ``given`` terms stay."""
+    """Fits to the windows in every second of these ``parts`` (N,), tested on the others; logged terms stay."""
 
     def __init__(
-        self,
-        network: LatentNetwork,
-        runs: WindowRuns,
-        parts: np.ndarray,
-        seed: int,
-        given: tuple[str, ...],
-        report: Callable[[str], None],
+        self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int, report: Callable[[str], None]
     ):
-        self._network, self._runs, self._parts, self._seed = network, runs, parts, seed
-        self._train, self._test, self._given, self._report = parts % 2 == 0, parts % 2 == 1, given, report
+        self._network, self._runs, self._parts, self._seed, self._report = network, runs, parts, seed, report
+        self._train, self._test, self._given = parts % 2 == 0, parts % 2 == 1, runs.preset.stated_terms
 
     def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
         """A new search."""

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
 from motorprior.actuator.ideal_pd import GainScaledPd
@@ -59,10 +59,7 @@ def huber_curvature(x: Any) -> Any:
 
 
 def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
-    """(M,) largest speed [rad/s] that each joint kept for 0.1 s on its way to its target; 0 if none.
-
-    ``vel`` (M, R) are joint velocities, ``error`` (M, R) position_target - joint_pos; segments count as one motion.
-    """
+    """(M,) largest speed [rad/s] that each joint kept for 0.1 s towards its target, 0 if none; inputs are (M, R)."""
     rows, lowest = max(1, round(0.1 / period)), []
     for sign in (1.0, -1.0):
         towards = np.where(sign * error > 0.0, np.maximum(sign * vel, 0.0), 0.0)
@@ -71,18 +68,7 @@ def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(
-    observer: ActuatorArrays,
-    free: ActuatorArrays,
-    motor: np.ndarray,
-    rows: np.ndarray,
-    dt: float,
-    first: int,
-    window: int,
-    scales: np.ndarray,
-    at_rotor: bool,
-    out: np.ndarray,
-) -> None:
+def _free_runs(observer, free, motor, rows, dt, first, window, scales, at_rotor, out):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
     ``observer`` and ``free`` are the same motors; lane i simulates motor[i] of ``rows`` (steps, channels of `windows`,

@@ -196,10 +196,7 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
 
 
 def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
-    """The data with about so many ``rows``: parts of two to eight windows, spread evenly over the whole log.
-
-    Each is within one segment. Shorter segments are left out or, if all are shorter, kept whole.
-    """
+    """About so many ``rows`` of the data: parts of two to eight windows, spread evenly over the long segments."""
     windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
     length = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
