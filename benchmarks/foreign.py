@@ -23,7 +23,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
-from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -117,7 +117,7 @@ def errors(
     settings: Settings, family: str, which: str, motors: TrueMotors, models: dict[str, ModelOfMotors]
 ) -> dict[str, float]:
     """Median RMSE over motors [rad] of every model and both floors, by its key in figures.json."""
-    lukewarm = motors.after(LONGEST_WORK / 2)
+    lukewarm = motors.after(MAX_WORK / 2)
     floors: dict[str, ModelOfMotors] = {"floor_warmth": lambda index: lukewarm.take(index).actuator()}
     found = bench_errors(motors, models | floors, settings.seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
     return {

@@ -146,7 +146,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
     same = same_conditions(runs)
-    terms = in_order([*preset.stated_terms, *(name for name in VARIES if name not in same)])
+    terms = in_order([*preset.logged_terms, *(name for name in VARIES if name not in same)])
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
     mean = np.array([[0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit]])

@@ -64,18 +64,18 @@ class Preset:
         return {name: usual for name, _, usual, _ in self.conditions}
 
     @property
-    def stated_terms(self) -> tuple[str, ...]:
+    def logged_terms(self) -> tuple[str, ...]:
         """Optional terms with logged constants."""
         return terms_with(name for name, value in self.firmware if value > 0.0)
 
     @property
-    def terms_that_are_off(self) -> tuple[str, ...]:
+    def disabled_terms(self) -> tuple[str, ...]:
         """Optional terms whose constants are all logged as off."""
         off = {name for name, value in self.firmware if value == 0.0}
         return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
 
     @property
-    def stated_constants(self) -> dict[str, float]:
+    def logged_values(self) -> dict[str, float]:
         """Logged values of constants; UNLIMITED of a limit that is off."""
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 

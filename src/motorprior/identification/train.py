@@ -31,7 +31,7 @@ from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fl
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
 from motorprior.identification.physics.initial_motor import with_motor
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.term_selection import Selection, least_difference, select_terms
+from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.residual import MIN_GAIN, FittedMotors, refined_motors, with_residual, without_residual
@@ -167,8 +167,8 @@ def _fit_physics(
     chosen = _selected(bare, data, preset, seed, report)
     fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
     found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
-    if set(chosen.terms) - set(preset.stated_terms):
-        without = fit(preset.stated_terms, report=lambda: report(0, "without terms"))
+    if set(chosen.terms) - set(preset.logged_terms):
+        without = fit(preset.logged_terms, report=lambda: report(0, "without terms"))
         found = found if found.loss.mean() <= (1.0 - MIN_GAIN) * without.loss.mean() else without
     if not found.loss.max() < 1e6:
         raise MotorPriorError(
@@ -184,7 +184,7 @@ def _fit_physics(
 def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     if not preset.tries_terms:
         report(CHUNK * len(TERMS), "no terms are tried")
-        return Selection(preset.stated_terms, {})
+        return Selection(preset.logged_terms, {})
     motors = len(data.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MOTORS, motors)).astype(int))
     part = subsampled(data, preset, max(term_selection.ROWS, term_selection.WINDOWS * preset.window))
@@ -197,13 +197,13 @@ def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int
 
 
 def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
-    chosen = [f"{name} (logged)" if name in preset.stated_terms else name for name in physics.fit.terms]
+    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in physics.fit.terms]
     notes = [f"optional terms: {', '.join(chosen) or ('none' if physics.saved else 'none was tried')}"]
     notes += [
-        f"warning: {name} varies from {least:.3g} to {most:.3g} in these logs, which a recipe without optional "
+        f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
         "terms ignores -> use preset rollout or long_runs"
-        for name, least, usual, most in preset.conditions
-        if not preset.tries_terms and most - least >= least_difference(name, usual)
+        for name, low, usual, high in preset.conditions
+        if not preset.tries_terms and high - low >= min_difference(name, usual)
     ]
     return notes
 

@@ -214,7 +214,7 @@ def _prepared(
     prior: MotorPrior, path: str | Path, log: MotorLog, where: str
 ) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.metric_suffix` of the metrics of the outlier test."""
-    from motorprior.identification.evaluation.reference import metric_suffix, has_reference_metrics
+    from motorprior.identification.evaluation.reference import has_reference_metrics, metric_suffix
     from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
     preset = with_window_that_fits(recipe_of(prior, path), log)

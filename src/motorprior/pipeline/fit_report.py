@@ -45,7 +45,7 @@ def told_at_rest(log: MotorLog) -> str:
 
 def other_conditions(recipe: Preset, log: MotorLog) -> list[str]:
     """Lines about conditions of a log of which motors that were learned by this recipe do not know enough."""
-    from motorprior.identification.physics.term_selection import TERM_OF, least_difference
+    from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 
     found = []
     for name, least, usual, most in recipe.conditions:
@@ -55,7 +55,7 @@ def other_conditions(recipe: Preset, log: MotorLog) -> list[str]:
                 taken = range_in_words(name, usual, usual)
                 found.append(f"note: the log states no {name}: taken as the prior's usual one, {taken}")
             continue
-        means, beyond = segment_means(log, name), least_difference(name, usual)
+        means, beyond = segment_means(log, name), min_difference(name, usual)
         if means.min() < least - beyond or means.max() > most + beyond:
             effect = "is extrapolated" if known else "is not known: what is found holds under these alone"
             found.append(

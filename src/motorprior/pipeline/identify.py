@@ -214,9 +214,9 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     if network.motor is not None:
         quality = told_quality(LatentActuator(network, mean), log, found.preset, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        network, mean, log_var = scaled(network, mean, log_var, quality.widening)
+        network, mean, log_var = scaled(network, mean, log_var, quality.std_scale)
         if network.copula is not None and quality.misses_physics:
-            progress.note(f"the standard deviation of the prior is scaled by {quality.widening:.2f}")
+            progress.note(f"the standard deviation of the prior is scaled by {quality.std_scale:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,

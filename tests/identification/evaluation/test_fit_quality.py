@@ -34,13 +34,13 @@ def nominal(count: int) -> IdealPd:
 def test_motors_that_made_the_log_have_no_error(log: MotorLog):
     found = fit_quality(load_fleet("mixed").sample(MOTORS, 0).actuator(), log)
     assert np.median(found.motors) < 1e-9 and np.max(found.motors) < 2e-3  # dry friction amplifies rounding
-    assert not found.misses_physics and found.widening == 1.0
+    assert not found.misses_physics and found.std_scale == 1.0
     assert not any("warning" in line for line in found.lines())
 
 
 def test_a_pd_in_place_of_the_motors_is_warned_of(log: MotorLog):
     found = fit_quality(nominal(MOTORS), log)
-    assert found.unexplained > MISSING and found.misses_physics and found.widening > 1.0
+    assert found.unexplained > MISSING and found.misses_physics and found.std_scale > 1.0
     assert np.all(np.isfinite(found.motors)) and np.median(found.baseline) <= np.median(found.motors)
     assert "the model lacks dynamics" in found.lines()[-1]
 

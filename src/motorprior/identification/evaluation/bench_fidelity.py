@@ -34,7 +34,7 @@ Prediction = Callable[[np.ndarray], Actuator | Ensemble]
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
 HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
 BENCH_STREAM, WORK_STREAM = 17, 53  # tags of the random streams of held-out trials, and of the motors' working times
-LONGEST_WORK = 20.0  # maximum working time of the motors before a held-out trial [s]; their temperature is unknown
+MAX_WORK = 20.0  # maximum working time of the motors before a held-out trial [s]; their temperature is unknown
 FLOOR_OFFSET = 0.004  # initial position offset of the floor, a second simulation of the same physical motors [rad]
 _REPEATS = 4  # trials per excitation
 
@@ -48,9 +48,9 @@ def held_out_trials(kind: str, motors: int, seed: int, preset: BenchPreset = HEL
 
 
 def seconds_of_work(kind: str, seed: int, preset: BenchPreset = HELD_OUT) -> np.ndarray:
-    """(trials,) working time of the motors before each of `held_out_trials` [s], in [0, LONGEST_WORK]."""
+    """(trials,) working time of the motors before each of `held_out_trials` [s], in [0, MAX_WORK]."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, preset.kinds.index(kind), WORK_STREAM])
-    return rng.uniform(0.0, LONGEST_WORK, _REPEATS)
+    return rng.uniform(0.0, MAX_WORK, _REPEATS)
 
 
 def bench_errors(

@@ -54,7 +54,7 @@ class FitQuality:
         return self.unexplained > MISSING
 
     @property
-    def widening(self) -> float:
+    def std_scale(self) -> float:
         """Factor on the standard deviation of samples: 1 up to MISSING, 2 where nothing is explained."""
         return 1.0 + max(0.0, min(1.0, self.unexplained) - MISSING) / (1.0 - MISSING)
 

@@ -151,12 +151,12 @@ def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray
     asked = np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
     losses = fit.losses(z)
-    for name, most in reached.items():
-        if name not in names or not most.max() or fixed[names.index(name)]:
+    for name, largest in reached.items():
+        if name not in names or not largest.max() or fixed[names.index(name)]:
             continue
         row, free = names.index(name), z.copy()
         farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
-        free[:, row] = np.clip(np.log(BEYOND * most.max()) - center[row], z[:, row], farthest)
+        free[:, row] = np.clip(np.log(BEYOND * largest.max()) - center[row], z[:, row], farthest)
         unidentified = fit.losses(free) <= SAME_LOSS * losses
         if unidentified.mean() > 0.5 or not together:
             z = np.where(unidentified[:, None], free, z)
@@ -165,7 +165,7 @@ def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray
 
 def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: absent or logged ones, and those that the encoders do not identify."""
-    fixed = (*runs.preset.lacks, *runs.preset.stated_constants, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
+    fixed = (*runs.preset.lacks, *runs.preset.logged_values, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
     if runs.gain_unit == PHYSICAL_GAINS:
         fixed += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
     return np.array([name in fixed for name in parameters_of(terms)])

@@ -46,7 +46,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         # a little above the logged speeds: a limit that is too low rises in the fit, one that is too high has no effect
         profile = 1.1 * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
         motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.fastest}
-    motor = motor | runs.preset.stated_constants
+    motor = motor | runs.preset.logged_values
     if not runs.gain_unit:
         return encoded(motor, terms)
     kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0

@@ -139,7 +139,7 @@ class MotorFit:
         return np.where(np.isfinite(loss), loss, _DIVERGED_LOSS)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior) -> np.ndarray:
-        """(M, Z) of each motor the candidate with the least energy; those (M, K, Z) below bounds are raised first."""
+        """(M, Z) of each motor the candidate (M, K, Z), raised to the bounds, with the lowest energy."""
         if self._lower is not None:
             candidates = np.maximum(candidates, _broadcast(self._lower, candidates))
         energy = self.losses(candidates) + prior.energy(candidates)

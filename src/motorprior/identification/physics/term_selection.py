@@ -78,7 +78,7 @@ def select_terms(
     """
     motors = runs.num_motors
     parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
-    given, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
+    given, off = runs.preset.logged_terms, (*runs.preset.disabled_terms, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
@@ -99,16 +99,16 @@ def select_terms(
     return Selection(best.terms, saved)
 
 
-def least_difference(condition: str, usual: float) -> float:
-    """Of VARIES, in the unit of the condition [V], [°C], at this usual value."""
-    least = VARIES[TERM_OF[condition]]
-    return least * usual if condition == "supply_voltage" else least
+def min_difference(condition: str, usual: float) -> float:
+    """Minimum difference between segments, of VARIES, in the unit of the condition [V], [°C], at this usual value."""
+    value = VARIES[TERM_OF[condition]]
+    return value * usual if condition == "supply_voltage" else value
 
 
 def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
     """Terms of VARIES whose condition is about the same in all segments, or was not logged."""
     ranges = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
-    return tuple(name for (name, least), size in zip(VARIES.items(), ranges, strict=True) if size < least)
+    return tuple(name for (name, limit), size in zip(VARIES.items(), ranges, strict=True) if size < limit)
 
 
 def _saved(before: _State, after: _State) -> float:
@@ -141,7 +141,7 @@ class _Search:
         self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int, report: Callable[[str], None]
     ):
         self._network, self._runs, self._parts, self._seed, self._report = network, runs, parts, seed, report
-        self._train, self._test, self._given = parts % 2 == 0, parts % 2 == 1, runs.preset.stated_terms
+        self._train, self._test, self._given = parts % 2 == 0, parts % 2 == 1, runs.preset.logged_terms
 
     def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
         """A new search."""
@@ -188,7 +188,7 @@ class _Search:
 
     def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones weak at first, after some Gauss-Newton steps."""
-        weak = encoded(FAINT | self._runs.preset.stated_constants, terms)
+        weak = encoded(FAINT | self._runs.preset.logged_values, terms)
         start = np.tile(weak, (len(before.raw), 1))
         for row, name in enumerate(parameters_of(before.terms)):
             if name in parameters_of(terms):

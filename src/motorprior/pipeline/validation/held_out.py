@@ -17,7 +17,7 @@ from motorprior.bench.recording import bench_preset, preset_of_period, record
 from motorprior.identification.evaluation.bench_fidelity import (
     HELD_OUT,
     HELD_OUT_SEED,
-    LONGEST_WORK,
+    MAX_WORK,
     ModelOfMotors,
     bench_errors,
 )
@@ -153,7 +153,7 @@ def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Resu
     pairs = []
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
-        true = facts.fleet.sample(POPULATION, rng).after(LONGEST_WORK / 2)
+        true = facts.fleet.sample(POPULATION, rng).after(MAX_WORK / 2)
         pairs.append((drawn, behaviours(true.actuator())))
     drawn, physical = pairs[0]
     shown = feature_quantiles(

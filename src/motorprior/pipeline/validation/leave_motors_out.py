@@ -82,7 +82,12 @@ def leave_motors_out(
     """
     from motorprior.identification.baselines.pd_fit import repeated, tuned_pd
     from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
-    from motorprior.identification.evaluation.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import (
+        free_run_errors,
+        log_coverage,
+        whole_runs,
+        within_a_turn,
+    )
     from motorprior.identification.presets import identification_preset
 
     others = [joint for joint in range(known.num_joints) if joint not in group]

@@ -168,7 +168,12 @@ def measured(
     report: Callable[[], None] = lambda: None,
 ) -> Results:
     """Errors of all models, and coverage of the prior, adapted and told nothing, over free runs of each of SPANS."""
-    from motorprior.identification.evaluation.log_fidelity import free_run_errors, log_coverage, zero_shot, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import (
+        free_run_errors,
+        log_coverage,
+        within_a_turn,
+        zero_shot,
+    )
 
     rows = []
     for quantity, runs in spans.items():
