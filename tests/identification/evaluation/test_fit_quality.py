@@ -70,20 +70,6 @@ def test_motors_with_heat_are_replayed_at_the_temperature_of_each_segment(
     assert np.max(fit_quality(motors, made).motors) < 1e-6
 
 
-def test_the_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
-    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(MOTORS)
-    logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
-    made = [
-        run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
-        for gain, (case, _) in zip((1.0, 6.0), trials(logged), strict=True)
-    ]
-    logged = replace(logged, joint_pos=np.concatenate(made), joint_vel=None)
-    found = fit_quality(nominal(MOTORS), logged)
-    without_gains = fit_quality(nominal(MOTORS), replace(logged, stated_kp=None, stated_kd=None))
-    assert np.median(found.baseline) < 0.3 * np.median(without_gains.baseline)
-    np.testing.assert_array_equal(found.motors, without_gains.motors)
-
-
 def test_a_scaled_prior_has_the_same_motors_and_a_larger_standard_deviation(grey_network):
     rng = np.random.default_rng(0)
     network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))

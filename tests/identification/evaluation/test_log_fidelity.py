@@ -29,7 +29,7 @@ from motorprior.identification.evaluation.reference import SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import Measured, TrainingData
+from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
 
 Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
@@ -55,25 +55,6 @@ def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
     errors = free_run_errors([runs], models)
     assert np.all(errors["truth"] < 1e-4)
     assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
-
-
-def test_a_grey_box_is_read_where_the_logs_encoders_are(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
-):
-    network = grey_network()
-    runs = WindowRuns(replace(decoder_data(network, Z), measured=Measured(True, at_rotor=True)), PRESET)
-    found = runs.errors(LatentActuator(network, Z))
-    np.testing.assert_array_equal(found, runs.residuals(network, Z, np.arange(3)))
-
-
-def test_the_armature_of_a_pd_joins_the_load(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
-):
-    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET)
-    light, heavy = (
-        free_run_errors([runs], {"pd": IdealPd.uniform(3, 10.0, 0.5, 1.5, armature)})["pd"] for armature in (0.0, 0.05)
-    )
-    assert np.all(np.abs(light - heavy) > 1e-3)
 
 
 def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):

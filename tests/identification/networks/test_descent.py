@@ -1,4 +1,4 @@
-"""A descent that diverges restarts at a lower rate; an interrupted one ends at the same bytes."""
+"""An interrupted descent ends at the same bytes."""
 
 from dataclasses import replace
 
@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from series import complete
 
-from motorprior.identification.networks import descent
-from motorprior.identification.networks.descent import CHUNK, SLOWER, descend
+from motorprior.identification.networks.descent import CHUNK, descend
 from motorprior.identification.networks.network import Parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import _initial
@@ -53,39 +52,8 @@ class Interrupted(Exception):
     """Raised by the report."""
 
 
-def diverging(monkeypatch: pytest.MonkeyPatch, attempts: int, broken: float = np.nan, where: int = 3) -> list[float]:
-    """Replace the training so that the first ``attempts`` diverge in chunk ``where``; lists their rates."""
-    rates: list[float] = []
-
-    def compiled(data, preset, optimiser):
-        rates.append(preset.learning_rate)
-        calls = 0
-
-        def chunk(state, inputs):
-            nonlocal calls
-            calls += 1
-            return state, broken if calls == where and len(rates) <= attempts else 1.0 - 0.01 * calls, 1.0
-
-        return chunk
-
-    monkeypatch.setattr(descent, "_compiled_chunk", compiled)
-    return rates
-
-
-@pytest.mark.parametrize(("broken", "where"), [(np.nan, 1), (10.0, 3)])
-def test_a_training_that_diverges_restarts_at_a_third_of_the_rate(
-    monkeypatch: pytest.MonkeyPatch, broken: float, where: int
-):
-    rates, reports = diverging(monkeypatch, 2, broken, where), []
-    _, losses = descend(start(), data(), PRESET, 0, lambda *what: reports.append(what))
-    assert rates == pytest.approx([PRESET.learning_rate / SLOWER**k for k in range(3)])
-    np.testing.assert_allclose(losses, 1.0 - 0.01 * np.arange(1, 7))
-    assert sum(steps for steps, _ in reports) == PRESET.steps
-
-
-@pytest.mark.parametrize("stop", [6])
-def test_an_interrupted_descent_ends_at_the_same_bytes(stop: int):
-    kept, calls = Kept(), 0
+def test_an_interrupted_descent_ends_at_the_same_bytes():
+    kept, calls, stop = Kept(), 0, 6
 
     def report(steps: int, text: str) -> None:
         nonlocal calls
