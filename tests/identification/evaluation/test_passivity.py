@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.evaluation.passivity import cycle_work, residual_bound, residual_work
 
 MOTORS, DT = 8, 0.002
@@ -52,3 +53,10 @@ def test_the_work_of_a_network_that_pushes_in_the_direction_of_motion_in_closed_
         power = motors.network.w3[0] * motors.network.torque_scale * first / (1 + np.abs(first)) * speed
         np.testing.assert_allclose(work, DT * np.sum(power) * motors.network.velocity_scale, rtol=0.02)
     assert 0.0 < residual_work(weak) < 1.0 < residual_work(strong)
+
+
+@pytest.mark.parametrize("terms", [("presliding",), ("asymmetry", "presliding"), tuple(TERMS)], ids=len)
+def test_a_servo_that_is_switched_off_takes_energy_on_every_cycle(grey_network, terms):
+    motors = LatentActuator(grey_network(spread=0.3, terms=terms, asymmetry=0.3), Z)
+    for amplitude, frequency in ((0.02, 4.0), (0.1, 1.0), (0.6, 2.0)):
+        assert np.all(cycle_work(motors, amplitude, frequency)[1] < 1e-9)
