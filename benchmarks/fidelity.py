@@ -16,7 +16,7 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
-from motorprior.identification.judging.bench_fidelity import Ensemble, Prediction
+from motorprior.identification.evaluation.bench_fidelity import Ensemble, Prediction
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify

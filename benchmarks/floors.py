@@ -28,7 +28,7 @@ from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.judging.distribution import two_sample_auc
+from motorprior.identification.evaluation.distribution import two_sample_auc
 from motorprior.identification.latents.standardise import standardised
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -24,7 +24,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
-from motorprior.identification.judging.bench_fidelity import HELD_OUT, LONGEST_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -75,7 +75,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
-    from motorprior.identification.judging.coverage import coverage
+    from motorprior.identification.evaluation.coverage import coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     facts = read_bench(settings.out / family / "bench")[1]
@@ -112,7 +112,7 @@ def errors(
     settings: Settings, family: str, which: str, motors: TrueMotors, models: dict[str, ModelOfMotors]
 ) -> dict[str, float]:
     """Median RMSE over motors [rad] of all models and both floors, by key in figures.json."""
-    half_warm = motors.after(LONGEST_WORK / 2)
+    half_warm = motors.after(MAX_WORK / 2)
     floors: dict[str, ModelOfMotors] = {"floor_warmth": lambda index: half_warm.take(index).actuator()}
     found = bench_errors(motors, models | floors, settings.seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
     return {

@@ -33,7 +33,7 @@ import tyro
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.identification.judging.log_fidelity import (
+from motorprior.identification.evaluation.log_fidelity import (
     LogModel,
     free_run_errors,
     log_coverage,

@@ -23,7 +23,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import BenchSettings, read_bench
 from motorprior.bench.families import geared
-from motorprior.identification.judging.bench_fidelity import HELD_OUT, bench_errors
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, bench_errors
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
 from motorprior.pipeline.progress import Lines

@@ -32,7 +32,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
-from motorprior.identification.judging.bench_fidelity import HELD_OUT_SEED
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -1,4 +1,4 @@
-"""Logs of motors that a decoder made: what they are is known, and a fit can reach it."""
+"""Logs of motors that a decoder made: their constants are known, and a fit can reach them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -45,10 +45,10 @@ def decoder_data() -> Callable[..., TrainingData]:
             under = Conditions(warmth, supply[segment % len(supply)], warmer[segment % len(warmer)])
             found: Any = run(LatentActuator(network, z, under, gains), case)
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
-            told = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
+            logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
                 case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
-                inertia, seconds, *told, np.full_like(seconds, under.supply), np.full_like(seconds, under.warmer),
+                inertia, seconds, *logged, np.full_like(seconds, under.supply), np.full_like(seconds, under.warmer),
                 np.zeros_like(seconds),
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))

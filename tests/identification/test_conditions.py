@@ -1,4 +1,4 @@
-"""Voltage and temperature that a log states are the set-up, not the motor: z is the same whatever they are."""
+"""Logged voltage and temperature do not change z."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.grey_box_fit import adapt
-from motorprior.identification.physics.term_selection import (
-    same_conditions,
-)
+from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.physics.term_selection import same_conditions
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData
@@ -24,7 +22,7 @@ SETUPS = {"usual": (1.0, 0.0), "weak and hot": (0.7, 40.0)}
 
 @pytest.fixture(scope="module")
 def driven_by_voltage(grey_network: Networks) -> LatentNetwork:
-    """Servos whose law commands a duty cycle, and whose torques fall by 30 % when they are 50 K warmer."""
+    """Servos that command a duty cycle, with torques that fall by 30 % when they are 50 K warmer."""
     return grey_network(terms=("supply", "temperature"), supply_share=1.0, temperature_loss=0.3)
 
 
@@ -33,16 +31,14 @@ def under(decoder_data: Data, network: LatentNetwork, supply: float, warmer: flo
 
 
 @pytest.mark.parametrize("setup", SETUPS)
-def test_z_describes_the_motor_whatever_it_works_under(
-    decoder_data: Data, driven_by_voltage: LatentNetwork, setup: str
-):
+def test_z_does_not_depend_on_the_conditions(decoder_data: Data, driven_by_voltage: LatentNetwork, setup: str):
     data = under(decoder_data, driven_by_voltage, *SETUPS[setup])
-    found = adapt(driven_by_voltage, data, replace(PRESET, num_latents=3), 0.01, None)
+    found = adapt(driven_by_voltage, data, replace(PRESET, num_latents=3), 0.01)
     spread = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     assert np.all(np.abs(found.mean - Z) < np.maximum(3.0 * spread, 0.05))
 
 
-def test_a_fit_asks_for_what_differs_between_segments_alone(decoder_data: Data, driven_by_voltage: LatentNetwork):
+def test_only_conditions_that_differ_between_segments_are_fitted(decoder_data: Data, driven_by_voltage: LatentNetwork):
     both = decoder_data(driven_by_voltage, Z, supply=(0.8, 1.1, 0.9), warmer=(0.0, 30.0))
     assert same_conditions(WindowRuns(both, PRESET)) == ()
     one = decoder_data(driven_by_voltage, Z, supply=(0.8, 1.1, 0.9), warmer=(20.0, 22.0))

@@ -1,4 +1,4 @@
-"""A load that nobody weighed: found with its motor, with deviations that hold, or refused."""
+"""An unknown load is fitted together with its motor, within its standard deviations."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def test_inertia_and_weight_are_found_within_their_deviations(bars: Bars):
         assert load.error < 3e-3
 
 
-def test_the_log_carries_the_fitted_loads():
+def test_the_log_has_the_fitted_loads():
     bars = swing(1.0)
     given = [
         FittedLoad(inertia, 0.0, 0.0, gravity, np.eye(2), 0.0)

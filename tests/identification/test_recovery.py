@@ -1,6 +1,6 @@
-"""Recovered truth: in fleets where one constant varies, a prior finds which motor has how much, and so does `adapt`.
+"""In fleets where one constant varies, a prior and `adapt` recover that constant of every motor.
 
-Four such fleets share one training, each a quarter of the motors, so that the prior must also tell the constants apart.
+Four such fleets share one training, each a quarter of the motors, so that the constants must also be separated.
 """
 
 from dataclasses import replace
@@ -13,8 +13,8 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.judging.coverage import coverage
-from motorprior.identification.judging.reference import reference_metrics
+from motorprior.identification.evaluation.coverage import coverage
+from motorprior.identification.evaluation.reference import reference_metrics
 from motorprior.identification.latents.latent_fit import Posterior, adapt
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
@@ -23,10 +23,8 @@ from motorprior.logs.motor_log import MotorLog
 
 pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")
-RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}
-"""Factors on the central motor's."""
-TRAINED, NEW = 10, 5
-"""Motors per constant."""
+RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}  # factors
+TRAINED, NEW = 10, 5  # motors per constant
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(
     identification_preset("rollout"), taps=(0, 1), num_neurons=4, warm_up=40, window=32, batch=96,
@@ -60,7 +58,7 @@ def prior(log: MotorLog) -> Identified:
 
 @pytest.fixture(scope="module")
 def posterior(log: MotorLog, prior: Identified) -> Posterior:
-    """Of new motors of the four fleets, from 10 s of log each, as users are told to record."""
+    """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
     return adapt(prior.network, data, RECIPE, float(prior.losses[-1]), steps=60)
@@ -101,13 +99,12 @@ def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: P
     assert all(found[name] < bound for name, bound in within.items()), found
 
 
-def test_bands_hold_about_what_they_promise(log: MotorLog, prior: Identified, posterior: Posterior):
+def test_bands_have_about_their_nominal_coverage(log: MotorLog, prior: Identified, posterior: Posterior):
     metrics = reference_metrics(prior.network, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
     found = coverage(prior.network, metrics, posterior, fleets(NEW, 2), 0)
-    # Wide rather than narrow after a training of seconds: the pools of residuals hold its worst motors, too.
+    # rather wide after a short training: the pools of residuals include the worst motors
     half, most = (found.value(quantity=name, part=None) for name in ("coverage50", "coverage90"))
     assert 0.35 < half < 0.8 and 0.75 < most < 0.99
-    # twice the residuals promise too much
     doubled = {key: 2 * value if key.startswith("residual") else value for key, value in metrics.items()}
     wide = coverage(prior.network, doubled, posterior, fleets(NEW, 2), 0)
     assert wide.value(quantity="coverage50", part=None) > half + 0.1

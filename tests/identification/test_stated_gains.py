@@ -1,4 +1,4 @@
-"""Gains that a log states are the set-up, not the motor: z is the same whatever they are."""
+"""Logged gains do not change z."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +10,7 @@ from swinging_load import swinging_load
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.latents.grey_box_fit import adapt
+from motorprior.identification.latents.latent_fit import adapt
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -24,8 +24,8 @@ INDEX = [PARAMETERS.index(name) for name in ("kp", "kd_over_kp")]
 
 
 @pytest.fixture(scope="module")
-def told(grey_network: Networks) -> LatentNetwork:
-    """Motors whose gains are what they are told."""
+def with_gains(grey_network: Networks) -> LatentNetwork:
+    """Motors with logged gains."""
     network = replace(grey_network(kp=1.0, kd_over_kp=1.0), gain_unit=PHYSICAL_GAINS)
     assert network.motor is not None
     slope = network.motor.slope.copy()
@@ -33,32 +33,32 @@ def told(grey_network: Networks) -> LatentNetwork:
     return replace(network, motor=replace(network.motor, slope=slope))
 
 
-def test_motors_that_are_told_gains_move_like_motors_that_have_them(grey_network: Networks, told: LatentNetwork):
+def test_motors_with_logged_gains_are_motors_with_these_constants(grey_network: Networks, with_gains: LatentNetwork):
     kp, kd = SOFT[:, 0]
     own = replace(grey_network(kp=kp, kd_over_kp=kd / kp), motor=None)
-    assert told.motor is not None
-    center = told.motor.center.copy()
+    assert with_gains.motor is not None
+    center = with_gains.motor.center.copy()
     center[INDEX] += np.log([kp, kd / kp])
-    own = replace(own, motor=replace(told.motor, center=center))
-    given = LatentActuator(told, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
+    own = replace(own, motor=replace(with_gains.motor, center=center))
+    given = LatentActuator(with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
     np.testing.assert_allclose(given.parameters, LatentActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
     with pytest.raises(ConfigError, match="logged gains"):
-        LatentActuator(told, Z).arrays(0.002)
+        LatentActuator(with_gains, Z).arrays(0.002)
 
 
-def test_z_describes_the_motor_whatever_gains_and_load_it_works_with(decoder_data: Data, told: LatentNetwork):
+def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: LatentNetwork):
     found = {}
     for name, gains, load in (("soft", SOFT, 1.0), ("stiff", STIFF, 1.0), ("loaded", STIFF, 1.5)):
-        data = decoder_data(told, Z, gains=np.broadcast_to(gains, (2, len(Z))), load=load)
-        found[name] = adapt(told, data, replace(PRESET, num_latents=3), 0.01, None)
+        data = decoder_data(with_gains, Z, gains=np.broadcast_to(gains, (2, len(Z))), load=load)
+        found[name] = adapt(with_gains, data, replace(PRESET, num_latents=3), 0.01)
     for name, posterior in found.items():
         spread = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
         assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name
 
 
-def test_a_log_of_another_firmware_is_refused_and_one_that_says_nothing_is_not():
+def test_a_log_of_another_firmware_is_rejected_and_one_without_registers_is_not():
     preset = replace(PRESET, gain_unit="", firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))
-    for told in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
-        training_data(swinging_load(firmware=told), preset, "x")
+    for firmware in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
+        training_data(swinging_load(firmware=firmware), preset, "x")
     with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3, the prior's"):
         training_data(swinging_load(firmware={"profile_speed": 4.0}), preset, "x")

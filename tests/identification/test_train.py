@@ -76,7 +76,7 @@ def test_same_seed_same_bytes(small_data):
     assert len({leaves(identify(small_data, replace(SMALL, objective="torque"), 3)) for _ in range(2)}) == 1
 
 
-def test_training_lowers_the_loss_and_leaves_every_motor_its_posterior(small_data):
+def test_training_lowers_the_loss_and_gives_every_motor_a_posterior(small_data):
     preset = replace(SMALL, has_armature=True, steps=400)
     calls = []
     result = identify(small_data, preset, 0, lambda *call: calls.append(call))
@@ -93,7 +93,7 @@ PHYSICS = replace(PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=40, wi
 
 @pytest.fixture
 def two_motors(grey_network, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
-    """Logs of motors without a network, of which one term is thought possible."""
+    """Logs of motors without a network; one term is tried."""
     monkeypatch.setattr(term_selection, "ORDER", ("output_encoder",))
     return decoder_data(grey_network(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
 
@@ -117,10 +117,10 @@ class Kept:
 
 
 class Interrupted(Exception):
-    """By whoever reports."""
+    """Raised by the report."""
 
 
-def test_motors_are_fitted_first_and_a_network_that_brings_nothing_is_left_out(two_motors):
+def test_motors_are_fitted_first_and_a_useless_network_is_rejected(two_motors):
     found = identify(two_motors, PHYSICS, 0)
     assert found.preset.terms == () and found.network.motor is not None and found.network.motor.terms == ()
     assert found.preset.num_neurons == found.network.num_neurons == 0

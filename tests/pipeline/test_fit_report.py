@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from swinging_load import swinging_load
 
-from motorprior.identification.presets import PRESETS, with_what_is_stated
+from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.pipeline.fit_report import other_conditions
 
 TWO = np.repeat([0, 1], 400)
 KNOWN = swinging_load(800, segment=TWO, supply_voltage=np.where(TWO == 0, 12.0, 9.6)[:, None])
-RECIPE = with_what_is_stated(PRESETS["long_runs"], KNOWN)
+RECIPE = with_logged_settings(PRESETS["long_runs"], KNOWN)
 
 
 def at(*volts: float) -> np.ndarray:

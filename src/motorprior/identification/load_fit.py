@@ -2,15 +2,15 @@
 
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
-with the joint's angle q. Free runs of the grey box have three latents more than constants, ln(J/J₀), s/g and c/g, with
-g = 0.2 rad·kp, around a regression of the logged proportional law,
+with the joint's angle q. Free runs of the grey box have three more latents, ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp,
+around a regression of the logged proportional law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-A log of angles and commands does not identify the scale of torques, so the gains have to be logged in N·m/rad. Nor does
-it separate the inertia of a load from the armature of a rotor without play: their sum is identified, and the prior
-divides it. The standard deviations show this. They are Laplace's, and count the whole log as one observation, since
-residuals mostly come from missing physics, which is the same in every window.
+The gains have to be logged in N·m/rad, since angles and commands do not identify the scale of torques. Nor do they
+separate the inertia of a load from the armature of a rotor without play: only the sum is identified, and the prior
+divides it. Standard deviations (Laplace) count the whole log as one observation, since residuals mostly come from
+missing physics, which is the same in every window.
 """
 
 from __future__ import annotations
@@ -24,42 +24,30 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
-from motorprior.identification.latents.grey_box_fit import inverse_precision
+from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.term_selection import VARIES, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
-from motorprior.identification.presets import PRESETS, Preset, with_what_is_stated
+from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
 from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import (
-    EXTERNAL,
-    INERTIA,
-    KP,
-    POS,
-    STIFFNESS,
-    TARGET,
-    VEL,
-    TrainingData,
-    subsampled,
-    training_data,
-    with_window_that_fits,
-)
+from motorprior.identification.training_data import windows
 from motorprior.logs.doctor.excitation import joints_at_rest
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
-RECIPE = PRESETS["pace_long_runs"]  # runs of a second, no optional terms but those that the log states
-# random searches of a joint's fit, rounds after each, and most rounds after the best: there are several optima
+RECIPE = PRESETS["pace_long_runs"]  # runs of a second, no optional terms but logged ones
+# random searches of a joint's fit, rounds after each, and rounds after the best: there are several optima
 STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
-MOST_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # per joint
+MAX_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # per joint
 _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
-_ROWS = 30_000  # about the most rows that are fitted
-_SEARCH, _AROUND, _DRAWS, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
-_PATIENCE, _LEAST_GAIN = 3, 0.01  # rounds in a row that lower the loss by a smaller share end a fit
+_ROWS = 30_000  # approximate maximum number of fitted rows
+_SEARCH_RADII, _RESTART_RADIUS, _SAMPLES, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
+_PATIENCE, _MIN_GAIN = 3, 0.01  # so many rounds in a row that lower the loss by a smaller share end a fit
 _STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # of the prior of a latent, of ln(J/J₀), and of s/g and c/g
-_HOPED, _DIVERGED = 0.01, 1e6  # loss after a fit, over that before; loss of a simulation that diverges
+_EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
 _LANES = 32  # loads that are simulated at a time; each has its own rows
 _STREAM = 61
 
@@ -84,7 +72,7 @@ class _LoadedRuns(WindowRuns):
         unit: g [N·m].
     """
 
-    def __init__(self, data: TrainingData, preset: Preset):
+    def __init__(self, data: windows.TrainingData, preset: Preset):
         super().__init__(data, preset)
         self.start, self.unit = _regression(self), _SAG * float(self.gains[0, 0])
 
@@ -92,39 +80,38 @@ class _LoadedRuns(WindowRuns):
         """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of latents z (L, Z)."""
         return self.start[0] * np.exp(z[:, -3]), self.unit * z[:, -2:].T
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
+        found = []
         for first in range(0, len(motor), _LANES):
             some = slice(first, first + _LANES)
             rows = np.take(segment.rows, motor[some], axis=2)
-            _carry(rows, *self.load(z[some]))
+            inertia, gravity = self.load(z[some])
+            torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
+            rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
+            rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
             lanes = np.arange(rows.shape[2])
-            super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows), out[some])
+            found.append(super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows)))
+        return np.concatenate(found)
 
 
-def _carry(rows: np.ndarray, inertia: np.ndarray, gravity: np.ndarray) -> None:
-    torque, stiffness = _pull(rows[:, POS], gravity)
-    rows[:, INERTIA], rows[:, STIFFNESS] = inertia, stiffness
-    rows[:, EXTERNAL] = torque - stiffness * rows[:, POS]
-
-
-def _pull(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Torque of a weight [N·m] and its change with the joint's angle [N·m/rad] at angles (T, M), by s and c (2, M)."""
-    sine, cosine = gravity
-    swing, hold = np.sin(angle), np.cos(angle)
-    return -(sine * swing + cosine * hold), -(sine * hold - cosine * swing)
+def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torque of a weight [N·m] and its derivative [N·m/rad] at joint angles (T, M), for s and c (2, M)."""
+    s, c = gravity
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return -(s * sine + c * cosine), -(s * cosine - c * sine)
 
 
 def _regression(runs: WindowRuns) -> np.ndarray:
-    """(3,) J₀, s₀, c₀ of the stated proportional law on all rows."""
-    known, asked = [], []
+    """(3,) J₀, s₀, c₀ of the logged proportional law on all rows."""
+    regressors, torques = [], []
     for segment in runs.segments:
-        target, angle, speed, kp = segment.rows[:, [TARGET, POS, VEL, KP], 0].T
+        target, angle, speed, kp = segment.rows[:, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0].T
         acceleration = np.gradient(speed, runs.preset.period)
-        known.append(np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)]))
-        asked.append(kp * (target - angle))
-    found = np.linalg.lstsq(np.concatenate(known, axis=1).T, np.concatenate(asked), rcond=None)[0][:_LOAD]
-    least = 1e-5 * float(runs.gains[0, 0])
-    return np.array([np.clip(found[0], least, 1e4 * least), *found[1:]])
+        regressors.append(np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)]))
+        torques.append(kp * (target - angle))
+    found = np.linalg.lstsq(np.concatenate(regressors, axis=1).T, np.concatenate(torques), rcond=None)[0][:_LOAD]
+    lower = 1e-5 * float(runs.gains[0, 0])
+    return np.array([np.clip(found[0], lower, 1e4 * lower), *found[1:]])
 
 
 def require_torque(log: MotorLog) -> None:
@@ -138,64 +125,58 @@ def require_torque(log: MotorLog) -> None:
 
 
 def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple[FittedLoad, ...]:
-    """Fit the load of every joint of a log, each by itself.
+    """Fit the load of every joint of a log with gains in N·m/rad; its own loads and torques are ignored.
 
-    Args:
-        log: with gains in N·m/rad, at the period of RECIPE; its own loads and torques are ignored.
-        report: called after every round, MOST_ROUNDS times per joint at most.
+    ``report`` is called after every round, MAX_ROUNDS times per joint at most.
 
     Raises:
-        LogError: without such gains, at another period, too short for a window, of a static joint or of one that no
-            motor can be simulated for.
+        LogError: no such gains, another period than RECIPE's, too short, a static joint, or all simulations diverge.
     """
     require_torque(log)
-    if still := joints_at_rest(log):
-        raise LogError(f"joint {still[0]} does not move", where=log.source, remedy="leave it out of the map")
+    if static := joints_at_rest(log):
+        raise LogError(f"joint {static[0]} does not move", where=log.source, remedy="leave it out of the map")
     return tuple(_fit_joint(log.joint(index), report) for index in range(log.num_joints))
 
 
 def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
-    nothing = np.zeros_like(log.joint_pos)
-    bare = replace(
-        log, load_inertia=nothing + 1.0, external_torque=nothing, load_stiffness=None, joint_torque=None
-    )  # a torque computed from a current is not the torque on the joint
-    preset = with_what_is_stated(with_window_that_fits(RECIPE, log), log)
-    data = subsampled(training_data(bare, preset, log.source), preset, _ROWS)
+    zero = np.zeros_like(log.joint_pos)
+    # a torque computed from a current is not the torque on the joint
+    bare = replace(log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None)
+    preset = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
+    data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
-    terms = _terms(runs)
+    same = same_conditions(runs)
+    terms = in_order([*preset.logged_terms, *(name for name in VARIES if name not in same)])
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
-    prior, fixed = _load_prior(runs), np.append(fixed_constants(terms, runs), [False] * _LOAD)
-    found = _search(fit, prior, fixed, report)
+    constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
+    mean = np.array([[0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit]])
+    std = np.array([[_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY]])
+    prior = GaussianPrior(mean, std**-2.0)
+    searches = [_Search(fit, prior, fixed, start, report) for start in range(STARTS)]
+    starts = [(search, search.rounds(search.first(), FIRST_ROUNDS)) for search in searches]
+    search, best = min(starts, key=lambda each: float(each[1].loss[0]))
+    found = search.rounds(best, ROUNDS)
     if not found.loss[0] < _DIVERGED:
         raise LogError(
-            f"no motor can be simulated that moves like joint {log.joint_names[0]}", where=log.source,
+            f"the simulation of joint {log.joint_names[0]} diverges with every motor", where=log.source,
             remedy="check the log, its signs and its gains",
         )  # fmt: skip
-    return _finished(fit, runs, found, np.where(fixed, 0.0, prior.precision**-0.5)[0])
-
-
-def _terms(runs: _LoadedRuns) -> tuple[str, ...]:
-    same = same_conditions(runs)
-    return in_order([*runs.preset.stated_terms, *(name for name in VARIES if name not in same)])
-
-
-def _load_prior(runs: _LoadedRuns) -> GaussianPrior:
-    constants = len(parameters_of(_terms(runs)))
-    mean = np.zeros((1, constants + _LOAD))
-    mean[0, -_LOAD:] = np.log(0.5), *runs.start[1:] / runs.unit
-    std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
-    return GaussianPrior(mean, std[None] ** -2.0)
-
-
-def _search(fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
-    tried = [_Search(fit, prior, fixed, start, report) for start in range(STARTS)]
-    started = [(search, search.rounds(search.begin(), FIRST_ROUNDS)) for search in tried]
-    search, best = min(started, key=lambda one: float(one[1].loss[0]))
-    return search.rounds(best, ROUNDS)
+    prior_std = np.where(fixed, 0.0, prior.precision**-0.5)[0]
+    curvature = fit.curvatures(found.z, WIDE) / found.loss[:, None, None]
+    scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones(1))[0]
+    covariance = scaled * prior_std * prior_std[:, None]
+    deviation = np.sqrt(np.diagonal(covariance))
+    inertia, gravity = runs.load(found.z)
+    errors = runs.residuals(fit.network, found.z, np.zeros(1, np.int64))[:, :, 0]
+    error = POSITION_SCALE * np.sqrt(np.mean(np.square(errors, dtype=np.float64)))
+    return FittedLoad(
+        float(inertia[0]), float(deviation[-_LOAD]), float(deviation[PARAMETERS.index("armature")]), gravity[:, 0],
+        runs.unit**2 * covariance[-2:, -2:], float(error),
+    )  # fmt: skip
 
 
 class _Search:
-    """A random search around the prior, then rounds of Gauss-Newton steps from the best and from others."""
+    """A random search around the prior, then rounds of Gauss-Newton steps from the best and from other starts."""
 
     def __init__(self, fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, start: int, report: Callable[[], None]):
         self._fit, self._prior, self._fixed, self._report = fit, prior, fixed, report
@@ -206,53 +187,38 @@ class _Search:
         return GaussianPrior(self._prior.mean, weight * self._prior.precision).fixing(self._fixed)
 
     def _others(self, z: np.ndarray, radius: float) -> np.ndarray:
-        """(1, _DRAWS, Z) z (1, Z), and others in which a random half of what is free is drawn around it."""
-        drawn = (self._rng.random((1, _DRAWS, z.shape[1])) < 0.5) & ~self._fixed
-        drawn[:, 0] = False
-        return z[:, None] + np.where(drawn, radius * self._rng.standard_normal(drawn.shape), 0.0)
+        """(1, _SAMPLES, Z) z (1, Z), and others in which a random half of the free latents is sampled around it."""
+        sampled = (self._rng.random((1, _SAMPLES, z.shape[1])) < 0.5) & ~self._fixed
+        sampled[:, 0] = False
+        return z[:, None] + np.where(sampled, radius * self._rng.standard_normal(sampled.shape), 0.0)
 
-    def begin(self) -> Fit:
+    def first(self) -> Fit:
         """The best of the random search, polished."""
         best = np.where(self._fixed, 0.0, self._prior.mean)
-        weighted = self._weighted(_HOPED * self._fit.losses(best))
-        for radius in _SEARCH:
+        weighted = self._weighted(_EXPECTED * self._fit.losses(best))
+        for radius in _SEARCH_RADII:
             best = self._fit.best_of(self._others(best, radius), weighted)
         return self._fit.polish(best, weighted, _STEPS, WIDE)
 
-    def rounds(self, found: Fit, most: int) -> Fit:
-        """At most so many rounds."""
+    def rounds(self, found: Fit, max_rounds: int) -> Fit:
+        """Rounds of steps and restarts until _PATIENCE of them improve little."""
         idle = 0
-        for index in range(most):
+        for index in range(max_rounds):
             weighted, reach, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
             found = replace(found, energy=found.loss + weighted.energy(found.z))
             again = self._fit.polish(found.z, weighted, _STEPS, reach)
-            other = self._fit.best_of(self._others(again.z, _AROUND), weighted)
+            other = self._fit.best_of(self._others(again.z, _RESTART_RADIUS), weighted)
             found = again.better(self._fit.polish(other, weighted, _STEPS, reach))
             self._report()
-            idle = idle + 1 if found.loss > (1.0 - _LEAST_GAIN) * before else 0
+            idle = idle + 1 if found.loss > (1.0 - _MIN_GAIN) * before else 0
             if idle == _PATIENCE:
                 break
         return found
 
 
-def _finished(fit: MotorFit, runs: _LoadedRuns, found: Fit, deviation: np.ndarray) -> FittedLoad:
-    """The load at ``found``, with prior standard deviations (Z,), 0 of what is fixed."""
-    curvature = fit.curvatures(found.z, WIDE) / found.loss[:, None, None]
-    scaled = inverse_precision(curvature * deviation * deviation[:, None], np.ones(1))[0]
-    covariance = scaled * deviation * deviation[:, None]
-    spread = np.sqrt(np.diagonal(covariance))
-    inertia, gravity = runs.load(found.z)
-    scaled_errors = runs.residuals(fit.network, found.z, np.zeros(1, np.int64))[:, :, 0]
-    error = POSITION_SCALE * np.sqrt(np.mean(np.square(scaled_errors, dtype=np.float64)))
-    return FittedLoad(
-        float(inertia[0]), float(spread[-_LOAD]), float(spread[PARAMETERS.index("armature")]), gravity[:, 0],
-        runs.unit**2 * covariance[-2:, -2:], float(error),
-    )  # fmt: skip
-
-
 def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
     """The log with these loads, and without a torque computed from currents."""
-    torque, stiffness = _pull(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
+    torque, stiffness = _gravity_torque(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
     for part in log.segment_slices():
         torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])  # a log's are means until the next row
     channels = {

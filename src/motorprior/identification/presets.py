@@ -13,7 +13,7 @@ from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_me
 
 @dataclass(frozen=True)
 class Preset:
-    """Recipe of an identification."""
+    """Recipe of an identification; registers, conditions, `lacks` and `terms` count with physics first."""
 
     objective: str  # ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop)
     period: float  # sample period of the network [s]
@@ -22,33 +22,27 @@ class Preset:
     grey_box: bool = False  # decode the constants of a geared motor from z; the network adds a residual torque
     num_latents: int = 4  # size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
-    # weight of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors, relative to a loss of order 1;
-    # without noise only its term ½|μ|² matters
-    kl_weight: float = 1e-3
-    # steps before a window in which the motor follows the recorded joint, so that its hidden state converges; a
-    # short warm-up biases friction low
+    kl_weight: float = 1e-3  # of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors
+    # steps before a window in which the motor follows the recorded joint, until its hidden state converges; a short
+    # warm-up biases friction low
     warm_up: int = 0
     window: int = 64  # steps of a rollout (1 for torque regression)
-    # draw z from the motors' posteriors in training, as the paper does; otherwise use the mean. The noise masks
-    # weakly identified differences, such as that between dry and viscous friction
-    noisy: bool = True
+    noisy: bool = True  # sample z from the motors' posteriors in training, as the paper does; otherwise use the mean
     batch: int = 256  # windows per Adam step
     steps: int = 3000  # Adam steps
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
     own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
-    # fit the constants by compiled free runs first: ``together``, with a Gaussian over the motors, or ``alone``;
-    # the network then learns the residual, and constants are refined on longer windows (`fleet_fit`). "" if
-    # everything is trained at once
+    # fit the constants by compiled free runs first (`fleet_fit`): ``together``, with a Gaussian over the motors, or
+    # ``alone``; the network then learns the residual. "" if everything is trained at once
     physics_first: str = ""
-    terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors; with physics first they are selected
-    tries_terms: bool = True  # whether they are
-    lacks: tuple[str, ...] = ()  # constants that the motors do not have, with physics first: frictions, for instance
+    terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
+    tries_terms: bool = True  # whether terms are selected
+    lacks: tuple[str, ...] = ()  # constants that the motors do not have, as frictions
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
-    # names and values, in SI units, of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted.
-    # With physics first
+    # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted
     firmware: tuple[tuple[str, float], ...] = ()
-    # logged channels of `motor_log.CONDITIONS`, each with its least mean over a segment, its median and its
-    # largest mean [V], [°C]. Constants are those at the medians. With physics first
+    # logged channels of `motor_log.CONDITIONS`, each with its minimum over segment means, its median and its maximum
+    # [V], [°C]; constants are those at the medians
     conditions: tuple[tuple[str, float, float, float], ...] = ()
     # after the training transform each latent to N(0, 1) over the training motors, and replace their posteriors
     # by a Laplace approximation (`standard_posterior`)
@@ -56,12 +50,12 @@ class Preset:
 
     @property
     def history(self) -> int:
-        """Number of steps in a window before the first free one."""
+        """Number of steps in a window before the first free step."""
         return max(self.taps[-1], self.warm_up)
 
     @property
     def trains(self) -> bool:
-        """Whether Adam trains a network, so that ``steps`` matter."""
+        """Whether Adam trains a network, with ``steps``."""
         return bool(self.num_neurons) or not self.physics_first
 
     @property
@@ -70,33 +64,32 @@ class Preset:
         return {name: usual for name, _, usual, _ in self.conditions}
 
     @property
-    def stated_terms(self) -> tuple[str, ...]:
-        """Optional terms some of whose constants the logs state."""
+    def logged_terms(self) -> tuple[str, ...]:
+        """Optional terms with logged constants."""
         return terms_with(name for name, value in self.firmware if value > 0.0)
 
     @property
-    def terms_that_are_off(self) -> tuple[str, ...]:
-        """Optional terms whose constants the logs state as off."""
+    def disabled_terms(self) -> tuple[str, ...]:
+        """Optional terms whose constants are all logged as off."""
         off = {name for name, value in self.firmware if value == 0.0}
         return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
 
     @property
-    def stated_constants(self) -> dict[str, float]:
+    def logged_values(self) -> dict[str, float]:
         """Logged values of constants; UNLIMITED of a limit that is off."""
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
-# long_runs: rollout over windows of a second, for servos of real robots: a dead zone or a dry friction that holds a
-#     joint is hardly visible in an eighth of a second. Without the residual network. The warm-up is a tenth of a
-#     second, since often only a segment's first step identifies a limit of torque.
-# quick: long_runs without selecting optional terms, which takes minutes.
-# Baselines.
+# long_runs: rollout over windows of a second, without the residual network, for servos of real robots: a dead zone or a
+#     dry friction is hardly identifiable in an eighth of a second. The warm-up is a tenth of a second, since often only
+#     the first step of a segment identifies a torque limit.
+# quick: long_runs without the selection of optional terms, which takes minutes.
+# Baselines:
 # one_motor: rollout without latents, the best single set of constants.
-# per_motor: every motor's constants by a global search and a polish on its own log, no network (in the manner of PACE,
-#     Bjelonic et al., 2025, whose motors have no backlash).
+# per_motor: every motor's constants by a search on its own log, no network (as PACE, Bjelonic et al., 2025).
 # latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
-# pace, pace_long_runs: per_motor and its long runs without optional terms but those that a log states.
+# pace, pace_long_runs: per_motor and its long runs without optional terms but logged ones.
 # coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
@@ -142,18 +135,14 @@ def identification_preset(name: str) -> Preset:
     return PRESETS[name]
 
 
-def with_what_is_stated(recipe: Preset, log: MotorLog) -> Preset:
-    """The recipe for a log with gains, registers or conditions: a grey box takes them as given."""
+def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
+    """The recipe with the gains, registers and conditions of a log, which a grey box does not fit."""
     if recipe.grey_box and log.stated_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
-    if recipe.physics_first:
-        recipe = replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=_conditions(log))
-    return recipe
-
-
-def _conditions(log: MotorLog) -> tuple[tuple[str, float, float, float], ...]:
-    found = []
+    if not recipe.physics_first:
+        return recipe
+    conditions = []
     for name in sorted(CONDITIONS.keys() & channels(log).keys()):
         means, usual = segment_means(log, name), np.median(channels(log)[name])
-        found.append((name, float(means.min()), float(usual), float(means.max())))
-    return tuple(found)
+        conditions.append((name, float(means.min()), float(usual), float(means.max())))
+    return replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(conditions))

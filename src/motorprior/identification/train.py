@@ -6,7 +6,7 @@ the variances are computed afterwards (`standard_posterior`). A preset with ``ph
 constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
 
 Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be chance. So all motors
-are fitted with them and with the logged ones alone, and they are kept if they save LEAST_GAIN of the loss of all.
+are fitted with them and with the logged ones alone, and they are kept if they save MIN_GAIN of the loss of all motors.
 """
 
 from __future__ import annotations
@@ -22,30 +22,19 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError, listed
-from motorprior.identification.judging.distribution import aggregate_posterior_summary
+from motorprior.identification.evaluation.distribution import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
+from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet, fixed_constants, longer_runs
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
+from motorprior.identification.physics.initial_motor import with_motor
 from motorprior.identification.physics.motor_fit import MotorFit
-from motorprior.identification.physics.term_selection import (
-    MOTORS,
-    ROWS,
-    WINDOWS,
-    Selection,
-    least_difference,
-    select_terms,
-)
+from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.residual import (
-    LEAST_GAIN,
-    FittedMotors,
-    ResidualTraining,
-    refined_motors,
-    without_residual,
-)
+from motorprior.identification.residual import MIN_GAIN, FittedMotors, refined_motors, with_residual, without_residual
 from motorprior.identification.training_data.windows import TrainingData, subsampled
 
 WORK = CHUNK * (len(TERMS) + STAGES)  # of the fit of physics, in Adam steps
@@ -61,15 +50,19 @@ class Identified:
     preset: Preset  # the recipe, with the terms that were selected and without a network that was rejected
     # mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
-    aggregate_kl: float  # KL divergence of the mixture of all posteriors from N(0, I) [nat]
     # ``saved_TERM`` and ``saved_residual``, shares of the held-out loss that a term or the residual network
     # saves; ``not_shown_LIMIT`` and ``unknown_torque_size``, see `identifiability`
     metrics: dict[str, float]
-    notes: tuple[str, ...]  # for the user, line by line
+    notes: tuple[str, ...]  # lines for the user
+
+    @property
+    def aggregate_kl(self) -> float:
+        """KL divergence of the mixture of all posteriors from N(0, I) [nat]."""
+        return aggregate_posterior_kl(self.mean, self.log_var) if self.mean.size else 0.0
 
 
 def work_of(preset: Preset) -> int:
-    """Sum of the numbers that `identify` reports, if nothing diverges."""
+    """Sum of the work that `identify` reports, if nothing diverges."""
     return (WORK if preset.physics_first else 0) + (preset.steps if preset.trains else 0)
 
 
@@ -86,38 +79,24 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and a text; with 0 several times a second during a fit of physics, so
-            that an exception that it raises ends the fit soon.
+        report: called with parts of `work_of` and a text, often with 0; an exception that it raises ends the fit.
         checkpoints: where an interrupted training resumes.
 
     Raises:
         MotorPriorError: the training diverged.
     """
+    assumed = None
     if preset.physics_first:
-        return _physics_first(data, preset, seed, report, checkpoints)
-    trained, losses = descend(
-        _initial(data, preset, np.random.default_rng([seed, 0])), data, preset, seed, report, checkpoints
-    )
-    network = export(trained["network"], preset, data.scales)
-    mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-    return _finished(network, mean, log_var, data, preset, losses, {}, ())
-
-
-def _finished(
-    network: LatentNetwork,
-    mean: np.ndarray,
-    log_var: np.ndarray,
-    data: TrainingData,
-    preset: Preset,
-    losses: np.ndarray,
-    metrics: dict[str, float],
-    notes: tuple[str, ...],
-    assumed: np.ndarray | None = None,
-) -> Identified:
+        found, assumed = _physics_first(data, preset, seed, report, checkpoints)
+    else:
+        start = _initial(data, preset, np.random.default_rng([seed, 0]))
+        trained, losses = descend(start, data, preset, seed, report, checkpoints)
+        mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+        found = Identified(export(trained["network"], preset, data.scales), mean, log_var, preset, losses, {}, ())
     if preset.standardise:
-        network, mean, log_var = standard_posterior(network, data, preset, mean, assumed)
-    divergence = aggregate_posterior_summary(mean, log_var).kl if mean.size else 0.0
-    return Identified(network, mean, log_var, preset, losses, float(divergence), metrics, notes)
+        network, mean, log_var = standard_posterior(found.network, data, found.preset, found.mean, assumed)
+        found = replace(found, network=network, mean=mean, log_var=log_var)
+    return found
 
 
 def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
@@ -131,78 +110,72 @@ def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Pa
 
 def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> Identified:
+) -> tuple[Identified, np.ndarray]:
+    """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
     physics = _fit_physics(data, preset, runs, seed, report, checkpoints)
     found = physics.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in physics.saved.items()}
     notes = _notes_on_terms(physics, preset)
-    fitted = FittedMotors(found.network(without_residual(data.scales, preset)), found.offsets)
+    fitted = FittedMotors(with_motor(without_residual(data.scales, preset), found.center, found.terms), found.offsets)
     longer = longer_runs(data, preset, runs)
     report(0, "constants are refined")
     motors = refined_motors(fitted, longer, preset)
     if preset.num_neurons:
-        stored = None if checkpoints is None else _WithPhysics(checkpoints, physics.arrays())
-        training = ResidualTraining(data, preset, seed, longer, report, stored)
-        motors, note = training.best_of(fitted, motors, metrics)
+        motors, saved, note = with_residual(fitted, motors, data, preset, seed, longer, report)
+        metrics |= {} if saved is None else {"saved_residual": saved}
         preset = preset if motors.network.num_neurons else replace(preset, num_neurons=0)
         notes.append(note)
     notes += _notes_on_identifiability(motors, longer, data.joint_names, metrics)
     log_var, losses = np.zeros_like(motors.z), MotorFit(motors.network, runs).losses(motors.z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
-    return _finished(motors.network, motors.z, log_var, data, preset, losses, metrics, tuple(notes), assumed)
+    return Identified(motors.network, motors.z, log_var, preset, losses, metrics, tuple(notes)), assumed
 
 
 @dataclass(frozen=True)
-class Physics:
-    """The fit of all motors, the share of the loss that each term saved, and terms that were rejected on all motors."""
+class _Physics:
+    """The fit of all motors, and the share of the loss that each term saved."""
 
     fit: FleetFit
     saved: dict[str, float]
-    left_out: tuple[str, ...]
 
     def arrays(self) -> dict[str, np.ndarray]:
         """For a checkpoint."""
-        has, left_out = (
-            np.array([name in names for name in TERMS], np.float64) for names in (self.fit.terms, self.left_out)
-        )
-        tried = np.array([self.saved.get(name, np.nan) for name in TERMS])
+        has = np.array([name in self.fit.terms for name in TERMS], np.float64)
+        saved = np.array([self.saved.get(name, np.nan) for name in TERMS])
         fitted = {"center": self.fit.center, "offsets": self.fit.offsets, "fitted": self.fit.loss}
-        return {"has_term": has, "left_out": left_out, "saved": tried} | fitted
+        return {"has_term": has, "saved": saved} | fitted
 
     @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> Physics:
+    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Physics:
         """From a checkpoint."""
-        terms, left_out = (
-            tuple(name for name, has in zip(TERMS, kept[key], strict=True) if has) for key in ("has_term", "left_out")
-        )
+        terms = tuple(name for name, has in zip(TERMS, kept["has_term"], strict=True) if has)
         saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
-        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved, left_out)
+        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved)
 
 
 def _fit_physics(
     data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> Physics:
-    """The fit, or that of an interrupted training; raises `MotorPriorError` if no motor can be simulated."""
+) -> _Physics:
+    """The fit, or that of an interrupted training; raises `MotorPriorError` if every simulation diverges."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
         report(WORK, "constants were fitted")
-        return Physics.from_arrays(kept)
+        return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
     chosen = _selected(bare, data, preset, seed, report)
     fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
     found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
-    optional = tuple(name for name in chosen.terms if name not in preset.stated_terms)
-    without = fit(preset.stated_terms, report=lambda: report(0, "without terms")) if optional else found
-    pays = not optional or found.loss.mean() <= (1.0 - LEAST_GAIN) * without.loss.mean()
-    found, left_out = (found, ()) if pays else (without, optional)
+    if set(chosen.terms) - set(preset.logged_terms):
+        without = fit(preset.logged_terms, report=lambda: report(0, "without terms"))
+        found = found if found.loss.mean() <= (1.0 - MIN_GAIN) * without.loss.mean() else without
     if not found.loss.max() < 1e6:
         raise MotorPriorError(
-            f"no motor can be simulated that moves like joint {int(found.loss.argmax())} of the log",
+            f"the simulation of joint {int(found.loss.argmax())} of the log diverges with every motor",
             remedy="check the log with `motorprior logs check`",
         )
-    physics = Physics(found, chosen.saved, left_out)
+    physics = _Physics(found, chosen.saved)
     if checkpoints is not None:
         checkpoints.save(physics.arrays())
     return physics
@@ -211,29 +184,27 @@ def _fit_physics(
 def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     if not preset.tries_terms:
         report(CHUNK * len(TERMS), "no terms are tried")
-        return Selection(preset.stated_terms, {})
+        return Selection(preset.logged_terms, {})
     motors = len(data.series)
-    some = np.unique(np.linspace(0, motors - 1, min(MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(ROWS, WINDOWS * preset.window))
+    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MOTORS, motors)).astype(int))
+    part = subsampled(data, preset, max(term_selection.ROWS, term_selection.WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
-    work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of further rounds is unknown
+    work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
         report(CHUNK * len(TERMS), "the log is too short to choose terms by")
     return chosen
 
 
-def _notes_on_terms(physics: Physics, preset: Preset) -> list[str]:
-    chosen = [f"{name} (logged)" if name in preset.stated_terms else name for name in physics.fit.terms]
+def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
+    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in physics.fit.terms]
     notes = [f"optional terms: {', '.join(chosen) or ('none' if physics.saved else 'none was tried')}"]
     notes += [
-        f"warning: {name} varies from {least:.3g} to {most:.3g} in these logs, which a recipe without optional "
+        f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
         "terms ignores -> use preset rollout or long_runs"
-        for name, least, usual, most in preset.conditions
-        if not preset.tries_terms and most - least >= least_difference(name, usual)
+        for name, low, usual, high in preset.conditions
+        if not preset.tries_terms and high - low >= min_difference(name, usual)
     ]
-    if physics.left_out:
-        notes.append(f"selected on some motors, rejected on all: {', '.join(physics.left_out)}")
     return notes
 
 
@@ -259,16 +230,3 @@ def _notes_on_identifiability(
             "-> log kp in N·m/rad, or motions under larger loads"
         )
     return notes
-
-
-@dataclass(frozen=True)
-class _WithPhysics:
-    checkpoints: Checkpoints
-    arrays: dict[str, np.ndarray]
-
-    def load(self) -> dict[str, np.ndarray] | None:
-        kept = self.checkpoints.load()
-        return kept if kept is not None and "losses" in kept else None
-
-    def save(self, state: dict[str, np.ndarray]) -> None:
-        self.checkpoints.save(state | self.arrays)

@@ -180,7 +180,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the metrics of its own errors.
     """
-    from motorprior.identification.latents.grey_box_fit import SAME_JOINT_STD, LatentPrior
+    from motorprior.identification.latents.latent_fit import SAME_JOINT_STD, LatentPrior
     from motorprior.identification.latents.latent_fit import adapt as fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
@@ -195,7 +195,7 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
     Raises:
         LogError, ArtifactError: see `adapt_to`.
     """
-    from motorprior.identification.judging.reference import loss_p_value, num_blocks
+    from motorprior.identification.evaluation.reference import loss_p_value, num_blocks
     from motorprior.identification.latents.outliers import outliers
 
     preset, data, temperature, which = _prepared(prior, path, log, where)
@@ -213,8 +213,8 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
 def _prepared(
     prior: MotorPrior, path: str | Path, log: MotorLog, where: str
 ) -> tuple[Preset, TrainingData, float, str]:
-    """Recipe, data, temperature, and the `reference.ending` of the metrics of the outlier test."""
-    from motorprior.identification.judging.reference import ending, has_reference_metrics
+    """Recipe, data, temperature, and the `reference.metric_suffix` of the metrics of the outlier test."""
+    from motorprior.identification.evaluation.reference import has_reference_metrics, metric_suffix
     from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
     preset = with_window_that_fits(recipe_of(prior, path), log)
@@ -225,10 +225,10 @@ def _prepared(
         )  # fmt: skip
     data = training_data(log, preset, where)
     # A prior that was trained without torques uses positions only, even if the log has torques.
-    knows_torque = f"loss_mean{ending(False)}" in prior.metrics or preset.objective == "torque"
+    knows_torque = f"loss_mean{metric_suffix(False)}" in prior.metrics or preset.objective == "torque"
     measured = replace(data.measured, torque=data.measured.torque and knows_torque)
     data = replace(data, measured=measured)
-    which = ending(measured.torque) if knows_torque else ""
+    which = metric_suffix(measured.torque) if knows_torque else ""
     return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 

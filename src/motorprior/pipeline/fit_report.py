@@ -12,7 +12,7 @@ from motorprior.logs.settings_text import range_text
 from motorprior.pipeline.progress import Progress
 
 if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.judging.fit_quality import FitQuality
+    from motorprior.identification.evaluation.fit_quality import FitQuality
 
 
 def told_quality(
@@ -23,7 +23,7 @@ def told_quality(
     ``recipe`` is the motors', and ``of_the_log`` tells whether they were fitted to it.
     """
     from motorprior.identification.baselines.pd_fit import TUNING
-    from motorprior.identification.judging.fit_quality import fit_quality
+    from motorprior.identification.evaluation.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
         quality = fit_quality(motors, log, task.advance, of_the_log, recipe.usual_conditions)
@@ -45,7 +45,7 @@ def told_at_rest(log: MotorLog) -> str:
 
 def other_conditions(recipe: Preset, log: MotorLog) -> list[str]:
     """Lines about conditions of a log of which motors that were learned by this recipe do not know enough."""
-    from motorprior.identification.physics.term_selection import TERM_OF, least_difference
+    from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 
     found = []
     for name, least, usual, most in recipe.conditions:
@@ -55,7 +55,7 @@ def other_conditions(recipe: Preset, log: MotorLog) -> list[str]:
                 taken = range_text(name, usual, usual)
                 found.append(f"note: the log states no {name}: taken as the prior's usual one, {taken}")
             continue
-        means, beyond = segment_means(log, name), least_difference(name, usual)
+        means, beyond = segment_means(log, name), min_difference(name, usual)
         if means.min() < least - beyond or means.max() > most + beyond:
             effect = "is extrapolated" if known else "is not known: what is found holds under these alone"
             found.append(

@@ -100,9 +100,9 @@ def fit_recipe(
     parts: Sequence[MotorLog] = (),
 ) -> MotorPrior:
     """`fit_prior` with any recipe; ``parts`` are the logs that ``log`` was joined from, if any."""
-    from motorprior.identification.presets import with_what_is_stated
+    from motorprior.identification.presets import with_logged_settings
 
-    recipe = with_what_is_stated(recipe, log)
+    recipe = with_logged_settings(recipe, log)
     job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
     if out is None:
         return _fitted(job, _data(job), progress, None)
@@ -116,11 +116,11 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
-    from motorprior.identification.presets import with_what_is_stated
+    from motorprior.identification.presets import with_logged_settings
 
     recipe = _recipe(config.preset, config.steps, config.seed)
     log, inputs, origin = training_log(config.bench)
-    recipe = with_what_is_stated(recipe, log)
+    recipe = with_logged_settings(recipe, log)
     settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # among the inputs
     wanted = description("identify", settings, inputs, recipe=asdict(recipe))
     log = log if config.torque else replace(log, joint_torque=None)
@@ -180,21 +180,21 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 
 def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
-    from motorprior.identification.judging.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MOTORS_AT_LEAST, MOTORS_TO_TRUST, scaled
+    from motorprior.identification.evaluation.reference import reference_metrics
+    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, scaled
     from motorprior.identification.train import identify, work_of
-    from motorprior.identification.training_data.windows import used_share
+    from motorprior.identification.training_data.windows import used_seconds
 
     log, recipe, origin = job.log, job.recipe, job.origin
-    if recipe.num_latents and log.num_joints < MOTORS_TO_TRUST:
-        few = recipe.physics_first and log.num_joints < MOTORS_AT_LEAST
+    if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
+        few = recipe.physics_first and log.num_joints < MIN_MOTORS
         spread = "have an assumed spread" if few else "are uncertain"
         progress.note(
             f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot show a distribution: the prior "
-            f"reproduces these motors, but its samples {spread} (record {MOTORS_TO_TRUST} or more)"
+            f"reproduces these motors, but its samples {spread} (record {RELIABLE_MOTORS} or more)"
         )
     latest = ""
-    progress.note(used_share(data, recipe))
+    progress.note(used_seconds(data, recipe))
     if line := told_at_rest(log):
         progress.note(line)
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
@@ -214,9 +214,9 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
     if network.motor is not None:
         quality = told_quality(LatentActuator(network, mean), log, found.preset, progress)
         metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        network, mean, log_var = scaled(network, mean, log_var, quality.widening)
+        network, mean, log_var = scaled(network, mean, log_var, quality.std_scale)
         if network.copula is not None and quality.misses_physics:
-            progress.note(f"the standard deviation of the prior is scaled by {quality.widening:.2f}")
+            progress.note(f"the standard deviation of the prior is scaled by {quality.std_scale:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,

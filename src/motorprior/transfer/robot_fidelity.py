@@ -14,7 +14,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import SimulationFault
-from motorprior.identification.judging.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
+from motorprior.identification.evaluation.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.robot import Robot

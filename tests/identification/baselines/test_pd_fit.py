@@ -1,4 +1,4 @@
-"""PDs fitted to a log that a PD made are that PD, and follow the gains of other logs."""
+"""The PD that made a log is recovered, and scales with the gains of other logs."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from motorprior.identification.baselines.pd_fit import (
     tuned_pd,
 )
 from motorprior.identification.baselines.replay_error import closed_loop_error, scaled_gains, trials, with_scaled_gains
-from motorprior.identification.judging.log_fidelity import free_run_errors, whole_runs
+from motorprior.identification.evaluation.log_fidelity import free_run_errors, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
 
@@ -50,7 +50,7 @@ def test_the_pd_with_friction_that_made_the_log_is_found(bench: MotorLog):
         assert fit.constants[name] == pytest.approx(value, rel=0.05), name
 
 
-def test_a_late_pd_with_a_heavy_rotor_and_a_limit_is_found_from_nowhere(bench: MotorLog):
+def test_a_pd_with_delay_armature_and_limit_is_found_without_a_starting_point(bench: MotorLog):
     true, counts = IdealPd.uniform(MOTORS, 12.0, 0.6, 1.4, 0.018, 0.04), []
     log = made_by(bench, true)
     found = tuned_pd(log, counts.append)

@@ -1,4 +1,4 @@
-"""Responses that need no load: closed forms, and known constants found again in their own simulation."""
+"""Response models: closed forms, and recovery of known constants from their own simulation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from series import complete
 
 from motorprior.identification.baselines.response_fit import fit_responses
 from motorprior.identification.baselines.response_models import CONSTANTS, ResponseMotors
-from motorprior.identification.judging.log_fidelity import free_run_errors
+from motorprior.identification.evaluation.log_fidelity import free_run_errors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import (
@@ -59,7 +59,7 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     return [runs_of(target, pos, external)]
 
 
-def test_limits_bind_and_a_dead_band_stops_short():
+def test_limits_of_speed_and_acceleration_and_a_dead_band():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
     limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, sag=-0.2)
@@ -72,7 +72,7 @@ def test_limits_bind_and_a_dead_band_stops_short():
 
 
 @pytest.mark.parametrize("known", [LINEAR, SERVO], ids=["second_order", "servo_limits"])
-def test_known_constants_are_found_again(known: dict[str, float], request: pytest.FixtureRequest):
+def test_known_constants_are_recovered(known: dict[str, float], request: pytest.FixtureRequest):
     truth, name = constants(**known), request.node.callspec.id
     training: Sequence[WindowRuns] = [run for seed in (1, 2) for run in made_by(truth, seed)]
     models = fit_responses(training, "torque")

@@ -7,7 +7,8 @@ import pytest
 from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import adapt, laplace_covariance, tiled_windows
+from motorprior.identification.latents.latent_fit import adapt, laplace_covariance
+from motorprior.identification.latents.network_fit import tiled_windows
 from motorprior.identification.networks.network import export, initial_parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData

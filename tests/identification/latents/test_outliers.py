@@ -1,7 +1,4 @@
-"""Constants in which a prior's motors do not differ, since they were held or stated, are not what a motor is judged by.
-
-No motor is simulated: residuals are linear in the decoder's latents.
-"""
+"""Outlier tests ignore constants in which a prior's motors do not differ. Residuals here are linear in the latents."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,11 +10,11 @@ import pytest
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents import grey_box_fit
+from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
 from motorprior.identification.latents.standardise import standardised
 
-KNOWN, NEW, SIZE = 12, 6, len(PARAMETERS)
+TRAINED, NEW, SIZE = 12, 6, len(PARAMETERS)
 NOTHING: Any = None
 
 
@@ -39,23 +36,23 @@ class LinearRuns:
         return found.reshape(len(z), *self.shape).astype(np.float32)
 
 
-def judged(monkeypatch: pytest.MonkeyPatch, grey_network: Any, held: int, odd: float = 0.0) -> Outliers:
-    """Of new motors of which the last ``latents`` were left a little off; ``odd`` is added to one's viscous_damping."""
+def tested(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: int, shift: float = 0.0) -> Outliers:
+    """Test of new motors; ``shift`` is added to the viscous_damping of one."""
     rng = np.random.default_rng(1)
-    mean, truth = 0.3 * rng.standard_normal((KNOWN, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
-    mean[:, :held] = truth[:, :held] = 0.0
-    truth[2, PARAMETERS.index("viscous_damping")] += odd
+    mean, truth = 0.3 * rng.standard_normal((TRAINED, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
+    mean[:, :fixed] = truth[:, :fixed] = 0.0
+    truth[2, PARAMETERS.index("viscous_damping")] += shift
     network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
     network, z = standardised(network, mean)
-    monkeypatch.setattr(grey_box_fit, "WindowRuns", lambda *_: LinearRuns(truth))
-    found = grey_box_fit.adapt(network, NOTHING, NOTHING, 0.05, None).mean
-    found[:, :held] = 0.05  # of deviations that are none: 5e-8 of the logarithm of a constant
+    monkeypatch.setattr(latent_fit, "WindowRuns", lambda *_: LinearRuns(truth))
+    found = latent_fit.adapt(network, NOTHING, NOTHING, 0.05).mean
+    found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
     return outliers(network, z, found, NOTHING, NOTHING, 0.05)
 
 
-def test_a_held_constant_is_never_what_deviates_most(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
-    for odd in (0.0, 3.0):
-        found = judged(monkeypatch, grey_network, held=2, odd=odd)
+def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
+    for shift in (0.0, 3.0):
+        found = tested(monkeypatch, grey_network, fixed=2, shift=shift)
         assert not {"kp", "kd_over_kp"} & set(found.latent)
     assert found.latent[2] == "viscous_damping" and found.p_value[2] < 1e-4 and found.deviation[2] > 5.0
     assert np.all(np.delete(found.p_value, 2) > 0.01)
@@ -69,7 +66,7 @@ def prior_of(latents: np.ndarray, log_var: float = -4.0) -> Any:
     return SimpleNamespace(network=network, mean=latents, log_var=np.full(latents.shape, log_var))
 
 
-def test_a_motor_that_is_far_out_is_named_with_its_constant():
+def test_a_motor_that_differs_is_named_with_its_constant():
     latents = np.random.default_rng(0).standard_normal((12, 3))
     latents[7, 2] = -9.0
     found = leave_one_out_outliers(prior_of(latents))
@@ -78,7 +75,7 @@ def test_a_motor_that_is_far_out_is_named_with_its_constant():
     assert found.latent[7] == "latent 2"
 
 
-def test_a_constant_that_the_log_does_not_know_is_not_odd():
+def test_an_uncertain_constant_is_no_outlier():
     latents = np.random.default_rng(2).standard_normal((12, 3))
     latents[3, 0] = 5.0
     certain, uncertain = (leave_one_out_outliers(prior_of(latents, log_var)) for log_var in (-20.0, 2.0))

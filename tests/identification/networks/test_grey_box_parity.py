@@ -26,7 +26,7 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.optional_terms import TERMS, Conditions
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.identification.networks import closed_loop
+from motorprior.identification.networks import objectives
 from motorprior.identification.networks.network import import_parameters
 from motorprior.identification.presets import PRESETS
 
@@ -128,9 +128,10 @@ def test_one_step_is_one_in_all_three_and_the_root_of_its_equation(motors):
     constants = {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in s.items()}
     start = MotorState(*(floats[name] for name in STATE))
-    moved, jax_torque, jax_damping = closed_loop.advance(
-        constants, start, floats["target"], floats["q"], floats["dq"], DT
-    )
+    moved, jax_torque, jax_damping = step(
+        step_constants(constants, DT, jnp), start, floats["target"], floats["q"], floats["dq"], DT,
+        array_arithmetic(jnp),
+    )  # fmt: skip
     np.testing.assert_allclose(torque, expected, atol=1e-12 * np.abs(expected).max())
     np.testing.assert_allclose(jax_torque, expected, atol=1e-5 * np.abs(expected).max())
     np.testing.assert_allclose(arrays.damping, damping, atol=1e-12)
@@ -153,7 +154,7 @@ def test_100_steps_in_closed_loop_are_one_motion_compiled_and_in_jax(motors, tri
     )  # fmt: skip
     windows = jnp.asarray(complete(np.stack(channels, axis=-1).transpose(1, 0, 2)), jnp.float32)
     scales = {name: getattr(net, name) for name in ("error_scale", "velocity_scale", "torque_scale", "torque_limit")}
-    rollout = closed_loop.closed_loop(preset, scales, bounded=False)
+    rollout = objectives.closed_loop(preset, scales, bounded=False)
     position, velocity, torque = rollout(import_parameters(net), windows, jnp.asarray(motors.z, jnp.float32))
     assert position.shape == (STEPS, MOTORS)
     np.testing.assert_allclose(position, 0.0, atol=1e-5)
@@ -177,13 +178,14 @@ def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
         drawn["q"], drawn["dq"], DT, array_arithmetic(np), terms,
     )  # fmt: skip
     under = (jnp.asarray(each, jnp.float32) for each in (seconds, supply, warmer))
-    constants = closed_loop.decode(import_parameters(network), jnp.asarray(z, jnp.float32), False, terms, *under)
+    constants = objectives.decode(import_parameters(network), jnp.asarray(z, jnp.float32), False, terms, *under)
     for name, value in values.items():
         np.testing.assert_allclose(constants[name], value, rtol=1e-5, atol=1e-7, err_msg=name)
     floats = {name: jnp.asarray(value, jnp.float32) for name, value in drawn.items()}
-    moved, jax_torque, jax_damping = closed_loop.advance(
-        constants, MotorState(*(floats[name] for name in names)), floats["target"], floats["q"], floats["dq"], DT, terms
-    )
+    moved, jax_torque, jax_damping = step(
+        step_constants(constants, DT, jnp, terms), MotorState(*(floats[name] for name in names)), floats["target"],
+        floats["q"], floats["dq"], DT, array_arithmetic(jnp), terms,
+    )  # fmt: skip
     np.testing.assert_allclose(jax_torque, torque, atol=2e-5 * np.abs(torque).max())
     np.testing.assert_allclose(jax_damping, damping, atol=1e-6)
     for name, one, other in zip(names, moved, expected, strict=True):

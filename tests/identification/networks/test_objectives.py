@@ -1,4 +1,4 @@
-"""The losses are zero where they must be, and what is written where they are not."""
+"""The losses are zero for a perfect model, and equal their formulas otherwise."""
 
 from dataclasses import replace
 from functools import cache

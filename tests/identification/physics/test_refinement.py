@@ -59,7 +59,7 @@ def test_constants_that_were_off_are_found(
     assert np.abs(found - truth)[:, KP].max() < 0.02 and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
 
 
-def test_what_a_log_does_not_show_stays_where_it_was(network: LatentNetwork, truth: np.ndarray, data: TrainingData):
+def test_fixed_constants_stay(network: LatentNetwork, truth: np.ndarray, data: TrainingData):
     at_rotor = replace(data, measured=Measured(torque=True, at_rotor=True))
     columns = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
     found = refined(network, truth + 0.05, longer_runs(at_rotor, PRESET, WindowRuns(at_rotor, PRESET)), True)

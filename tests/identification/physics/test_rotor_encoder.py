@@ -1,4 +1,4 @@
-"""Logs of encoders on the rotors, as a Pupper's: the joint behind the gear's play is hidden."""
+"""Logs of encoders on the rotors do not identify backlash and encoder zero."""
 
 from dataclasses import replace
 from functools import cache
@@ -25,18 +25,17 @@ INERTIA = np.array([0.0008, 0.002, 0.004])
 PLAY, ZERO, KP = (PARAMETERS.index(name) for name in ("backlash", "encoder_zero", "kp"))
 AT_ROTOR, AT_JOINT = Measured(torque=False, at_rotor=True), Measured(torque=False)
 HIDDEN = ("backlash", "encoder_zero")
-"""What a rotor's encoder does not show, and what these motions do not need."""
 
 
 @pytest.fixture(scope="module")
 def parameters():
-    """A silent network: the physics are all there is."""
+    """Physics without a residual network."""
     return initial_parameters(np.random.default_rng(0), PRESET)
 
 
 @pytest.fixture(scope="module")
 def z() -> np.ndarray:
-    """Motors of the central play, which is what a rotor's encoder is taken to hide; their zeros differ."""
+    """Motors with the central backlash; their zeros differ."""
     drawn = 0.3 * np.random.default_rng(2).standard_normal((MOTORS, len(PARAMETERS)))
     drawn[:, PLAY] = 0.0
     return drawn
@@ -44,7 +43,7 @@ def z() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def windows(parameters, z) -> jnp.ndarray:
-    """(MOTORS, rows, 6) what the rotors' encoders saw of these motors, each under a load."""
+    """(MOTORS, rows, channels) readings of the rotors' encoders, each motor under a load."""
     rng, rows = np.random.default_rng(1), PRESET.history + PRESET.window
     targets = np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0)
     external = np.cumsum(rng.normal(0.0, 0.01, (rows, MOTORS)), axis=0)
@@ -74,14 +73,13 @@ def loss(parameters, windows, z, measured: Measured) -> float:
     return float(compiled(measured)(parameters, windows, jnp.asarray(z, jnp.float32)))
 
 
-def test_a_perfect_model_replays_what_the_rotors_did(parameters, windows, z):
-    """Read as the joint's, the same angles cost a hundred times as much."""
+def test_a_perfect_model_replays_the_rotors(parameters, windows, z):
     assert loss(parameters, windows, z, AT_ROTOR) < 1e-5
     assert loss(parameters, windows, z, AT_JOINT) > 1e-3
 
 
 @pytest.mark.parametrize("name", [*HIDDEN, "kp", "coulomb", "armature"])
-def test_a_rotor_says_nothing_of_zero_and_play_and_something_of_the_rest(parameters, windows, z, name: str):
+def test_rotor_encoders_identify_all_constants_but_zero_and_backlash(parameters, windows, z, name: str):
     moved = z.copy()
     moved[:, PARAMETERS.index(name)] += 0.5
     before, after = (loss(parameters, windows, one, AT_ROTOR) for one in (z, moved))

@@ -25,13 +25,12 @@ MOTORS = 5
 def logs(
     decoder_data: Data, terms: tuple[str, ...], segments: int = 6, rows: int = 300, motors: int = MOTORS
 ) -> WindowRuns:
-    """Of motors that have these terms, felt well."""
-    felt = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0, "output_damping": 0.03}
-    center = initial_center(()).tolist() + encoded(felt, terms)[len(initial_center(())) :].tolist()
+    """Logs of motors that have these terms."""
+    constants = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0, "output_damping": 0.03}
+    center = initial_center(()).tolist() + encoded(constants, terms)[len(initial_center(())) :].tolist()
     network = bare(np.array(center), terms)
     z, rng = 0.15 * np.random.default_rng(3).standard_normal((motors, len(center))), np.random.default_rng(5)
     data = decoder_data(network, z, segments=segments, rows=rows)
-    # readings as they are after smoothing: nothing beyond them is worth a term
     noise = rng.standard_normal((*data.series.shape[:2], 3)) * [3e-4, 0.02, 0.02]
     series = data.series.copy()
     series[..., [POS, VEL, TORQUE]] += noise.astype(np.float32)
@@ -46,16 +45,16 @@ CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "no
 
 
 def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None:
-    """Of motors with a term others are let through at times, each by a test at 20 %; of motors without, none is."""
-    runs, said = logs(decoder_data, terms), []
-    found = select_terms(bare(initial_center(()), ()), runs, 0, said.append)
+    """The terms are selected; of motors with a term, one in five others may be, by the test at 20 %."""
+    runs, reports = logs(decoder_data, terms), []
+    found = select_terms(bare(initial_center(()), ()), runs, 0, reports.append)
     others = max(1, tried // 5) if terms else 0
     assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others, found.saved
-    assert all(found.saved[name] > PRICE for name in terms) and len(said) >= tried
+    assert all(found.saved[name] > PRICE for name in terms) and len(reports) >= tried
 
 
 @CASES
-def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
+def test_a_term_is_selected_if_motors_have_it(
     decoder_data: Data, terms: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(term_selection, "ORDER", ("profile", "dead_zone"))
@@ -64,10 +63,9 @@ def test_a_term_that_motors_have_is_told_from_one_that_they_lack(
 
 
 @pytest.mark.parametrize(("motors", "segments", "rows"), [(1, 4, 700)])
-def test_few_motors_with_few_segments_show_a_term(
+def test_a_term_is_selected_with_few_motors_and_segments(
     decoder_data: Data, motors: int, segments: int, rows: int, monkeypatch: pytest.MonkeyPatch
 ):
-    """Whole segments would give the test too few gains."""
     monkeypatch.setattr(term_selection, "ORDER", ("profile",))
     monkeypatch.setattr(term_selection, "SERVO", ("profile",))
     runs = logs(decoder_data, ("profile",), segments, rows, motors)

@@ -1,4 +1,4 @@
-"""Compiled free runs are those that a training differentiates, and motors that made a log replay it."""
+"""Compiled free runs equal the rollout in JAX, and motors that made a log replay it."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -81,7 +81,7 @@ def test_windows_are_those_of_a_fit_and_do_not_cross_segments(grey_network: Netw
     np.testing.assert_array_equal(runs.groups(), [0] * 4 + [1] * 9)  # a segment without a window counts for nothing
 
 
-def test_lanes_are_each_others_neighbours_and_nothing_else(grey_network: Networks, decoder_data: Data):
+def test_lanes_do_not_affect_each_other(grey_network: Networks, decoder_data: Data):
     """Bytes of a motor's runs do not depend on how many are simulated together, or on how many threads."""
     network = grey_network(terms=("profile", "presliding"), network=0.3)
     runs, rng = WindowRuns(decoder_data(network, Z, segments=2, rows=200), PRESET), np.random.default_rng(0)
@@ -94,7 +94,7 @@ def test_lanes_are_each_others_neighbours_and_nothing_else(grey_network: Network
         np.testing.assert_array_equal(runs.residuals(network, z, motor), many)
 
 
-def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_network: Networks, decoder_data: Data):
+def test_a_joint_off_the_recording_has_the_load_of_its_own_angle(grey_network: Networks, decoder_data: Data):
     """A spring on the joint, once as a torque over time, once as a stiffness about the recorded angle."""
     network, z = grey_network(), np.zeros((1, 3))
     data = decoder_data(network, z)
@@ -106,5 +106,5 @@ def test_a_joint_that_leaves_the_recording_gets_the_load_of_its_own_angle(grey_n
         for series, where in ((sprung, z), (sprung, z + 1.0))
     )
     plain = WindowRuns(data, PRESET).residuals(network, z + 1.0, np.array([0]))[:, :, 0]
-    assert np.abs(same).max() < 0.03, "on the recording the spring does nothing"
-    assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2)), "and off it, it pulls back"
+    assert np.abs(same).max() < 0.03
+    assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2))

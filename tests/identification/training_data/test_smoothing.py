@@ -1,9 +1,9 @@
-"""A log's readings are freed of their noise, as much of it as there is."""
+"""Smoothing removes noise, and leaves a log without noise as it is."""
 
 import numpy as np
 import pytest
 
-from motorprior.identification.training_data.smoothing import LEAST_NOISE, noise_of, smoothed
+from motorprior.identification.training_data.smoothing import MIN_NOISE, noise_of, smoothed
 
 DT, ROWS = 0.002, 1500
 PARTS = (slice(0, 700), slice(700, ROWS))
@@ -32,7 +32,7 @@ def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
 
 def test_a_log_without_noise_is_left_as_it_is():
     assert smoothed(WAVE, PARTS, DT) is None
-    assert smoothed(noisy(0.2 * LEAST_NOISE), PARTS, DT) is None
+    assert smoothed(noisy(0.2 * MIN_NOISE), PARTS, DT) is None
     assert smoothed(np.zeros((400, 2)), (slice(0, 400),), DT) is None
 
 

@@ -1,4 +1,4 @@
-"""Windows are drawn from whole segments, and what cannot be trained on is refused by name."""
+"""Windows lie inside segments, and a missing channel is named in the error."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,7 +16,6 @@ from motorprior.identification.training_data.windows import (
     TARGET,
     subsampled,
     training_data,
-    used_share,
 )
 from motorprior.logs.motor_log import MotorLog
 
@@ -40,7 +39,7 @@ def a_log(lengths=LENGTHS, joints=2, **changes):
     return replace(log, **changes)
 
 
-def test_no_window_crosses_a_segment_and_none_is_left_out():
+def test_windows_are_all_that_lie_inside_a_segment():
     log = a_log()
     data = training_data(log, PRESET, "log")
     assert log.segment is not None
@@ -52,7 +51,7 @@ def test_no_window_crosses_a_segment_and_none_is_left_out():
     assert len(regression.starts) == 16 + 0 + 1 + 31
 
 
-def test_a_rollout_gets_velocities_and_torques_of_the_middle_of_its_steps():
+def test_velocities_and_torques_of_a_rollout_are_those_of_the_middle_of_its_steps():
     log = a_log(encoder="rotor")  # whose readings are taken as they are
     data, raw = (training_data(log, replace(PRESET, objective=name), "log").series for name in ("rollout", "torque"))
     kept = [TARGET, POS, INERTIA, SECONDS]
@@ -82,16 +81,10 @@ def test_a_missing_channel_is_named(objective, missing):
 
 
 @pytest.mark.parametrize("lengths", [[6000], [200] * 30, [5000, 300, 700]])
-def test_stretches_are_from_all_over_the_log_and_about_as_long_as_asked_for(lengths):
+def test_subsampled_windows_are_spread_over_the_log(lengths):
     data = training_data(a_log(lengths), PRESET, "x")
     some = subsampled(data, PRESET, 1000)
     assert 900 <= sum(part.stop - part.start for part in some.parts) <= 1000
     assert some.parts[0].start == 0 and some.parts[-1].stop > 5900
     assert all(any(whole.start <= part.start < part.stop <= whole.stop for whole in data.parts) for part in some.parts)
     assert subsampled(data, PRESET, 6000) is data
-
-
-def test_the_used_share_is_that_of_whole_windows():
-    data = training_data(a_log(), PRESET, "log")
-    # end to end, six rows each after the history of 4 and the row that they lead to: of 25 and of 40 rows, 18 and 30
-    assert used_share(data, replace(PRESET, physics_first="alone")).startswith("fitted to 0.1 s of 0.2 s")

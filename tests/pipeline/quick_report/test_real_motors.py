@@ -11,7 +11,7 @@ from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.baselines import response_fit
-from motorprior.identification.judging import fit_quality
+from motorprior.identification.evaluation import fit_quality
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.pipeline.demo import Demo, with_walking_robot

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.identification.judging import distribution as statistics
+from motorprior.identification.evaluation import distribution as statistics
 from motorprior.pipeline.validation import held_out
 
 AREAS, DISTANCES = [0.9, 0.5, 0.7, 0.6, 0.55], [0.1, 0.5, 0.2, 0.4, 0.3]

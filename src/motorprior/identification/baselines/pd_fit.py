@@ -1,10 +1,9 @@
-"""Fit of PDs, the same for all motors of a log: gains alone, with armature and delay, or with friction besides.
+"""Fit of PDs, the same for all motors of a log: gains alone, with armature and delay, or with friction as well.
 
-`fit_pd` restarts Nelder-Mead until a restart improves nothing, and reports whether it converged. `tuned_pd` needs no
-starting point. In a log that identifies neither clearly, a slow rotor and a late one look alike, and a search from one
-does not find the other, nor does one that starts without a torque limit find one. So on a part of the log, searches
-start from several armatures and delays, each at its best gains, first without a torque limit, then with the best one;
-the best of both kinds continue on the whole log.
+`fit_pd` restarts Nelder-Mead until a restart improves nothing. `tuned_pd` needs no starting point. A log may not
+separate a large armature from a long delay, and a search does not get from one to the other, nor from no torque limit
+to one. So on a part of the log, searches start from several armatures and delays, each at its best gains, first without
+a torque limit, then with the best one; the best of both kinds continue on the whole log.
 """
 
 from __future__ import annotations
@@ -26,9 +25,8 @@ from motorprior.logs.motor_log import MotorLog
 GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
 WITH_ROTOR = (*GAINS, "armature", "delay")  # for the tuned PD
 WITH_FRICTION = (*WITH_ROTOR, "coulomb")
-# where the search of a constant starts that a nominal PD does not have [kg·m²], [s], [N·m]
-START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}
-_DELAY = 0.01  # [s]; a delay is searched in this unit, since its logarithm cannot leave 0
+START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}  # of constants that a nominal PD lacks [kg·m²], [s], [N·m]
+_DELAY = 0.01  # unit of the delay in a search [s]; a logarithm could not leave 0
 # kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives
 _TRIED_GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
 _NO_LIMIT, _TRIED_LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())  # [N·m]
@@ -40,21 +38,21 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Budget:
-    """Largest numbers of evaluations: of each first search, and of each of so many restarts."""
+    """Maximum numbers of evaluations: of each first search, and of each restart."""
 
     first: int = 100
     restarts: int = 6
     evaluations: int = 600
 
     def total(self, starts: int) -> int:
-        """Of a fit with so many starting points."""
+        """Maximum for a fit with this number of starting points."""
         return starts * self.first + self.restarts * self.evaluations
 
 
 THOROUGH = Budget()
 _SHORT, _LONG = Budget(first=60, restarts=0), Budget(first=80, restarts=3, evaluations=150)
 _STARTS = prod(map(len, _TRIED_LAGS.values()))
-# about how often `tuned_pd` and `best_gains` report
+# approximate number of evaluations of `tuned_pd` and `best_gains`
 TUNING = _STARTS * (len(_TRIED_GAINS) + len(_TRIED_LIMITS)) + 2 * _STARTS * _SHORT.first + _LONG.total(2)
 GAINS_ALONE = _LONG.total(1)
 
@@ -85,54 +83,43 @@ def fit_pd(
     budget: Budget = THOROUGH,
     at_gains: AtGains = unchanged,
 ) -> PdFit:
-    """One PD for all motors of a log with known loads, with the least closed-loop error on the whole of it.
+    """One PD for all motors of a log with known loads, with the smallest closed-loop error.
 
     Nelder-Mead over the ``free`` constants: the delay in units of 10 ms, the logarithms of the others. A search from
-    each start, then restarts from the best with a new simplex, until one lowers the error by less than 0.2 %.
-
-    Args:
-        log: with known loads.
-        starts: constants by name; those that are not free are taken from the first.
-        free: names of the constants to fit.
-        progress: called after every evaluation.
-        budget: of evaluations.
-        at_gains: gives the PD the gains of each segment.
+    each start, then restarts from the best with a new simplex, until one lowers the error by less than 0.2 %. The other
+    constants are those of the first start. ``progress`` is called after every evaluation; ``at_gains`` gives the PD the
+    gains of each segment.
     """
     error_of = closed_loop_error(log, progress, at_gains)
     fixed, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
 
     def constants(point: np.ndarray) -> dict[str, float]:
-        # bounded: where a log does not identify a constant, the search goes on until it overflows
+        # clipped, or a search over an unidentifiable constant would overflow
         values = np.where(delayed, _DELAY * np.abs(point), np.exp(np.clip(point, -100.0, 100.0)))
         return fixed | {name: float(value) for name, value in zip(free, values, strict=True)}
 
-    def cost(point: np.ndarray) -> float:
-        return error_of(pd_motors(constants(point), log.num_joints))
+    def search(first: np.ndarray, evaluations: int) -> OptimizeResult:
+        simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
+        options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
+        cost = lambda point: error_of(pd_motors(constants(point), log.num_joints))  # noqa: E731
+        return minimize(cost, first, method="Nelder-Mead", options=options)
 
     points = [np.array([start[name] for name in free]) for start in starts]
-    searches = [_nelder_mead(cost, np.where(delayed, point / _DELAY, np.log(point)), budget.first) for point in points]
-    evaluations, converged = sum(found.nfev for found in searches), False
-    best, error = min(((found.x, float(found.fun)) for found in searches), key=lambda each: each[1])
+    searches = [search(np.where(delayed, point / _DELAY, np.log(point)), budget.first) for point in points]
+    best, evaluations, converged = min(searches, key=lambda each: each.fun), sum(each.nfev for each in searches), False
     for _ in range(budget.restarts):
-        found = _nelder_mead(cost, best, budget.evaluations)
-        evaluations += found.nfev
-        converged = found.nfev < budget.evaluations and error - found.fun < max(0.002 * error, 1e-5)
-        best, error = found.x, float(found.fun)
+        before, best = best, search(best.x, budget.evaluations)
+        evaluations += best.nfev
+        converged = best.nfev < budget.evaluations and before.fun - best.fun < max(0.002 * before.fun, 1e-5)
         if converged:
             break
-    return PdFit(constants(best), error, evaluations, bool(converged))
-
-
-def _nelder_mead(cost: Callable[[np.ndarray], float], first: np.ndarray, evaluations: int) -> OptimizeResult:
-    simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
-    options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
-    return minimize(cost, first, method="Nelder-Mead", options=options)
+    return PdFit(constants(best.x), float(best.fun), evaluations, bool(converged))
 
 
 def starting_points(
     start: Mapping[str, float], free: tuple[str, ...], lags: Mapping[str, Iterable[float]]
 ) -> list[dict[str, float]]:
-    """``start`` with every combination of the lags that are free; other free constants it lacks are those of START."""
+    """``start`` with every combination of the free ``lags``; free constants that it lacks are those of START."""
     names = [name for name in lags if name in free]
     common = {name: START[name] for name in free if name in START} | dict(start)
     return [common | dict(zip(names, values, strict=True)) for values in product(*(lags[name] for name in names))]
@@ -163,20 +150,19 @@ def tuned_pd(log: MotorLog, progress: Progress | None = None, at_gains: AtGains 
 
 
 def _part(log: MotorLog) -> MotorLog:
-    """Windows from all over a log, each a segment, or all of it where it is short."""
+    """Windows from all over a log, each a segment; the whole log if it is short."""
     if log.num_rows <= _MAX_ROWS:
         return log
     segments = log.segment_slices()
     index = np.linspace(0, len(segments) - 1, min(len(segments), _MAX_SEGMENTS), dtype=int)
-    chosen = [segments[each] for each in index]
-    pieces = [
-        piece
-        for one in chosen
-        for piece in np.array_split(np.arange(one.start, one.stop), _MAX_SEGMENTS // len(chosen))
+    windows = [
+        window
+        for one in (segments[each] for each in index)
+        for window in np.array_split(np.arange(one.start, one.stop), _MAX_SEGMENTS // len(index))
     ]
-    pieces = [piece[: _MAX_ROWS // len(pieces)] for piece in pieces]
-    number = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-    return replace(log.rows(np.concatenate(pieces)), segment=number)
+    windows = [window[: _MAX_ROWS // len(windows)] for window in windows]
+    number = np.repeat(np.arange(len(windows)), [len(window) for window in windows])
+    return replace(log.rows(np.concatenate(windows)), segment=number)
 
 
 def best_gains(log: MotorLog, nominal: IdealPd, progress: Progress | None = None) -> IdealPd:

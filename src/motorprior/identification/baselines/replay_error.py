@@ -20,7 +20,7 @@ AtGains = Callable[[Actuator, MotorLog], Actuator]
 def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
     """The segments of a log as trials, each with its recorded joint_pos (steps, n) [rad].
 
-    Joints start in the recorded state. Where the encoders are on the rotors, they start at rest at the first target.
+    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
     """
     found = []
     for part in log.segments():
@@ -37,7 +37,7 @@ def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
 
 
 def unchanged(motors: Actuator, part: MotorLog) -> Actuator:
-    """The motors, whatever gains the segment states."""
+    """The motors, whatever the gains of the segment."""
     return motors
 
 
@@ -72,15 +72,14 @@ def closed_loop_error(
 ) -> Callable[[Actuator], float]:
     """Function from models of a log's motors to their mean joint RMSE [rad] when they replay it on the dynamometer.
 
-    A simulation that diverges has an error of 1000 rad. ``progress`` is called after every one.
+    A simulation that diverges has an error of 1000 rad. ``progress`` is called after every simulation.
     """
     cases = list(zip(trials(log), log.segments(), strict=True))
 
     def error(motors: Actuator) -> float:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = np.mean(
-                [rmse(run(at_gains(motors, part), trial).joint_pos, truth, axis=0) for (trial, truth), part in cases]
-            )
+            replays = [(run(at_gains(motors, part), trial).joint_pos, recorded) for (trial, recorded), part in cases]
+            found = np.mean([rmse(simulated, recorded, axis=0) for simulated, recorded in replays])
         if progress is not None:
             progress(1)
         return float(found) if np.isfinite(found) else 1e3

@@ -2,10 +2,10 @@
 
     minimise  Σ (simulated - recorded angle)²   over free runs of whole segments
 
-Every model also starts where the simpler one ended. Each optional part of servo_limits is dropped if the error without
-it is less than PRICE larger: a limit that motors hardly reached would bind in other motions. Logged firmware registers
-are not searched. Positive constants are searched as logarithms. Jacobians are central differences, wide and then
-narrow, since dead bands and limits have corners.
+Every model also starts at the optimum of the simpler one. Each optional part of servo_limits is dropped if the error
+without it is less than PRICE larger: a limit that the log hardly reaches would bind in other motions. Logged firmware
+registers are not searched. Positive constants are searched as logarithms. Jacobians are central differences, wide and
+then narrow, since dead bands and limits have corners.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values
 # constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
 REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
 GENERATIONS, POPULATION = 60, 8  # of the differential evolution; the latter per constant
-EVALUATIONS = 60  # most steps of a polish
+EVALUATIONS = 60  # maximum number of steps of a polish
 REACHES = (0.05, 0.005)  # steps of the differences, one after the other
 PRICE = 0.04  # share of the squared error that an optional part must save
-MAX_SAMPLES = 40_000  # about as many samples of a joint make the residuals; of more, every n-th
+MAX_SAMPLES = 40_000  # approximate number of residuals of a joint; of more samples, every n-th is used
 
 
 def fit_responses(
@@ -56,35 +56,24 @@ def fit_responses(
     found = {name: np.empty((joints, len(CONSTANTS))) for name in MODELS}
     for joint in range(joints):
         simpler = np.array(list(CONSTANTS.values()))
-        for name, constants in MODELS.items():
-            free, base = constants, dict(CONSTANTS)
+        for name, free in MODELS.items():
+            base, optional = dict(CONSTANTS), ()
             if name == "servo_limits":
                 free, base = tuple(each for each in (*free, *GRAVITY[gravity]) if each not in given), base | given
+                optional = OPTIONAL
             rng = np.random.default_rng([seed, joint, len(free)])
-            cost, full = _JointFit(runs, joint, free, base).best(simpler, rng)
-            for optional in OPTIONAL if name == "servo_limits" else ():
-                cost, full, free = _without(runs, joint, optional, cost, full, free, base)
-            found[name][joint] = simpler = full
+            cost, constants = _JointFit(runs, joint, free, base).best(simpler, rng)
+            for dropped in optional:
+                fewer = tuple(each for each in free if each not in dropped)
+                if fewer == free:
+                    continue
+                fit = _JointFit(runs, joint, fewer, base)
+                cost_without, without = fit.polished(fit.encoded(constants))
+                if cost_without * (1.0 - PRICE) < cost:
+                    cost, constants, free = cost_without, without, fewer
+            found[name][joint] = simpler = constants
         report()
     return {name: ResponseMotors(name, constants) for name, constants in found.items()}
-
-
-def _without(
-    runs: Sequence[WindowRuns],
-    joint: int,
-    optional: tuple[str, ...],
-    cost: float,
-    full: np.ndarray,
-    free: tuple[str, ...],
-    base: Mapping[str, float],
-) -> tuple[float, np.ndarray, tuple[str, ...]]:
-    """Cost, constants and names of a fit, without the ``optional`` ones if they do not pay."""
-    fewer = tuple(name for name in free if name not in optional)
-    if fewer == free:
-        return cost, full, free
-    fit = _JointFit(runs, joint, fewer, base)
-    less, constants = fit.polished(fit.encoded(full))
-    return (less, constants, fewer) if less * (1.0 - PRICE) < cost else (cost, full, free)
 
 
 class _JointFit:
@@ -100,13 +89,13 @@ class _JointFit:
 
     def best(self, simpler: np.ndarray, rng: np.random.Generator) -> tuple[float, np.ndarray]:
         """Cost and constants of a search that also starts at those of a ``simpler`` model."""
-        known = self.encoded(simpler)
+        start = self.encoded(simpler)
         found = differential_evolution(
             lambda x: float(np.mean(self._residuals(x) ** 2)), list(zip(self.low, self.high, strict=True)),
-            x0=np.clip(known, self.low, self.high), maxiter=GENERATIONS, popsize=POPULATION, init="sobol", polish=False,
+            x0=np.clip(start, self.low, self.high), maxiter=GENERATIONS, popsize=POPULATION, init="sobol", polish=False,
             tol=1e-3, rng=rng,
         )  # fmt: skip
-        return min((self.polished(start) for start in (found.x, known)), key=lambda fit: fit[0])
+        return min((self.polished(each) for each in (found.x, start)), key=lambda fit: fit[0])
 
     def polished(self, start: np.ndarray) -> tuple[float, np.ndarray]:
         """Cost and constants of a fit from these `encoded` constants."""

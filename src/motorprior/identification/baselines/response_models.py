@@ -1,4 +1,4 @@
-"""Models of the closed loop that need neither torque nor inertia: a command in, a motion out, constants per joint.
+"""Models of the closed loop that need neither torque nor inertia: from the command to the motion of one joint.
 
     pure_delay     q(t) = u(t - delay)
     second_order   q̈ = rate²·(u(t - delay) + offset - q) - 2·damping·rate·q̇
@@ -6,9 +6,8 @@
                    q̈ = rate²·(e less the dead band) - 2·damping·rate·q̇,   |q̈| <= acceleration,  |q̇| <= speed
 
 u [rad] is the command, linear in time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m]
-is the log's external torque: a compliance ``sag`` [rad/(N·m)] models the sag of a proportional law. Where a log has no
-load, ``sine`` and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load
-only: they are the baseline of a prior on the logs that it was fitted to.
+is the log's external torque; ``sag`` [rad/(N·m)] is the compliance of a proportional law. Where a log has no load,
+``sine`` and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load only.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
 
-AT_ONCE = 1e9
-# constants in SI units with their neutral values; from a rate of AT_ONCE on the joint is at its target
+AT_ONCE = 1e9  # rate from which on the joint follows without lag
+# constants in SI units with their neutral values
 CONSTANTS = {
     "delay": 0.0, "rate": AT_ONCE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
     "offset": 0.0, "sag": 0.0, "sine": 0.0, "cosine": 0.0,
@@ -38,16 +37,7 @@ GRAVITY = {"torque": ("sag",), "angle": ("sine", "cosine")}
 
 
 @njit(cache=True, nogil=True)
-def _respond(
-    target: np.ndarray,
-    external: np.ndarray,
-    starts: np.ndarray,
-    pos: np.ndarray,
-    vel: np.ndarray,
-    constants: np.ndarray,
-    dt: float,
-    out: np.ndarray,
-) -> None:
+def _respond(target, external, starts, pos, vel, constants, dt, out):
     """Fill out (runs, steps) with one joint's angles [rad] at the end of every step.
 
     target [rad] and external [N·m] are (rows,); runs start at rows ``starts`` (runs,) from ``pos`` [rad] and ``vel``,
@@ -59,9 +49,9 @@ def _respond(
         q, dq = pos[run], vel[run]
         for step in range(out.shape[1]):
             row = starts[run] + step
-            seen = max(0.0, row + at_once - late)  # what follows at once is at the end of the step where it aims then
-            before = min(int(seen), target.shape[0] - 2)
-            command = target[before] + (seen - before) * (target[before + 1] - target[before])
+            age = max(0.0, row + at_once - late)  # without lag, the end of the step has the command of that time
+            before = min(int(age), target.shape[0] - 2)
+            command = target[before] + (age - before) * (target[before + 1] - target[before])
             aim = gain * command + offset + sag * external[row]
             if turned:
                 aim += sine * np.sin(q) + cosine * np.cos(q)
@@ -91,7 +81,7 @@ class ResponseMotors:
 
 
 class JointRuns:
-    """One joint of a log, and where its free runs begin."""
+    """Free runs of one joint of a log."""
 
     def __init__(self, runs: WindowRuns, joint: int):
         first, self._window, self._dt, self._segments = runs.preset.history, runs.preset.window, runs.preset.period, []

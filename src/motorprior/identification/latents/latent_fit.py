@@ -1,46 +1,55 @@
 """The posterior of z for new motors, from seconds of log; the network's weights stay fixed.
 
-    minimise  U(z) = N·loss(z)/T + ½|z|²,     covariance = (I + N·G(z)/T)⁻¹
+    minimise  U(z) = N·loss(z)/T + ½|z - m|²/d²,     covariance = (I/d² + N·G(z)/T)⁻¹
 
-(of a joint whose name is that of a training motor of a robot ½|z - m|²/d², m that motor's mean, d SAME_JOINT_STD).
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
-observation (a generalised posterior with a Laplace approximation). U of a grey box is minimised by `grey_box_fit`, that
-of a network by Adam on random subsets of the windows, then by Gauss-Newton steps on all windows.
+observation (a generalised posterior with a Laplace approximation). The prior has m = 0 and d = 1; for a joint with the
+name of a training motor, m is that motor's mean and d SAME_JOINT_STD. U of a grey box is minimised by a random search
+and Gauss-Newton steps on compiled free runs, that of a network without physics by `network_fit`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents import grey_box_fit
-from motorprior.identification.latents.grey_box_fit import LatentPrior, Posterior, inverse_precision
-from motorprior.identification.networks.motor_loss import MotorLoss, motor_loss
-from motorprior.identification.networks.network import Parameters
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.latents.network_fit import NetworkFit
+from motorprior.identification.physics.motor_fit import WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-STEPS, BATCH = 300, 16  # Adam steps, and windows per step
-POLISHES = 6  # Gauss-Newton steps after Adam
-# random search before Adam, since U has many local minima: samples per round, windows, standard deviation per round
-STARTS, SCREENED_WINDOWS, SEARCH_RADII = 48, 24, (1.0, 1.0, 0.5, 0.25, 0.12)
+ADAM_STEPS = 300  # of a network without physics
+SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64  # standard deviations of the random search; samples each
+STEPS, MAX_RESTARTS = 8, 20  # Gauss-Newton steps from one start
+PATIENCE, MIN_GAIN = 4, 2e-3  # the search ends after so many restarts that lower the energies by a smaller share
+REDRAWN = 96  # samples of which each restart is the best: the motor so far, with a random half of z resampled
+# assumed standard deviation from the training motor of a joint of the same name, in those of the prior; frictions of
+# equal joints of one robot differ by 13 to 17 %
+SAME_JOINT_STD = 0.3
+_NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
+_STREAM = 47
 
 
-def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
-    """(M, N, length, channels) windows whose free parts do not overlap, each preceded by its history."""
-    length = preset.history + preset.window
-    starts, last = [], -preset.window
-    for start in data.starts:
-        if start >= last + preset.window or start < last:
-            starts.append(int(start))
-            last = int(start)
-    return np.stack([data.series[:, start : start + length] for start in starts], axis=1)
+@dataclass(frozen=True)
+class LatentPrior:
+    """Prior of M motors: z ~ N(mean, std²), (M, Z) and (M,)."""
+
+    mean: np.ndarray
+    std: np.ndarray
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Posterior of M motors with Z latents each."""
+
+    mean: np.ndarray  # (M, Z)
+    covariance: np.ndarray  # (M, Z, Z)
+    loss: np.ndarray  # (M,) mean loss per window at the mean
+    windows: int  # N, windows per motor
 
 
 def adapt(
@@ -48,7 +57,7 @@ def adapt(
     data: TrainingData,
     preset: Preset,
     temperature: float,
-    steps: int = STEPS,
+    steps: int = ADAM_STEPS,
     start: np.ndarray | None = None,
     prior: LatentPrior | None = None,
 ) -> Posterior:
@@ -56,106 +65,75 @@ def adapt(
 
     Args:
         network: of the prior.
-        data: logs of the new motors, stacked.
+        data: logs of the new motors.
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
-        steps: number of Adam steps, for a network.
+        steps: of Adam, for a network without physics.
         start: (M, Z) initial latents; found by a random search if not given.
         prior: of grey boxes; N(0, I) if not given.
     """
-    if network.motor is not None:
-        return grey_box_fit.adapt(network, data, preset, temperature, start, prior)
-    windows = jnp.asarray(tiled_windows(data, preset))
-    fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
-    first = fit.best_starts(network.num_latents) if start is None else jnp.asarray(start, jnp.float32)
-    modes = fit.polish(first, fit.descend(first, steps))
-    losses = fit.functions.losses(fit.parameters, modes, windows)
-    return Posterior(
-        np.asarray(modes, np.float64), fit.covariance(modes), np.asarray(losses, np.float64), windows.shape[1]
-    )
+    if network.motor is None:
+        fit = NetworkFit(network, data, preset, temperature)
+        mode = fit.mode(steps, start)
+        covariance = inverse_precision(fit.precision(mode), np.ones(len(mode)))
+        return Posterior(mode.astype(np.float64), covariance, fit.losses(mode), fit.count)
+    runs = WindowRuns(data, preset)
+    shape = (runs.num_motors, network.num_latents)
+    prior = prior or LatentPrior(np.zeros(shape), np.ones(shape[0]))
+    precision = temperature / runs.windows / prior.std[:, None] ** 2
+    gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))
+    fit = MotorFit(network, runs)
+    found = _search(fit, gaussian, prior) if start is None else fit.polish(start, gaussian, STEPS, WIDE)
+    found = found.better(fit.polish(found.z, gaussian, STEPS, 0.5 * WIDE))
+    likelihood = _precision(fit, found.z, temperature)
+    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * prior.std[:, None] ** 2 < _NOT_IDENTIFIABLE
+    z = np.where(hidden, prior.mean, found.z)  # damped steps end before they reach it
+    loss = fit.losses(z)
+    found = found.better(Fit(z, loss + gaussian.energy(z), loss))
+    return Posterior(found.z, inverse_precision(likelihood, prior.std), found.loss, fit.windows)
+
+
+def _search(fit: MotorFit, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
+    rng, shape = np.random.default_rng(_STREAM), prior.mean.shape
+    found = fit.polish(fit.search(rng, prior.mean, gaussian, SEARCH_RADII, SEARCH_DRAWS), gaussian, STEPS, WIDE)
+    idle = 0
+    for _ in range(MAX_RESTARTS):
+        redrawn = rng.random((shape[0], REDRAWN, shape[1])) < 0.5
+        others = prior.mean[:, None] + prior.std[:, None, None] * rng.standard_normal(redrawn.shape)
+        starts = np.where(redrawn, others, found.z[:, None])
+        before, found = found, found.better(fit.polish(fit.best_of(starts, gaussian), gaussian, STEPS, WIDE))
+        # shares, or a motor that nothing fits would end the search for all others
+        gains = 1.0 - found.energy / np.maximum(before.energy, 1e-12)
+        idle = 0 if gains.mean() > MIN_GAIN else idle + 1
+        if idle == PATIENCE:
+            break
+    return found
 
 
 def laplace_covariance(
     network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray, temperature: float
 ) -> np.ndarray:
     """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
-    if network.motor is not None:
-        return grey_box_fit.covariance(network, data, preset, z, temperature)
-    windows = jnp.asarray(tiled_windows(data, preset))
-    fit = _Fit(*motor_loss(network, preset, data.measured), windows, temperature)
-    return fit.covariance(jnp.asarray(z, jnp.float32))
+    if network.motor is None:
+        precision = NetworkFit(network, data, preset, temperature).precision(z)
+    else:
+        precision = _precision(MotorFit(network, WindowRuns(data, preset)), z, temperature)
+    return inverse_precision(precision, np.ones(len(z)))
 
 
 def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
     """(M, N) loss of each of the non-overlapping windows, with the motors at latents z (M, Z)."""
-    if network.motor is not None:
-        return MotorFit(network, WindowRuns(data, preset)).window_losses(z)
-    functions, parameters = motor_loss(network, preset, data.measured)
-    windows = jnp.asarray(tiled_windows(data, preset))
-    return np.asarray(functions.window_losses(parameters, jnp.asarray(z, jnp.float32), windows), np.float64)
+    if network.motor is None:
+        return NetworkFit(network, data, preset, 1.0).window_losses(z)
+    return MotorFit(network, WindowRuns(data, preset)).window_losses(z)
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """The minimisation problem: compiled functions, network parameters, windows (M, N, length, channels), and T."""
+def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """(M, Z, Z) (I/std² + precision)⁻¹, with negative eigenvalues of the precision set to 0."""
+    values, vectors = np.linalg.eigh(0.5 * (precision + precision.transpose(0, 2, 1)))
+    inverse = 1.0 / (std[:, None] ** -2.0 + np.maximum(values, 0.0))
+    return np.einsum("mij,mj,mkj->mik", vectors, inverse, vectors)
 
-    functions: MotorLoss
-    parameters: Parameters
-    windows: jnp.ndarray
-    temperature: float
 
-    @property
-    def count(self) -> int:
-        """N, the number of windows per motor."""
-        return self.windows.shape[1]
-
-    def energies(self, z: jnp.ndarray) -> jnp.ndarray:
-        """(M,) energy U / N on all windows."""
-        return self.functions.energies(self.parameters, z, self.windows, self.temperature, float(self.count))
-
-    def best_starts(self, latents: int) -> jnp.ndarray:
-        """(M, Z) best of a random search on evenly spaced windows, with draws around the best so far, ever closer."""
-        rng, motors = np.random.default_rng(0), self.windows.shape[0]
-        picked = np.linspace(0, self.count - 1, min(SCREENED_WINDOWS, self.count)).astype(int)
-        best, screened = jnp.zeros((motors, latents), jnp.float32), self.windows[:, picked]
-        for radius in SEARCH_RADII:
-            draws = radius * rng.standard_normal((STARTS, latents))
-            draws[0] = 0.0
-            candidates = best[:, None, :] + jnp.asarray(draws, jnp.float32)
-            winner = jnp.argmin(self.functions.screen(self.parameters, candidates, screened), axis=1)
-            best = candidates[jnp.arange(motors), winner]
-        return best
-
-    def descend(self, start: jnp.ndarray, steps: int) -> jnp.ndarray:
-        """(M, Z) latents after Adam on random subsets of the windows, the same subsets for every motor."""
-        rng = np.random.default_rng(1)
-        picked = np.stack([rng.permutation(self.count)[: min(BATCH, self.count)] for _ in range(steps)])
-        return self.functions.descend(
-            self.parameters, start, self.windows, jnp.asarray(picked), self.temperature, float(self.count)
-        )
-
-    def polish(self, start: jnp.ndarray, found: jnp.ndarray) -> jnp.ndarray:
-        """(M, Z) latents after POLISHES damped Gauss-Newton steps from the better of ``start`` and ``found``.
-
-        A step is kept only if it lowers the energy on all windows. So the result is never worse than the start, even
-        though gradients are unreliable in windows in which a motor reaches the end of its backlash.
-        """
-        values, others = self.energies(start), self.energies(found)
-        z = jnp.where((others < values)[:, None], found, start)
-        values, damping = jnp.minimum(values, others), jnp.full(len(z), 1e-2)
-        identity = jnp.eye(z.shape[1])
-        for _ in range(POLISHES):
-            curvature = self.functions.curvatures(self.parameters, z, self.windows) / self.temperature
-            matrix = curvature + (1.0 / self.count + damping[:, None, None]) * identity
-            slope = self.functions.slopes(self.parameters, z, self.windows, self.temperature, float(self.count))
-            candidate = z - jnp.linalg.solve(matrix, slope[..., None])[..., 0]
-            tried = self.energies(candidate)
-            better = tried < values
-            z, values = jnp.where(better[:, None], candidate, z), jnp.where(better, tried, values)
-            damping = jnp.where(better, 0.1 * damping, 10.0 * damping)
-        return z
-
-    def covariance(self, z: jnp.ndarray) -> np.ndarray:
-        """(M, Z, Z) Laplace approximation (I + N·G/T)⁻¹, with negative eigenvalues of G set to 0."""
-        curvature = np.asarray(self.functions.curvatures(self.parameters, z, self.windows), np.float64)
-        return inverse_precision(curvature * self.count / self.temperature, np.ones(len(curvature)))
+def _precision(fit: MotorFit, z: np.ndarray, temperature: float) -> np.ndarray:
+    return fit.curvatures(z, WIDE) * fit.runs.windows / temperature

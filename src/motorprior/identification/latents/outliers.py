@@ -1,19 +1,14 @@
 """Outlier tests by latents: whether motors lie inside the prediction interval of the training motors.
 
-`outliers` tests new motors. The loss of a fit has little power: it differs by a factor of two between motors of one
-fleet. So every new motor is fitted a second time, by `adapt`, with a prior WIDER times as wide as the training motors,
-which hardly shrinks the estimate. The fit is in decoder latents (for preset rollout the logarithms of the constants)
-and starts from the posterior mean. The result is compared with the M training motors, of mean m and standard
-deviation s,
+`outliers` tests new motors. Every motor is fitted a second time, by `adapt`, with a prior WIDER times as wide as the
+training motors, which hardly shrinks the estimate (the loss of a fit alone has little power). The result, in decoder
+latents, is compared with the M training motors, of mean m and standard deviation s,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
 where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
-correction over the L latents in which the training motors differ. The test has power only for constants that the log
-identifies.
-
-`leave_one_out_outliers` tests each training motor against the other M - 1 without another fit, with M - 2 degrees of
-freedom and all Z latents.
+correction over the L latents in which the training motors differ. `leave_one_out_outliers` tests each training motor
+against the others without another fit, with M - 2 degrees of freedom and all latents.
 """
 
 from __future__ import annotations
@@ -31,8 +26,8 @@ from motorprior.identification.latents.latent_fit import adapt
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-WIDER = 3.0  # Standard deviation of the second fit's prior, in standard deviations of the training motors
-_SAME = 1e-9  # Standard deviation of a latent up to which the training motors do not differ in it: only rounding does
+WIDER = 3.0  # standard deviation of the second fit's prior, in standard deviations of the training motors
+_SAME = 1e-9  # standard deviation of a latent up to which the training motors only differ by rounding
 
 
 @dataclass(frozen=True)
@@ -57,20 +52,17 @@ def outliers(
     ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
     `adapt`; ``data``, ``preset`` and ``temperature`` are as for `adapt`.
     """
-    known = network.decoder_latents(trained)
-    mean, spread = known.mean(axis=0), np.maximum(known.std(axis=0, ddof=1), _SAME)
-    differ = spread > _SAME
-    wide = Copula(np.eye(len(mean)), mean + WIDER * spread * SCORES[:, None])
-    start = np.where(differ, (network.decoder_latents(found) - mean) / (WIDER * spread), 0.0)
-    start = np.clip(start, -1.0, 1.0)  # where motors hardly differ `found` may be farther off than steps come back from
-    freed = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
-    variance = WIDER**2 * np.diagonal(freed.covariance, axis1=1, axis2=2)
-    deviation = WIDER * freed.mean / np.sqrt(1.0 + 1.0 / len(known) + variance)
-    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(deviation), len(known) - 1), 1.0)
-    worst = p_values.argmin(axis=1)
-    rows, names = np.arange(len(worst)), latent_names(network)
-    p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
-    return Outliers(p_value, tuple(names[index] for index in worst), deviation[rows, worst])
+    latents = network.decoder_latents(trained)
+    mean, std = latents.mean(axis=0), np.maximum(latents.std(axis=0, ddof=1), _SAME)
+    differ = std > _SAME
+    wide = Copula(np.eye(len(mean)), mean + WIDER * std * SCORES[:, None])
+    start = np.where(differ, (network.decoder_latents(found) - mean) / (WIDER * std), 0.0)
+    start = np.clip(start, -1.0, 1.0)  # farther starts may be out of reach of the steps
+    refit = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
+    variance = WIDER**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
+    t = WIDER * refit.mean / np.sqrt(1.0 + 1.0 / len(latents) + variance)
+    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), len(latents) - 1), 1.0)
+    return _most_deviating(network, t, p_values, max(1, int(differ.sum())))
 
 
 def leave_one_out_outliers(prior: MotorPrior) -> Outliers | None:
@@ -84,18 +76,24 @@ def leave_one_out_outliers(prior: MotorPrior) -> Outliers | None:
     t = np.empty_like(latents)
     for motor in range(motors):
         others = np.delete(latents, motor, axis=0)
-        spread = others.var(axis=0, ddof=1) * (1.0 + 1.0 / (motors - 1)) + uncertainty[motor]
-        t[motor] = (latents[motor] - others.mean(axis=0)) / np.sqrt(np.maximum(spread, _SAME**2))
-    p_values = 2.0 * student_t.sf(np.abs(t), motors - 2)
-    worst, rows, names = p_values.argmin(axis=1), np.arange(motors), latent_names(network)
-    p_value = np.minimum(1.0, network.num_latents * p_values[rows, worst])
+        variance = others.var(axis=0, ddof=1) * (1.0 + 1.0 / (motors - 1)) + uncertainty[motor]
+        t[motor] = (latents[motor] - others.mean(axis=0)) / np.sqrt(np.maximum(variance, _SAME**2))
+    return _most_deviating(network, t, 2.0 * student_t.sf(np.abs(t), motors - 2), network.num_latents)
+
+
+def _most_deviating(network: LatentNetwork, t: np.ndarray, p_values: np.ndarray, tests: int) -> Outliers:
+    """The latent with the smallest p-value of each motor, Bonferroni-corrected for so many ``tests``."""
+    worst, names = p_values.argmin(axis=1), _latent_names(network)
+    rows = np.arange(len(worst))
+    p_value = np.minimum(1.0, tests * p_values[rows, worst])
     return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst])
 
 
-def latent_names(network: LatentNetwork) -> tuple[str, ...]:
+def _latent_names(network: LatentNetwork) -> tuple[str, ...]:
     """Names of the decoder's latents: those of the constants where each constant has its own latent."""
     motor = network.motor
-    square = motor is not None and len(motor.slope) == motor.slope.shape[1]
-    if motor is not None and square and np.array_equal(motor.slope, np.diag(np.diag(motor.slope))):
-        return parameters_of(motor.terms)
+    if motor is not None:
+        rows, columns = motor.slope.shape
+        if rows == columns and np.array_equal(motor.slope, np.diag(np.diag(motor.slope))):
+            return parameters_of(motor.terms)
     return tuple(f"latent {index}" for index in range(network.num_latents))

@@ -1,23 +1,18 @@
 """Latents in which the training motors are distributed as N(0, I), so that samples of N(0, I) are such motors.
 
-After training, the motors' latents have arbitrary location, scale and shape. A Gaussian copula (`actuator.copula`) is
-put before the decoder: each latent keeps its marginal distribution over the training motors, by their quantiles, and
-the correlations R of the normal scores are shrunk, since samples of few motors show spurious correlation,
+A Gaussian copula (`actuator.copula`) is put before the decoder, which does not change the training motors: each latent
+keeps its quantiles over these motors, and the correlations R of the normal scores are shrunk, since samples of few
+motors show spurious correlation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005),
 
     (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
     w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
 
-for scores x standardised with the n - 1 standard deviation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005).
-The decoded motors do not change. Fewer than MOTORS_AT_LEAST motors give no reliable quantiles: their latents are scaled
-by mean and standard deviation alone. For constants these rest on an assumption that every recorded motor makes weaker:
-a scaled inverse-χ² prior on the variance of each output of the decoder, worth WORTH motors around s², and a flat prior
-on its mean. Of M motors with outputs z_i and mean z̄ one more has a t distribution around z̄, with WORTH + M - 1
-degrees of freedom and scale √v,
+for standardised scores x. The latents of fewer than MIN_MOTORS motors are scaled by mean and standard deviation alone,
+with a scaled inverse-χ² prior on the variance of each decoder output, worth PRIOR_MOTORS motors with standard deviation
+s, and a flat prior on its mean. One more motor then has a t distribution, whose scale √v is used (Gelman et al.,
+Bayesian Data Analysis, 3rd ed., sections 3.2 and 3.3):
 
-    v = (WORTH·s² + Σ_i (z_i - z̄)²) / (WORTH + M - 1) · (M + 1)/M
-
-of which a normal distribution with that standard deviation is kept (Gelman et al., Bayesian Data Analysis, 3rd ed.,
-sections 3.2 and 3.3).
+    v = (PRIOR_MOTORS·s² + Σ_i (z_i - z̄)²) / (PRIOR_MOTORS + M - 1) · (M + 1)/M
 """
 
 from __future__ import annotations
@@ -34,33 +29,29 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
 
-# least number of motors for quantiles and correlations; with fewer, these would be mostly sampling error
-MOTORS_AT_LEAST = 8
-# least number of motors for reliable samples; with fewer, outer quantiles are extrapolated
-MOTORS_TO_TRUST = 24
-_RISE = 1e-6  # Smallest slope of a latent over its normal score
-WORTH = 3.0  # motors that the assumption is worth
-# s of each constant: of its logarithm; encoder_zero in units of 0.05 rad. Gains, armature and Coulomb friction have the
-# spread between motors of one robot that was found in logs of a real quadruped, which the library comes with; the
-# others are assumed. Firmware registers are the same in all motors.
+MIN_MOTORS = 8  # for quantiles and correlations; with fewer, these would be mostly sampling error
+RELIABLE_MOTORS = 24  # for reliable samples; with fewer, outer quantiles are extrapolated
+PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
+_RISE = 1e-6  # minimum slope of a latent over its normal score
+# s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Gains, armature and Coulomb friction have the
+# standard deviation between motors of a real quadruped; the others are assumed. Firmware registers do not differ.
 ASSUMED_STD = {
     "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
     "backlash": 0.4, "encoder_zero": 0.2, "integral_rate": 0.05, "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
-OTHER_STD = 0.25  # s of every other constant: that of Coulomb friction
+OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
 
 
-def assumed_std(terms: tuple[str, ...], held: np.ndarray) -> np.ndarray:
-    """(P,) s of the outputs of a decoder with these terms; 0 where ``held`` (P,): constants that are not fitted."""
-    spread = np.array([ASSUMED_STD.get(name, OTHER_STD) for name in parameters_of(terms)])
-    return np.where(held, 0.0, spread)
+def assumed_std(terms: tuple[str, ...], fixed: np.ndarray) -> np.ndarray:
+    """(P,) s of the outputs of a decoder with these terms; 0 of ``fixed`` (P,) constants, which are not fitted."""
+    return np.where(fixed, 0.0, [ASSUMED_STD.get(name, OTHER_STD) for name in parameters_of(terms)])
 
 
 def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
     """(P,) √v of M motors' outputs z (M, P), with ``assumed`` s (P,)."""
     motors = len(z)
     scatter = np.sum((z - z.mean(axis=0)) ** 2, axis=0)
-    return np.sqrt((WORTH * assumed**2 + scatter) / (WORTH + motors - 1) * (motors + 1) / motors)
+    return np.sqrt((PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - 1) * (motors + 1) / motors)
 
 
 def standardised(
@@ -68,36 +59,29 @@ def standardised(
 ) -> tuple[LatentNetwork, np.ndarray]:
     """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
 
-    Args:
-        network: trained network without a copula.
-        mean: (M, Z) latents of the training motors.
-        assumed: (Z,) assumed standard deviations, used for few motors; 0 if not given.
+    ``mean`` (M, Z) are their latents in a network without a copula, ``assumed`` (Z,) the assumed standard deviations,
+    used for few motors, 0 if not given.
     """
     motors, latents = mean.shape
     if latents == 0:
         return network, mean
-    if motors < MOTORS_AT_LEAST:
-        spread = mean.std(axis=0) if assumed is None else std_of_few(mean, assumed)
-        quantiles = mean.mean(axis=0) + SCORES[:, None] * spread
+    if motors < MIN_MOTORS:
+        std = mean.std(axis=0) if assumed is None else std_of_few(mean, assumed)
+        quantiles = mean.mean(axis=0) + SCORES[:, None] * std
     else:
         quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
     quantiles = quantiles + _RISE * SCORES[:, None]
     normal = scores(quantiles, mean)
-    mixing = np.eye(latents) if motors < MOTORS_AT_LEAST else np.linalg.cholesky(shrunk_correlation(normal)).T
+    mixing = np.eye(latents) if motors < MIN_MOTORS else np.linalg.cholesky(shrunk_correlation(normal)).T
     return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
 
 def standard_posterior(
-    network: LatentNetwork,
-    data: TrainingData,
-    preset: Preset,
-    mean: np.ndarray,
-    assumed: np.ndarray | None = None,
+    network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray, assumed: np.ndarray | None = None
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Network, means and log-variances (M, Z) in latents in which the training motors are distributed as N(0, I).
+    """`standardised` network and means, and log-variances (M, Z).
 
     The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
-    ``mean`` (M, Z) are the latents after training; ``assumed`` as in `standardised`.
     """
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:
@@ -110,9 +94,9 @@ def standard_posterior(
 def scaled(
     network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """Scale the distribution of samples around the central motor by ``factor`` >= 1; the decoded motors stay the same.
+    """Network, latents and log-variances with samples scaled around the central motor by ``factor`` >= 1.
 
-    Returns network, latents and log-variances; unchanged without a copula.
+    The decoded training motors stay the same; a network without a copula is unchanged.
     """
     copula = network.copula
     if copula is None or factor == 1.0:
@@ -127,12 +111,12 @@ def scaled(
 def shrunk_correlation(x: np.ndarray) -> np.ndarray:
     """(Z, Z) correlation matrix of (M, Z) samples, shrunk towards independence; positive definite."""
     count, size = x.shape
-    spread = x.std(axis=0, ddof=1)
-    standard = (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    std = x.std(axis=0, ddof=1)
+    standard = (x - x.mean(axis=0)) / np.where(std > 0, std, 1.0)
     products = standard[:, :, None] * standard[:, None, :]
-    apart = ~np.eye(size, dtype=bool)
+    off_diagonal = ~np.eye(size, dtype=bool)
     variance = count / (count - 1) ** 3 * np.sum((products - products.mean(axis=0)) ** 2, axis=0)
     correlation = count / (count - 1) * products.mean(axis=0)
-    total = np.sum(correlation[apart] ** 2)
-    shrinkage = min(1.0, float(np.sum(variance[apart]) / total)) if total > 0 else 1.0
-    return np.where(apart, (1.0 - shrinkage) * correlation, 1.0)
+    total = np.sum(correlation[off_diagonal] ** 2)
+    shrinkage = min(1.0, float(np.sum(variance[off_diagonal]) / total)) if total > 0 else 1.0
+    return np.where(off_diagonal, (1.0 - shrinkage) * correlation, 1.0)

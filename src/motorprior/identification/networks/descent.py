@@ -18,14 +18,14 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, draw
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
-CHECKPOINT_EVERY = 5  # Number of chunks between two checkpoints
-DIVERGED = 3.0  # a chunk whose loss is so many times the lowest so far, the initial one included, has diverged
-SLOWER, RESTARTS = 3.0, 3  # By how much a restart lowers the learning rate, and how many there are
+CHECKPOINT_EVERY = 5  # chunks between two checkpoints
+DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
+SLOWER, RESTARTS = 3.0, 3  # divisor of the learning rate of each restart, and number of restarts
 _PHYSICS = ("motor_center", "motor_slope")
 
 
 class DivergedError(MotorPriorError):
-    """A training that diverged at every learning rate that was tried."""
+    """The training diverged at every learning rate."""
 
 
 Report = Callable[[int, str], None]  # (steps made, text)
@@ -35,10 +35,10 @@ class Checkpoints(Protocol):
     """Storage of the state from which an interrupted training continues."""
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """The last state that this training saved, or None."""
+        """The last saved state, or None."""
 
     def save(self, state: dict[str, np.ndarray]) -> None:
-        """Save the state in place of the previous one."""
+        """Replace the state."""
 
 
 def descend(
@@ -51,13 +51,8 @@ def descend(
 ) -> tuple[Parameters, np.ndarray]:
     """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``; resumable to the byte.
 
-    With physics first, constants and z stay.
-
-    Returns:
-        The trained parameters, and the mean loss of every CHUNK steps.
-
-    Raises:
-        DivergedError: at every learning rate that was tried.
+    With physics first, constants and z are fixed. Returns the trained parameters, and the mean loss of every CHUNK
+    steps; raises `DivergedError` at the smallest learning rate.
     """
     kept = checkpoints.load() if checkpoints is not None else None
     first = int(kept["restart"]) if kept is not None else 0
@@ -90,8 +85,11 @@ def _attempt(
     schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, preset, optimiser)
-    state, losses = _resumed((trainable, optimiser.init(trainable)), kept)
-    before = np.inf if kept is None else float(kept["before"])
+    state, losses, before = (trainable, optimiser.init(trainable)), [], np.inf
+    if kept is not None:
+        leaves = [jnp.asarray(kept[name]) for name in _flat(state)]
+        state = jax.tree.unflatten(jax.tree.structure(state), leaves)
+        losses, before = kept["losses"].tolist(), float(kept["before"])
     for first in range(CHUNK * len(losses), preset.steps, CHUNK):
         count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
         rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
@@ -112,15 +110,8 @@ def _flat(state: Any) -> dict[str, np.ndarray]:
     return {f"leaf_{index:03d}": np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
 
 
-def _resumed(state: Any, kept: dict[str, np.ndarray] | None) -> tuple[Any, list[float]]:
-    if kept is None:
-        return state, []
-    leaves = [jnp.asarray(kept[name]) for name in _flat(state)]
-    return jax.tree.unflatten(jax.tree.structure(state), leaves), kept["losses"].tolist()
-
-
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
-    """Compile a function that makes one chunk of Adam steps and returns their mean loss, and that before the first."""
+    """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
     objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 

@@ -14,9 +14,8 @@ from motorprior.identification.physics.initial_motor import initial_center
 from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]
-INITIAL_ARMATURE = 0.002  # Initial decoded armature [kg·m²]
-# Initial standard deviation of d log(constant) / d latent where every latent acts on every constant [-]
-MIXED_SPREAD = 0.1
+INITIAL_ARMATURE = 0.002  # [kg·m²]
+MIXED_STD = 0.1  # initial standard deviation of d log(constant) / d latent where every latent acts on every constant
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -28,19 +27,14 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
 
     inputs, neurons, latents = 2 * len(preset.taps), preset.num_neurons, preset.num_latents
     parameters = {
-        "w1": dense(inputs, neurons),
-        "v1": dense(latents, neurons),
-        "b1": jnp.zeros(neurons),
-        "w2": dense(neurons, neurons),
-        "b2": jnp.zeros(neurons),
-        "w3": dense(neurons, 1)[:, 0],
-        "b3": jnp.zeros(()),
-        "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32),
-        "armature_slope": jnp.zeros(latents),
-    }
+        "w1": dense(inputs, neurons), "v1": dense(latents, neurons), "b1": jnp.zeros(neurons),
+        "w2": dense(neurons, neurons), "b2": jnp.zeros(neurons),
+        "w3": dense(neurons, 1)[:, 0], "b3": jnp.zeros(()),
+        "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32), "armature_slope": jnp.zeros(latents),
+    }  # fmt: skip
     if preset.grey_box:  # the network starts at zero torque, so that the physics explain what they can
         center = initial_center(preset.terms)
-        slope = MIXED_SPREAD * rng.standard_normal((latents, len(center)))
+        slope = MIXED_STD * rng.standard_normal((latents, len(center)))
         if preset.own_latents:
             slope = np.ones(len(center))
         parameters |= {"w3": jnp.zeros(neurons), "motor_center": jnp.asarray(center, jnp.float32)}

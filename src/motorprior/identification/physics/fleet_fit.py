@@ -1,18 +1,17 @@
 """Fit of a fleet: every motor by itself, or together, with a Gaussian prior over the motors.
 
-Decoder outputs are the logarithms of the constants (linear where they may be negative), around a central motor; one
-latent is one output. Alone, motors are fitted by a random search, Gauss-Newton steps and restarts. Together, restarts
-also start at other motors' constants, and a Gaussian over the motors is estimated in turns (empirical Bayes):
+Decoder outputs are the logarithms of the constants (linear where they may be negative), relative to a central motor;
+one latent is one output. Alone, motors are fitted by a random search, Gauss-Newton steps and restarts. Together,
+restarts also start at other motors' constants, and a Gaussian over the motors is estimated in turns (empirical Bayes):
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (z - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
 
-v is the variance of one more motor: that between the motors, plus the uncertainty of each (expectation-maximisation of
-a Gaussian over motors; the first turn has no S). A window, of N, fitted as well as the average one counts as one
-observation. One motor is fitted alone.
+v is the variance of one more motor: that between the motors, plus the uncertainty of each (the first turn has no S). A
+window, of N, fitted as well as the average one counts as one observation. One motor is fitted alone.
 
-Long free runs identify constants that short ones confuse, but a search on them ends in poor optima. So short runs find
-the neighbourhood, and `refined` takes last steps on longer ones.
+Long free runs identify constants that short ones confuse, but a search on them ends in poor optima. So the search uses
+short runs, and `refined` takes the last steps on longer ones.
 """
 
 from __future__ import annotations
@@ -33,14 +32,13 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 SEARCH_RADII, SEARCH_DRAWS = (0.7, 0.35, 0.2), 48
 RESTARTS, RESTART_DRAWS = 3, 96
-# empirical Bayes: step of the differences, and Gauss-Newton steps
-TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)
 FIRST_STEPS, RESTART_STEPS = 10, 8
+TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)  # of empirical Bayes: step of the differences, and Gauss-Newton steps
 STAGES = 1 + RESTARTS + len(TURNS)  # number of reports of a fit
 _WEAK = 1e-4  # precision of the prior around the initial motor, per unit of the loss
-# an unidentifiable limit over the largest request or speed; loss ratio up to which two limits fit equally well
+# value of a limit that is not identifiable, over the largest request or speed; loss ratio of equally good limits
 BEYOND, SAME_LOSS = 4.0, 1.001
-_MIN_STD = 0.05  # least standard deviation over motors of the logarithm of a constant
+_MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # steps, windows and lost share of rows of `longer_runs`
 # refinement: wide differences average over ripples, narrow ones find the minimum
 REFINEMENT = ((WIDE, 10), (NARROW, 10), (0.01, 10))
@@ -55,15 +53,6 @@ class FleetFit:
     offsets: np.ndarray
     loss: np.ndarray
     terms: tuple[str, ...]
-
-    @property
-    def raw(self) -> np.ndarray:
-        """(M, P) decoder outputs of the motors."""
-        return self.center + self.offsets
-
-    def network(self, like: LatentNetwork) -> LatentNetwork:
-        """``like`` with these motors' decoder."""
-        return with_motor(like, self.center, self.terms)
 
 
 def fit_fleet(
@@ -80,23 +69,26 @@ def fit_fleet(
     """Fit all motors of the logs.
 
     Args:
-        network: with a residual that stays as it is.
+        network: its residual does not change.
         runs: the logs.
         terms: optional terms of the motors (`optional_terms`).
         together: estimate a Gaussian over the motors.
         seed: of the searches.
-        start: (M, P) decoder outputs at which the fit begins; found by a random search if not given.
+        start: (M, P) initial decoder outputs; found by a random search if not given.
         chosen: (N,) mask of the windows that count; all if not given.
         turns: of the empirical Bayes.
         report: called 1 + RESTARTS + len(turns) times.
     """
     rng, together = np.random.default_rng([seed, _STREAM]), together and runs.num_motors > 1
+    fixed = fixed_constants(terms, runs)
+
+    def fit_around(center: np.ndarray) -> MotorFit:
+        return MotorFit(with_motor(network, center, terms), runs, chosen, lower_bounds(center, terms, runs))
+
     center = sized_center(network, runs, terms, chosen) if start is None else np.median(start, axis=0)
-    fit, fixed = _bounded_fit(with_motor(network, center, terms), center, runs, chosen), fixed_constants(terms, runs)
-    prior, began = weak_prior(len(center)).fixing(fixed), center
+    fit, prior, initial = fit_around(center), weak_prior(len(center)).fixing(fixed), center
     if start is None:
-        nowhere = np.zeros((runs.num_motors, len(center)))
-        first = fit.search(rng, nowhere, prior, SEARCH_RADII, SEARCH_DRAWS)
+        first = fit.search(rng, np.zeros((runs.num_motors, len(center))), prior, SEARCH_RADII, SEARCH_DRAWS)
     else:
         first = np.clip(start - center, -LOG_REACH, LOG_REACH)
     found = fit.polish(first, prior, FIRST_STEPS)
@@ -106,11 +98,17 @@ def fit_fleet(
         found = found.better(fit.polish(other, prior, RESTART_STEPS))
         report()
     for turn, (reach, steps) in enumerate(turns):
-        fit, found = _recentred(fit, found, fixed)
+        # recentre, so that the decoder reaches what it did not from the initial motor
+        z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
+        middle = np.where(fixed, 0.0, np.median(z, axis=0))
+        center, z = center + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
+        fit = fit_around(center)
+        loss = fit.losses(z)
+        found = Fit(z, loss, loss)
         if together:
             prior = fleet_prior(found, fit.windows, open_variance(fit, found, prior) if turn else 0.0)
         else:
-            prior = replace(prior, mean=began - _center(fit))
+            prior = replace(prior, mean=initial - center)
         prior = prior.fixing(fixed)
         found = replace(found, energy=found.loss + prior.energy(found.z))
         again = fit.polish(found.z, prior, steps, reach)
@@ -118,87 +116,63 @@ def fit_fleet(
         found = again.better(fit.polish(other, prior, steps, reach))
         report()
     z = np.where(fixed, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
-    z = _unlimited(fit, z, together)
-    center = _center(fit)
+    z = _without_unidentified_limits(fit, z, fixed, together)
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
     center, z = center + middle, z - middle
     return FleetFit(center, z, MotorFit(with_motor(network, center, terms), runs, chosen).losses(z), terms)
 
 
-def _center(fit: MotorFit) -> np.ndarray:
-    assert fit.network.motor is not None
-    return fit.network.motor.center
-
-
-def _recentred(fit: MotorFit, found: Fit, fixed: np.ndarray) -> tuple[MotorFit, Fit]:
-    """The same motors around their median, from which a decoder reaches what it did not from the initial motor."""
-    z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
-    middle = np.where(fixed, 0.0, np.median(z, axis=0))
-    center, left = _center(fit) + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
-    moved = _bounded_fit(fit.network, center, fit.runs, fit.mask)
-    loss = moved.losses(left)
-    return moved, Fit(left, loss, loss)
-
-
-def _bounded_fit(network: LatentNetwork, center: np.ndarray, runs: WindowRuns, chosen: np.ndarray | None) -> MotorFit:
-    """A fit of a network with a motor, moved to this center, whose searches keep `lower_bounds`."""
-    assert network.motor is not None
-    terms = network.motor.terms
-    return MotorFit(with_motor(network, center, terms), runs, chosen, lower_bounds(center, terms, runs))
-
-
 def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(M, P) lower bounds of searches around a central motor (P,): limits of speed are above the speeds held.
+    """(M, P) lower bounds of searches around a central motor (P,): limits of speed are above the logged speeds.
 
-    A limit that starts above every speed of a log has no effect, and one far below the motor's own keeps a search in a
-    poor optimum. An impact can drive a joint faster than its motor goes, seldom for 0.1 s: of 32 motors of
-    foreign_servo 12, 19 and 25 % held more than their firmware's limit on three benches, by up to 24 %. So random
-    searches and restarts keep the bound, Gauss-Newton steps from there do not. -inf of what is fixed or not bounded.
+    A limit far below the motor's own keeps a search in a poor optimum. An impact can drive a joint faster than its
+    motor for 0.1 s, so Gauss-Newton steps may go below the bound. -inf for other and for fixed constants.
     """
-    least = np.full((len(runs.held_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
+    lower = np.full((len(runs.held_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
     for row, name in enumerate(parameters_of(terms)):
         if name in SPEED_LIMITS:
             with np.errstate(divide="ignore"):
-                least[:, row] = np.minimum(np.log(1.02 * runs.held_speeds[name]) - center[row], LOG_REACH)
-    least[:, fixed_constants(terms, runs)] = -np.inf
-    return least
+                lower[:, row] = np.minimum(np.log(1.02 * runs.held_speeds[name]) - center[row], LOG_REACH)
+    lower[:, fixed_constants(terms, runs)] = -np.inf
+    return lower
 
 
-def _unlimited(fit: MotorFit, z: np.ndarray, together: bool) -> np.ndarray:
+def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray, together: bool) -> np.ndarray:
     """(M, Z) latents in which limits that a log does not identify are BEYOND times the largest request or speed.
 
-    Such a limit would stay where the search left it, and the motor saturate in other motions. Motors that are fitted
-    together keep it if half of them identify theirs.
+    Otherwise the motor could saturate in other motions. Motors that are fitted together keep a limit if half of them
+    identify it.
     """
-    assert fit.network.motor is not None
-    center, names = _center(fit), parameters_of(fit.network.motor.terms)
+    motor = fit.network.motor
+    assert motor is not None
+    center, names = motor.center, parameters_of(motor.terms)
     kp = names.index("kp")
     asked = np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
-    losses, fixed = fit.losses(z), fixed_constants(fit.network.motor.terms, fit.runs)
-    for name, most in reached.items():
-        if name not in names or not most.max() or fixed[names.index(name)]:
+    losses = fit.losses(z)
+    for name, largest in reached.items():
+        if name not in names or not largest.max() or fixed[names.index(name)]:
             continue
         row, free = names.index(name), z.copy()
         farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
-        free[:, row] = np.clip(np.log(BEYOND * most.max()) - center[row], z[:, row], farthest)
-        unseen = fit.losses(free) <= SAME_LOSS * losses
-        if unseen.mean() > 0.5 or not together:
-            z = np.where(unseen[:, None], free, z)
+        free[:, row] = np.clip(np.log(BEYOND * largest.max()) - center[row], z[:, row], farthest)
+        unidentified = fit.losses(free) <= SAME_LOSS * losses
+        if unidentified.mean() > 0.5 or not together:
+            z = np.where(unidentified[:, None], free, z)
     return z
 
 
 def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
-    """(P,) constants that are not fitted: absent or logged ones, and those that the log's encoders hide."""
-    fixed = (*runs.preset.lacks, *runs.preset.stated_constants, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
+    """(P,) constants that are not fitted: absent or logged ones, and those that the encoders do not identify."""
+    fixed = (*runs.preset.lacks, *runs.preset.logged_values, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
     if runs.gain_unit == PHYSICAL_GAINS:
         fixed += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
     return np.array([name in fixed for name in parameters_of(terms)])
 
 
 def weak_prior(size: int) -> GaussianPrior:
-    """Keeps constants that a log does not identify at their start."""
+    """Prior that keeps unidentifiable constants at their start."""
     return GaussianPrior(np.zeros(size), np.full(size, _WEAK))
 
 
@@ -220,18 +194,18 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> Gauss
 def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: GaussianPrior, together: bool) -> np.ndarray:
     """(M, Z) of each motor the best of RESTART_DRAWS other starts.
 
-    In half of them a random half of the constants is redrawn: together, around the median of the better motors;
-    alone, around the motor's own. Together, other motors' fits are starts, too.
+    A random half of the constants is resampled: together, around the median of the better motors; alone, around the
+    motor's own. Together, other motors' fits are starts, too.
     """
     motors, size = found.z.shape
     if together:
         good = found.z[found.loss <= np.quantile(found.loss, 0.6)]
         middle = np.broadcast_to(np.median(good, axis=0), found.z.shape)
-        spread = np.maximum(1.4826 * np.median(np.abs(good - middle[0]), axis=0), _MIN_STD)
+        std = np.maximum(1.4826 * np.median(np.abs(good - middle[0]), axis=0), _MIN_STD)
     else:
-        middle, spread = found.z, np.full(size, SEARCH_RADII[1])
-    anew = middle[:, None] + spread * rng.standard_normal((motors, RESTART_DRAWS, size))
-    candidates = np.where(rng.random(anew.shape) < 0.5, found.z[:, None], anew)
+        middle, std = found.z, np.full(size, SEARCH_RADII[1])
+    samples = middle[:, None] + std * rng.standard_normal((motors, RESTART_DRAWS, size))
+    candidates = np.where(rng.random(samples.shape) < 0.5, found.z[:, None], samples)
     if together and motors > 1:
         for motor in range(motors):
             others = rng.permutation(np.delete(np.arange(motors), motor))[: RESTART_DRAWS // 2]
@@ -239,14 +213,10 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: Gaussian
     return fit.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), prior)
 
 
-# Refinement on longer runs.
-
-
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
-    """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe.
+    """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe, if they are as long.
 
-    The latter if they are as long, if longer windows leave out more than MAX_LOST of the rows, or if there are fewer
-    than MIN_LONGER_WINDOWS of them.
+    Also the latter if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
     """
     lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
     length = int(np.median(lengths[lengths >= preset.window]))
@@ -261,25 +231,21 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
 def refined(
     network: LatentNetwork, z: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
 ) -> np.ndarray:
-    """(M, Z) latents after steps that lower loss and prior on ``runs``, longer than those of the fit (`motor_fit`).
+    """(M, Z) latents after Gauss-Newton steps from ``z`` on ``runs``, longer than those of the fit (`motor_fit`).
 
-    ``z`` (M, Z) are the fitted latents, ``chosen`` (N,) masks windows. The prior is the fleet's if
-    ``together``, estimated once at z; of a motor alone it is weak, around z.
+    The prior is the fleet's if ``together``, estimated at z; otherwise it is weak, around z.
     """
     motor = network.motor
     assert motor is not None
     fit = MotorFit(network, runs, chosen)
     fixed = fixed_constants(motor.terms, runs)
-    alone = replace(weak_prior(z.shape[1]), mean=z).fixing(fixed)
-    prior = _prior_of_all(fit, z, fixed) if together and len(z) > 1 else alone
-    prior, found = replace(prior, mean=np.where(fixed, z, prior.mean)), z
+    prior = replace(weak_prior(z.shape[1]), mean=z).fixing(fixed)
+    if together and len(z) > 1:
+        loss = fit.losses(z)
+        found = Fit(z, loss, loss)
+        first = fleet_prior(found, fit.windows, 0.0).fixing(fixed)
+        prior = fleet_prior(found, fit.windows, open_variance(fit, found, first)).fixing(fixed)
+    prior, refined_z = replace(prior, mean=np.where(fixed, z, prior.mean)), z
     for reach, steps in REFINEMENT:
-        found = fit.polish(found, prior, steps, reach).z
-    return np.where(fixed, z, np.clip(found, -LOG_REACH, LOG_REACH))
-
-
-def _prior_of_all(fit: MotorFit, z: np.ndarray, fixed: np.ndarray) -> GaussianPrior:
-    loss = fit.losses(z)
-    found = Fit(z, loss, loss)
-    first = fleet_prior(found, fit.windows, 0.0).fixing(fixed)
-    return fleet_prior(found, fit.windows, open_variance(fit, found, first)).fixing(fixed)
+        refined_z = fit.polish(refined_z, prior, steps, reach).z
+    return np.where(fixed, z, np.clip(refined_z, -LOG_REACH, LOG_REACH))

@@ -1,7 +1,7 @@
 """Identifiability of constants: halving and doubling one both increase the replay loss.
 
-The scale of all torques is not identifiable if halving, or doubling, everything that is a torque, the rotor's inertia
-included, replays the log as well: the load, which stays as it is, then hardly counts.
+The scale of all torques is not identifiable if halving or doubling all torques and the rotor's inertia replays the log
+as well: the effect of the load, which stays the same, is then negligible.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ THRESHOLD = 1.02  # loss with half or double of an identifiable constant, over t
 def identifiable_constants(
     network: LatentNetwork, runs: WindowRuns, z: np.ndarray, names: Iterable[str]
 ) -> frozenset[str]:
-    """Those of the constants ``names``, which are positive, that half of M motors or more identify.
+    """Those of the positive constants ``names`` that half of M motors or more identify.
 
     ``network`` has a geared motor; ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
-    least = MotorFit(network, runs).losses(z)
-    ratio = {name: np.median(_loss_ratio(network, runs, z, name, least), axis=1).min() for name in names}
+    fitted = MotorFit(network, runs).losses(z)
+    ratio = {name: np.median(_loss_ratio(network, runs, z, name, fitted), axis=1).min() for name in names}
     return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
 
 
@@ -38,9 +38,9 @@ def unidentifiable_limits(network: LatentNetwork, runs: WindowRuns, z: np.ndarra
     """Fitted limits of torque and speed -> (M,) motors whose own logs do not identify them; arguments as above."""
     assert network.motor is not None
     rows, fixed = parameters_of(network.motor.terms), fixed_constants(network.motor.terms, runs)
-    fitted = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
-    least = MotorFit(network, runs).losses(z)
-    found = {name: _loss_ratio(network, runs, z, name, least).min(axis=0) <= THRESHOLD for name in fitted}
+    limits = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
+    fitted = MotorFit(network, runs).losses(z)
+    found = {name: _loss_ratio(network, runs, z, name, fitted).min(axis=0) <= THRESHOLD for name in limits}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
 
 
@@ -48,25 +48,23 @@ def unknown_torque_scale(network: LatentNetwork, runs: WindowRuns, z: np.ndarray
     """(M,) whether a motor's log leaves the scale of its torques open; never where gains are logged in N·m/rad."""
     if runs.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
-    losses = [MotorFit(_scaled_torques(network, factor), runs).losses(z) for factor in (0.5, 2.0)]
+    motor = network.motor
+    assert motor is not None
+    rows, losses = np.isin(parameters_of(motor.terms), TORQUES), []
+    for factor in (0.5, 2.0):
+        scaled = replace(
+            network, motor=replace(motor, center=motor.center + np.log(factor) * rows),
+            torque_scale=factor * network.torque_scale, torque_limit=factor * network.torque_limit,
+        )  # fmt: skip
+        losses.append(MotorFit(scaled, runs).losses(z))
     return np.min(losses, axis=0) <= THRESHOLD * MotorFit(network, runs).losses(z)
 
 
-def _scaled_torques(network: LatentNetwork, factor: float) -> LatentNetwork:
-    motor = network.motor
-    assert motor is not None
-    rows = np.isin(parameters_of(motor.terms), TORQUES)
-    return replace(
-        network, motor=replace(motor, center=motor.center + np.log(factor) * rows),
-        torque_scale=factor * network.torque_scale, torque_limit=factor * network.torque_limit,
-    )  # fmt: skip
-
-
-def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, least: np.ndarray) -> np.ndarray:
-    """(2, M) losses of the motors with half and with double of a constant, over those with it, ``least`` (M,)."""
+def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, fitted: np.ndarray) -> np.ndarray:
+    """(2, M) losses of the motors with half and with double of a constant, over the ``fitted`` losses (M,)."""
     motor = network.motor
     assert motor is not None
     row = np.array(parameters_of(motor.terms)) == name
     changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
     losses = [MotorFit(replace(network, motor=each), runs).losses(z) for each in changed]
-    return np.stack(losses) / least
+    return np.stack(losses) / fitted

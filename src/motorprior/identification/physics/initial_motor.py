@@ -1,9 +1,8 @@
 """The initial motor of a fit: a small geared servo, scaled to the motors of the logs.
 
-A decoder reaches constants within a factor of 12 of its central motor, and motors differ by more: a hobby servo may
-hold with 1 N·m/rad, a quadruped's motor with 40. Where gains are logged in N·m/rad they set the scale. Elsewhere
-several scales of all torques, and of the gain alone, are tried on the logs, and the fit starts from the best if its
-loss is less than half the initial motor's.
+A decoder reaches constants within a factor of 12 of its central motor, but kp of servos and quadrupeds spans 1 to
+40 N·m/rad. Gains that are logged in N·m/rad set the scale. Elsewhere several scales of all torques, and of the gain
+alone, are tried on the logs, and the fit starts from the best if its loss is less than half the initial motor's.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
-# Constants at which a fit begins, in SI units: a small geared servo
 INITIAL_MOTOR = {
     "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
     "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
@@ -33,24 +31,23 @@ TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
-_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # Logarithms of the factors that are tried
+_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # logarithms of the factors that are tried
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
-    """(P,) decoder outputs of the initial motor; its limits of speed, stated gains and firmware are those of the logs.
+    """(P,) decoder outputs of the initial motor; its limits of speed, logged gains and firmware are those of the logs.
 
-    Where gains are stated in N·m/rad, every torque of the initial motor is that of a motor with such gains.
+    Where gains are logged in N·m/rad, every torque of the initial motor is that of a motor with such gains.
     """
-    motor = INITIAL_MOTOR
-    if runs is not None:
-        motor = motor | dict.fromkeys(runs.preset.lacks, 1e-9)
-    if runs is not None and runs.fastest:
-        # a little above what motors held: a limit that is too low rises in the fit, one that is too high has no effect
+    if runs is None:
+        return encoded(INITIAL_MOTOR, terms)
+    motor = INITIAL_MOTOR | dict.fromkeys(runs.preset.lacks, 1e-9)
+    if runs.fastest:
+        # a little above the logged speeds: a limit that is too low rises in the fit, one that is too high has no effect
         profile = 1.1 * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
         motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.fastest}
-    if runs is not None:
-        motor = motor | runs.preset.stated_constants
-    if runs is None or not runs.gain_unit:
+    motor = motor | runs.preset.logged_values
+    if not runs.gain_unit:
         return encoded(motor, terms)
     kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
     if runs.gain_unit == PHYSICAL_GAINS:
@@ -72,18 +69,17 @@ def sized_center(
     if runs.gain_unit == PHYSICAL_GAINS:
         return center
     names = parameters_of(terms)
-    torques = np.array([name in TORQUES for name in names])
-    gain = np.array([name == "kp" for name in names])
+    torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
     sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
-    nowhere = np.zeros((runs.num_motors, len(names)))
-    losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(nowhere) for size in sizes]
+    z = np.zeros((runs.num_motors, len(names)))
+    losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(z) for size in sizes]
     middle = np.median(losses, axis=1)
     best = int(np.argmin(middle))
     return sizes[best] if middle[best] < 0.5 * middle[0] else center
 
 
 def states_kd(runs: WindowRuns) -> bool:
-    """Whether the logs state kd: where they do not, it is written as kp (`windows`)."""
+    """Whether the logs have kd: where they do not, it is set to kp (`windows`)."""
     return bool(np.any(runs.gains[1] != runs.gains[0]))
 
 

@@ -17,14 +17,13 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, huber, huber_curvature, huber_weight
 
-# Half the distance of two simulations that give a derivative, in latents: logarithms of constants, or N(0, 1)
-WIDE, NARROW = 0.1, 0.03
-LARGEST_STEP = 0.5  # Of a latent, in one Gauss-Newton step
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # Factors on the damping that are tried in every step
-_LEAST_GAIN = 1e-4  # Share of U below which a step that lowers it is a motor's last
-_LANES = 768  # Motors simulated at a time; bounds the memory
-_NEVER, _BROKEN = 1e9, 1e6  # Loss of a simulation that broke down, and residual of one
-_FIXED = 1e6  # Precision of what is held
+WIDE, NARROW = 0.1, 0.03  # step of the central differences, in latents: logarithms of constants, or N(0, 1)
+MAX_STEP = 0.5  # of a latent, in one Gauss-Newton step
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping that are tried in every step
+_MIN_GAIN = 1e-4  # share of U; a step that lowers it by less is a motor's last
+_LANES = 768  # motors simulated at a time; bounds the memory
+_DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
+_FIXED = 1e6  # precision of a fixed latent
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
@@ -76,26 +75,25 @@ class Fit:
     loss: np.ndarray
 
     def better(self, other: Fit) -> Fit:
-        """Of every motor the one with less energy."""
+        """Of every motor the fit with less energy."""
         chosen = other.energy < self.energy
         both = zip(vars(self).values(), vars(other).values(), strict=True)
-        return Fit(*(of_either(chosen, values, others) for values, others in both))
+        return Fit(*(select(chosen, others, values) for values, others in both))
 
 
-def of_either(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(M, ...) rows of ``others`` of the motors (M,) that are chosen, and of ``values`` of the rest."""
-    return np.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), others, values)
+def select(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(M, ...) ``values`` of the motors (M,) that are chosen, and ``others`` of the rest."""
+    return np.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), values, others)
 
 
 class MotorFit:
-    """The problem: a decoder, logs, and which windows count.
+    """The fit of M motors.
 
     Args:
         network: decoder from z to motors.
-        runs: the logs of M motors.
+        runs: the logs.
         chosen: (N,) mask of the windows that count; all if not given.
-        least: (M, Z) bounds of z, which random searches and restarts keep and Gauss-Newton steps from there do not;
-            none if not given.
+        lower: (M, Z) lower bounds of z in random searches and restarts, not in Gauss-Newton steps; none if not given.
     """
 
     def __init__(
@@ -103,15 +101,15 @@ class MotorFit:
         network: LatentNetwork,
         runs: WindowRuns,
         chosen: np.ndarray | None = None,
-        least: np.ndarray | None = None,
+        lower: np.ndarray | None = None,
     ):
-        self.network, self.runs, self.mask, self._least = network, runs, chosen, least
+        self.network, self.runs, self._lower = network, runs, lower
         self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
         self._everyone = np.arange(runs.num_motors)
 
     @property
     def windows(self) -> int:
-        """Of each motor that count."""
+        """Number of windows of each motor that count."""
         return len(np.arange(self.runs.windows)[self._chosen])
 
     def _residuals(self, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
@@ -131,23 +129,19 @@ class MotorFit:
 
     def window_losses(self, z: np.ndarray) -> np.ndarray:
         """(M, N) loss of each window at z (M, Z)."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = [
-                self.runs.residuals(self.network, z[[motor]], np.array([motor]))[:, self._chosen]
-                for motor in self._everyone
-            ]
-            loss = self.runs.channels * np.mean(huber(np.concatenate(values).astype(np.float64)), axis=(2, 3))
-        return np.where(np.isfinite(loss), loss, _NEVER)
+        everyone, shape = self._everyone, (len(z), self.windows, -1)
+        values = np.concatenate([self._residuals(z[[motor]], everyone[[motor]]) for motor in everyone])
+        return self._loss(values.reshape(shape).astype(np.float64))
 
     def _loss(self, residuals: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):
             loss = self.runs.channels * np.mean(huber(residuals), axis=-1, dtype=np.float64)
-        return np.where(np.isfinite(loss), loss, _NEVER)
+        return np.where(np.isfinite(loss), loss, _DIVERGED_LOSS)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior) -> np.ndarray:
-        """(M, Z) of each motor the candidate with the least energy; those (M, K, Z) below bounds are raised first."""
-        if self._least is not None:
-            candidates = np.maximum(candidates, _broadcast(self._least, candidates))
+        """(M, Z) of each motor the candidate (M, K, Z), raised to the bounds, with the lowest energy."""
+        if self._lower is not None:
+            candidates = np.maximum(candidates, _broadcast(self._lower, candidates))
         energy = self.losses(candidates) + prior.energy(candidates)
         return candidates[self._everyone, energy.argmin(axis=1)]
 
@@ -163,7 +157,7 @@ class MotorFit:
         return best
 
     def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, reach: float = NARROW) -> Fit:
-        """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _LEAST_GAIN.
+        """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _MIN_GAIN.
 
         At most ``steps``, with derivatives over ``reach``, WIDE or NARROW.
         """
@@ -182,7 +176,7 @@ class MotorFit:
             found = energies[self._everyone, best]
             lower = found < energy
             damping = np.clip(np.where(lower, tried[self._everyone, best], 30.0 * damping), 1e-6, 1e4)
-            done = lower & (energy - found < _LEAST_GAIN * energy)
+            done = lower & (energy - found < _MIN_GAIN * energy)
             z = np.where(lower[:, None], candidates[self._everyone, best], z)
             loss, energy = np.where(lower, losses[self._everyone, best], loss), np.where(lower, found, energy)
             left = left[~done[left]]
@@ -205,7 +199,7 @@ class MotorFit:
         scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
         damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])
         moves = np.linalg.solve(damped, np.broadcast_to(gradient[:, None, :, None], (*damped.shape[:3], 1)))[..., 0]
-        return np.clip(moves, -LARGEST_STEP, LARGEST_STEP)
+        return np.clip(moves, -MAX_STEP, MAX_STEP)
 
     def _derivatives(
         self, z: np.ndarray, reach: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
@@ -222,17 +216,12 @@ class MotorFit:
             some = motors[first : first + together]
             lanes = (z[some][:, None] + shifts).reshape(-1, size)
             found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
-            for row, values in enumerate(found):
-                slope[first + row], curvature[first + row] = self._normal_equations(values, reach, bend)
+            for row, values in enumerate(found, first):
+                with np.errstate(over="ignore", invalid="ignore"):
+                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * reach)
+                    usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
+                here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
+                gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
+                factor = self.runs.channels / len(here)
+                slope[row], curvature[row] = factor * gradient, factor * matrix
         return slope, curvature
-
-    def _normal_equations(self, found: np.ndarray, reach: float, bend: Callable) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient and Gauss-Newton matrix from residuals (1 + 2Z, R) at z, above and below."""
-        size = (len(found) - 1) // 2
-        with np.errstate(over="ignore", invalid="ignore"):
-            here, slopes = found[0], (found[1 : size + 1] - found[size + 1 :]) / np.float32(2.0 * reach)
-            usable = (np.abs(here) < _BROKEN) & np.isfinite(slopes).all(axis=0)
-        here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
-        factor = self.runs.channels / len(here)
-        gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
-        return factor * gradient, factor * matrix

@@ -1,20 +1,17 @@
 """Selection of optional dynamics terms (`optional_terms`) by backward elimination on held-out free runs.
 
 Some motors are fitted on every second segment of their logs and tested on the others. All terms are fitted at once
-first, since some are useless without another: an encoder on the output needs the joint's own damping, or the joint
-rattles in its play. With so many constants one random search can end in a poor optimum, so there are several, and one
-that starts from a fit with the terms of SERVO alone; the best of each motor counts. Then each term is left out in turn,
-the rarest first. The fit is polished without it and, if it then seems to be missed, repeated, as a term changes where
-the other constants belong. It stays if
+first, since some are useless without another, by several searches and one that starts from the terms of SERVO alone;
+the best of each motor counts. Then each term is left out in turn, the rarest first. The fit is polished without it and,
+if the loss rises, searched again, since other constants change with a term. The term stays if
 
     median over motors of log(loss with it / loss without) < log(1 - PRICE),   Wilcoxon's signed-rank test at 20 %
 
-(at 5 %, few motors reject terms that they have and that help on held-out motion; of fewer than five motors the test is
-over the held-out parts of each). This is repeated with the terms that saved no more than SURE until none leaves, since
-a term may have made up for one that is gone by then. Each term that left is tried once more from the remaining fit, by
-the same price and the test at 5 %. In the end all are compared with no optional term, likewise. Where conditions differ
-between segments, their terms are also tried alone: with few logs, a fit of all terms may be too poor to identify them.
-Not tried: terms whose constants the log states or states as off, and conditions that are the same in all segments.
+(at 5 %, few motors reject terms that they have; of fewer than five motors the test is over the held-out parts of each).
+This is repeated with the terms that saved no more than SURE until none leaves. Each term that left is tried once more
+from the remaining fit, by the same price and the test at 5 %. In the end all are compared with no optional term,
+likewise. Where conditions differ between segments, their terms are also tried alone: with few logs, a fit of all terms
+may be too poor to identify them. Not tried: terms whose constants are logged, and conditions that do not vary.
 """
 
 from __future__ import annotations
@@ -31,16 +28,16 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import NEGLIGIBLE, in_order
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, fixed_constants, weak_prior
 from motorprior.identification.physics.initial_motor import encoded, with_motor
-from motorprior.identification.physics.motor_fit import MotorFit, of_either
+from motorprior.identification.physics.motor_fit import MotorFit, select
 from motorprior.identification.physics.window_runs import WindowRuns
 
 PRICE = 0.04  # share of the held-out loss that a term must save
 SURE = 0.3  # share of the held-out loss: a term that saved more in one round is not left out in the next
-MOTORS, ROWS, WINDOWS = 8, 10_000, 60  # most motors; about the most rows of each, more for fewer windows than these
+MOTORS, ROWS, WINDOWS = 8, 10_000, 60  # maximum number of motors; rows of each, more if they are fewer windows
 SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # usual in hobby servos
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs of fewer segments are cut into so many parts
-# terms that need logs under several conditions, in the order of `Segment.conditions`, and the least difference between
-# two segments: a share of the usual voltage, and [K]
+# terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
+# between two segments: a share of the usual voltage, and [K]
 VARIES = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
 # order of elimination, the rarest first
@@ -48,7 +45,7 @@ ORDER = (
     "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
     "output_damping", "torque_speed", "profile",
 )  # fmt: skip
-_LEVEL, _LEVEL_OF_ALL = 0.2, 0.05  # of the signed-rank test, for one term and for all
+_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for elimination and for additions
 _MIN_RANKS = 5  # fewer gains cannot reach these levels
 _ATTEMPTS, _STEPS, _TURNS = 3, 10, (*TURNS[:3], *TURNS[-2:])
 
@@ -63,6 +60,8 @@ class Selection:
 
 @dataclass(frozen=True)
 class _State:
+    """A fit of m motors."""
+
     terms: tuple[str, ...]
     raw: np.ndarray  # (m, P) decoder outputs
     fitted: np.ndarray  # (m,) training loss
@@ -73,48 +72,43 @@ class _State:
 def select_terms(
     network: LatentNetwork, runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None
 ) -> Selection:
-    """Choose terms for the motors of ``runs``.
+    """Choose terms for the motors of ``runs``; MOTORS of a fleet are enough.
 
-    Args:
-        network: with a residual that stays as it is.
-        runs: logs of m motors; MOTORS of a fleet are enough.
-        seed: of the searches.
-        report: called once for every term of ORDER in the first round, then for every fit of a further round and
-            every term that returns.
+    ``report`` is called for every term of ORDER in the first round, then for every fit of a later round.
     """
-    parts = parts_of(runs, segments_for_selection(runs.num_motors))
-    given, off = runs.preset.stated_terms, (*runs.preset.terms_that_are_off, *same_conditions(runs))
+    motors = runs.num_motors
+    parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
+    given, off = runs.preset.logged_terms, (*runs.preset.disabled_terms, *same_conditions(runs))
     tried = tuple(name for name in ORDER if name not in off)
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    trial = _Trial(network, runs, parts, seed)
-    whole, saved = trial.all_terms(tried, (*(name for name in SERVO if name not in off), *given)), {}
+    search = _Search(network, runs, parts, seed, report)
+    best = search.all_terms(tried, (*(name for name in SERVO if name not in off), *given))
     for name in ORDER:
         if name in (*given, *off):
             report(f"{name}: {'logged' if name in given else 'not tried'}")
-    best = trial.eliminated(whole, given, saved, report)
+    best, saved = search.eliminated(best)
     if varied := tuple(name for name in VARIES if name not in off):
-        saved_alone: dict[str, float] = {}
-        alone = trial.eliminated(trial.fitted((*varied, *given)), given, saved_alone, report)
-        if _pays(best, alone, _LEVEL_OF_ALL):
+        alone, saved_alone = search.eliminated(search.fitted((*varied, *given)))
+        if _pays(best, alone, _STRICT_LEVEL):
             best, saved = alone, saved_alone
     if best.terms != given:
-        bare = _better(trial.polished(best, given), trial.fitted(given))
-        best = best if _pays(bare, best, _LEVEL_OF_ALL) else bare
+        bare = _better(search.polished(best, given), search.fitted(given))
+        best = best if _pays(bare, best, _STRICT_LEVEL) else bare
     return Selection(best.terms, saved)
 
 
-def least_difference(condition: str, usual: float) -> float:
-    """Of VARIES, in the unit of the condition [V], [°C], at this usual value."""
-    least = VARIES[TERM_OF[condition]]
-    return least * usual if condition == "supply_voltage" else least
+def min_difference(condition: str, usual: float) -> float:
+    """Minimum difference between segments, of VARIES, in the unit of the condition [V], [°C], at this usual value."""
+    value = VARIES[TERM_OF[condition]]
+    return value * usual if condition == "supply_voltage" else value
 
 
 def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
     """Terms of VARIES whose condition is about the same in all segments, or was not logged."""
-    apart = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
-    return tuple(name for (name, least), far in zip(VARIES.items(), apart, strict=True) if far < least)
+    ranges = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
+    return tuple(name for (name, limit), size in zip(VARIES.items(), ranges, strict=True) if size < limit)
 
 
 def _saved(before: _State, after: _State) -> float:
@@ -137,15 +131,17 @@ def _pays(before: _State, after: _State, level: float) -> bool:
 
 
 def _logarithm(loss: np.ndarray) -> np.ndarray:
-    return np.log(loss + 1e-9)  # a loss may be 0: in a part at rest
+    return np.log(loss + 1e-9)  # the loss of a static part may be 0
 
 
-class _Trial:
-    """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
+class _Search:
+    """Fits to the windows in every second of these ``parts`` (N,), tested on the others; logged terms stay."""
 
-    def __init__(self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int):
-        self._network, self._runs, self._parts, self._seed = network, runs, parts, seed
-        self._train, self._test = parts % 2 == 0, parts % 2 == 1
+    def __init__(
+        self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int, report: Callable[[str], None]
+    ):
+        self._network, self._runs, self._parts, self._seed, self._report = network, runs, parts, seed, report
+        self._train, self._test, self._given = parts % 2 == 0, parts % 2 == 1, runs.preset.logged_terms
 
     def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
         """A new search."""
@@ -160,34 +156,25 @@ class _Trial:
             best = _better(best, self.fitted(tried, attempt))
         return best
 
-    def eliminated(
-        self, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
-    ) -> _State:
-        """Rounds of elimination until no term leaves; then each that left is tried once more."""
-        before, tried = (), best.terms
+    def eliminated(self, best: _State) -> tuple[_State, dict[str, float]]:
+        """The fit after rounds of elimination, and the share that each tried term saved."""
+        before, tried, saved = (), best.terms, {}
         while best.terms != before:
             before = best.terms
-            best = self.one_round(best, given, saved, report)
-        return self.retried(best, tried, saved, report)
-
-    def retried(
-        self, best: _State, tried: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
-    ) -> _State:
-        """Add each term that left to those that stayed, the commonest first, and keep those that pay."""
+            best = self._one_round(best, saved)
+        # each term that left is tried once more, the commonest first
         same = self.polished(best, best.terms)
         for name in [name for name in reversed(ORDER) if name in tried and name not in best.terms]:
             more = self.polished(best, in_order((*best.terms, name)))
-            if _pays(same, more, _LEVEL_OF_ALL):
+            if _pays(same, more, _STRICT_LEVEL):
                 best, saved[name] = more, _saved(same, more)
                 same = self.polished(best, best.terms)
-                report(f"{name}: retried, saves {100 * saved[name]:.0f} %")
-        return best
+                self._report(f"{name}: retried, saves {100 * saved[name]:.0f} %")
+        return best, saved
 
-    def one_round(
-        self, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
-    ) -> _State:
-        """Leave out each term but ``given`` in turn; the share that each saves goes to ``saved``."""
-        for name in [name for name in ORDER if name in best.terms and name not in given]:
+    def _one_round(self, best: _State, saved: dict[str, float]) -> _State:
+        """Leave out each term but the given ones in turn; the share that each saves goes to ``saved``."""
+        for name in [name for name in ORDER if name in best.terms and name not in self._given]:
             if saved.get(name, 0.0) > SURE:
                 continue
             less = self.polished(best, tuple(other for other in best.terms if other != name))
@@ -195,19 +182,17 @@ class _Trial:
                 less = _better(less, self.fitted(less.terms))
                 best = _better(best, self.polished(less, best.terms))  # as many attempts with the term as without it
             saved[name] = _saved(less, best)
-            report(f"{name}: saves {100 * saved[name]:.0f} %")
+            self._report(f"{name}: saves {100 * saved[name]:.0f} %")
             best = best if _pays(less, best, _LEVEL) else less
         return best
 
     def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
         """The fits ``before`` with these terms, new ones weak at first, after some Gauss-Newton steps."""
-        weak = encoded(NEGLIGIBLE | self._runs.preset.stated_constants, terms)
-        rows = {name: row for row, name in enumerate(parameters_of(before.terms))}
-        columns = [
-            before.raw[:, rows[name]] if name in rows else np.full(len(before.raw), weak[row])
-            for row, name in enumerate(parameters_of(terms))
-        ]
-        start = np.stack(columns, axis=1)
+        weak = encoded(NEGLIGIBLE | self._runs.preset.logged_values, terms)
+        start = np.tile(weak, (len(before.raw), 1))
+        for row, name in enumerate(parameters_of(before.terms)):
+            if name in parameters_of(terms):
+                start[:, parameters_of(terms).index(name)] = before.raw[:, row]
         center = np.median(start, axis=0)
         fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._train)
         fixed = fixed_constants(terms, self._runs)
@@ -223,17 +208,16 @@ class _Trial:
 
 
 def _better(one: _State, other: _State) -> _State:
-    chosen = other.fitted < one.fitted
-    names = ("raw", "fitted", "held_out", "parts")
-    return _State(one.terms, *(of_either(chosen, getattr(one, name), getattr(other, name)) for name in names))
+    """Of every motor the fit with less training loss."""
+    chosen, names = other.fitted < one.fitted, ("raw", "fitted", "held_out", "parts")
+    return _State(one.terms, *(select(chosen, getattr(other, name), getattr(one, name)) for name in names))
 
 
 def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
-    """(N,) number of the part that each window is in: its segment or, of fewer segments, one of NUM_PARTS parts.
+    """(N,) index of the part of each window: its segment or, of fewer segments, one of NUM_PARTS parts.
 
-    Presets have five excitations in turn: over two rounds of segments, every second one has each of them. Segments
-    under different conditions (VARIES) are sorted by these, so that every second part has about the conditions of its
-    neighbour.
+    Segments under different conditions (VARIES) are sorted by these, so that every second part has about the conditions
+    of its neighbour.
     """
     groups = runs.groups()
     if len(same_conditions(runs)) < len(VARIES):
@@ -249,8 +233,3 @@ def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
 def held_out_windows(runs: WindowRuns) -> np.ndarray:
     """(N,) whether a window is for testing: every second of the `parts_of`."""
     return parts_of(runs) % 2 == 1
-
-
-def segments_for_selection(motors: int) -> int:
-    """Least number of segments that are themselves the parts by which terms of so many motors are selected."""
-    return MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors)  # few motors need many gains of each

@@ -1,10 +1,10 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
-The counterpart of `closed_loop` for searches: thousands of motors at once, no compilation per recipe, derivatives by
-differences. An observer, a second simulation of every motor, follows the recorded joint through the whole segment;
-every free run starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders
-are on the rotors, the observer's rotor follows the recording instead, with the joint attached to it; then backlash and
-encoder zero, which such a log does not identify, are those of the central motor and 0.
+The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
+observer, a second simulation of every motor, follows the recorded joint through the whole segment; every free run
+starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders are on the
+rotors, the observer's rotor follows the recording instead, with the joint attached to it; backlash and encoder zero,
+which such a log does not identify, are then that of the central motor and 0.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
 from motorprior.actuator.ideal_pd import GainScaledPd
@@ -28,31 +28,17 @@ from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.compiled import njit
-from motorprior.exceptions import ConfigError
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import (
-    EXTERNAL,
-    INERTIA,
-    KD,
-    KP,
-    POS,
-    SECONDS,
-    STIFFNESS,
-    SUPPLY,
-    TARGET,
-    TEMPERATURE_SCALE,
-    TORQUE,
-    VEL,
-    TrainingData,
-)
+from motorprior.identification.training_data import windows as channel
+from motorprior.identification.training_data.windows import TrainingData
 
 # errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-LANES_PER_TASK = 256  # Motors that one thread simulates at a time; their state then stays in a core's cache
-HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # Constants that an encoder on the rotor does not show
-_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # Rows of a grey box's memory
-# Rows of its parameters
+LANES_PER_TASK = 256  # motors that one thread simulates at a time; their state then stays in a core's cache
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
+_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
+# rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
@@ -73,31 +59,16 @@ def huber_curvature(x: Any) -> Any:
 
 
 def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
-    """(M,) largest speed [rad/s] that each joint held for 0.1 s on its way to its target; 0 where none did.
-
-    ``vel`` (M, R) are joint velocities, ``error`` position_target - joint_pos, ``period`` [s]; segments count as one
-    motion.
-    """
+    """(M,) largest speed [rad/s] that each joint kept for 0.1 s towards its target, 0 if none; inputs are (M, R)."""
     rows, lowest = max(1, round(0.1 / period)), []
-    for way in (1.0, -1.0):
-        towards = np.where(way * error > 0.0, np.maximum(way * vel, 0.0), 0.0)
+    for sign in (1.0, -1.0):
+        towards = np.where(sign * error > 0.0, np.maximum(sign * vel, 0.0), 0.0)
         lowest.append(minimum_filter1d(towards, rows, axis=1, mode="constant", cval=0.0))
     return np.max(lowest, axis=(0, 2)).astype(np.float64)
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(
-    observer: ActuatorArrays,
-    free: ActuatorArrays,
-    motor: np.ndarray,
-    rows: np.ndarray,
-    dt: float,
-    first: int,
-    window: int,
-    scales: np.ndarray,
-    at_rotor: bool,
-    out: np.ndarray,
-) -> None:
+def _free_runs(observer, free, motor, rows, dt, first, window, scales, at_rotor, out):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
     ``observer`` and ``free`` are the same motors; lane i simulates motor[i] of ``rows`` (steps, channels of `windows`,
@@ -105,37 +76,37 @@ def _free_runs(
     """
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
-    target, pos, vel = rows[0, TARGET][motor], rows[0, POS][motor], rows[0, VEL][motor]
-    inertia, torque, unused = rows[0, INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
-    q, dq, seen_q, seen_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
+    target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
+    inertia, torque, unused = rows[0, channel.INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
+    q, dq, obs_q, obs_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
     reset_actuator(observer, target, pos)
     reset_actuator(free, target, pos)
     for step in range(first + windows * window):
         index, within = (step - first) // window, (step - first) % window
         for lane in range(lanes):
-            target[lane] = rows[step, TARGET, motor[lane]]
+            target[lane] = rows[step, channel.TARGET, motor[lane]]
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
-            q[:], dq[:] = seen_q, seen_dq
+            q[:], dq[:] = obs_q, obs_dq
         free.clock[0] = observer.clock[0]
-        step_actuator(observer, dt, target, seen_q, seen_dq, unused)
+        step_actuator(observer, dt, target, obs_q, obs_dq, unused)
         if step >= first:
             step_actuator(free, dt, target, q, dq, torque)
         for lane in range(lanes):
-            j, stiffness = motor[lane], rows[step, STIFFNESS, motor[lane]]
-            next_pos, next_vel = rows[step + 1, POS, j], rows[step + 1, VEL, j]
+            j, stiffness = motor[lane], rows[step, channel.STIFFNESS, motor[lane]]
+            next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
             if at_rotor:
                 damping = observer.damping[lane]
-                external = rows[step, EXTERNAL, j] + stiffness * seen_q[lane]
-                seen_dq[lane] = _next_velocity(seen_dq[lane], unused[lane], external, inertia[lane], damping, dt)
-                seen_q[lane] += dt * seen_dq[lane]
+                external = rows[step, channel.EXTERNAL, j] + stiffness * obs_q[lane]
+                obs_dq[lane] = _next_velocity(obs_dq[lane], unused[lane], external, inertia[lane], damping, dt)
+                obs_q[lane] += dt * obs_dq[lane]
                 observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
             else:
-                seen_q[lane], seen_dq[lane] = next_pos, next_vel
+                obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
-            damping, external = free.damping[lane], rows[step, EXTERNAL, j] + stiffness * q[lane]
+            damping, external = free.damping[lane], rows[step, channel.EXTERNAL, j] + stiffness * q[lane]
             dq[lane] = _next_velocity(dq[lane], torque[lane], external, inertia[lane], damping, dt)
             q[lane] += dt * dq[lane]
             own_pos, own_vel = q[lane], dq[lane]
@@ -145,7 +116,7 @@ def _free_runs(
             out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
             if channels > 2:
                 applied = torque[lane] - damping * dq[lane]
-                out[lane, index, 2, within] = (applied - rows[step, TORQUE, j]) / scales[2]
+                out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / scales[2]
 
 
 @dataclass(frozen=True)
@@ -158,34 +129,29 @@ class Segment:
     @property
     def seconds(self) -> float:
         """Mean time since the log began [s]."""
-        return float(self.rows[:, SECONDS, 0].mean())
+        return float(self.rows[:, channel.SECONDS, 0].mean())
 
     @property
     def gains(self) -> np.ndarray:
         """(2, M) logged kp and kd."""
-        return self.rows[0, [KP, KD]]
+        return self.rows[0, [channel.KP, channel.KD]]
 
     @property
     def conditions(self) -> np.ndarray:
         """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
-        return self.rows[0, [SUPPLY, TEMPERATURE_SCALE]]
+        return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
 class WindowRuns:
-    """Free runs over all windows of M motors' logs.
+    """Free runs over all windows of M motors' logs, or of those with the indices ``motors``.
 
-    Args:
-        data: the logs.
-        preset: window, warm-up and period.
-        motors: of the log that are used; all if not given.
-        beat: called several times a second during `residuals`; an exception that it raises ends them.
+    ``beat`` is called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
         at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample.
         fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the whole log; for that of the voltage, at the
-            usual voltage.
+        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the log; for no_load_speed, at the usual voltage.
     """
 
     def __init__(
@@ -204,18 +170,17 @@ class WindowRuns:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
-        self.fastest = float(np.quantile(np.abs(series[..., VEL]), 0.999, axis=1).max())
-        error = series[..., TARGET] - series[..., POS]
-        of_profile, of_voltage = SPEED_LIMITS
+        velocity, error = series[..., channel.VEL], series[..., channel.TARGET] - series[..., channel.POS]
+        self.fastest = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
+        speeds = (velocity, velocity / series[..., channel.SUPPLY])
         self.held_speeds = {
-            of_profile: held_speed(series[..., VEL], error, preset.period),
-            of_voltage: held_speed(series[..., VEL] / series[..., SUPPLY], error, preset.period),
+            name: held_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
         self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
 
     @property
     def windows(self) -> int:
-        """Of each motor."""
+        """Number of windows of each motor."""
         return sum(segment.windows for segment in self.segments)
 
     @property
@@ -226,85 +191,81 @@ class WindowRuns:
     @property
     def largest_request(self) -> np.ndarray:
         """(M,) 99.9 % quantile of logged kp times position error [rad]."""
-        asked = [np.abs(segment.rows[:, TARGET] - segment.rows[:, POS]) * segment.gains[0] for segment in self.segments]
-        return np.quantile(np.concatenate(asked), 0.999, axis=0)
+        errors = [np.abs(one.rows[:, channel.TARGET] - one.rows[:, channel.POS]) for one in self.segments]
+        requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
+        return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
     def groups(self) -> np.ndarray:
-        """(N,) number of the segment that each window is in."""
+        """(N,) index of the segment of each window."""
         return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
 
     def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, N, C, W) scaled errors of motor ``motor[l]`` simulated with latents z[l], for L pairs; float32."""
-        lanes, preset = len(motor), self.preset
-        out = np.empty((lanes, self.windows, self.channels, preset.window), np.float32)
+        lanes = len(motor)
+        out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
         tasks, done = [], 0
         for segment in self.segments:
             inside = slice(done, done + segment.windows)
             for first in range(0, lanes, LANES_PER_TASK):
-                some = slice(first, min(first + LANES_PER_TASK, lanes))
-                tasks.append((network, z[some], motor[some], segment, out[some, inside]))
+                tasks.append((slice(first, min(first + LANES_PER_TASK, lanes)), inside, segment))
             done += segment.windows
+
+        def simulate(task: tuple[slice, slice, Segment]) -> None:
+            some, inside, segment = task
+            out[some, inside] = self._run(network, z[some], motor[some], segment)
+
         self.beat()
-        for _ in self._threads.map(lambda task: self._run(*task), tasks):
+        for _ in self._threads.map(simulate, tasks):
             self.beat()
         return out
 
-    def recorded(self, channel: int) -> np.ndarray:
-        """(M, N, W) what the log has of a channel of `windows` at the end of every step of the windows."""
+    def recorded(self, index: int) -> np.ndarray:
+        """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
         preset, found = self.preset, []
         for segment in self.segments:
             first = preset.history + 1
-            rows = segment.rows[first : first + segment.windows * preset.window, channel]
+            rows = segment.rows[first : first + segment.windows * preset.window, index]
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
     def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes run as in `residuals`; of all others the joint is compared, wherever the log's encoders are. A
+        Grey boxes run as in `residuals`; for all others the joint is compared, wherever the log's encoders are. A
         `GainScaledPd` has the gains of each segment.
         """
+        everyone = np.arange(self.num_motors)
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:
-            return self.residuals(motors.network, motors.z, np.arange(self.num_motors))
-        out = np.empty((self.num_motors, self.windows, self.channels, self.preset.window), np.float32)
-        done, dt = 0, self.preset.period
+            return self.residuals(motors.network, motors.z, everyone)
+        found = []
         for segment in self.segments:
-            filled = np.empty((self.num_motors, segment.windows, *out.shape[2:]), np.float32)
             rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
-            rows[:, INERTIA] += here.armature
-            self._fill(here.arrays(dt), here.arrays(dt), np.arange(self.num_motors), rows, False, filled)
-            out[:, done : done + segment.windows] = filled
-            done += segment.windows
-        return out
+            rows[:, channel.INERTIA] += here.armature
+            found.append(self._simulate(here, everyone, Segment(rows, segment.windows)))
+        return np.concatenate(found, axis=1)
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment, out: np.ndarray) -> None:
-        if network.gain_unit and network.gain_unit != self.gain_unit:
-            raise ConfigError(
-                f"these motors were learned with logged gains [{network.gain_unit}], this log has none",
-                remedy="give kp and kd of its joints when importing it",
-            )
+    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
         gains = segment.gains[:, motor] if network.gain_unit else None
-        under = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
-        motors, dt = LatentActuator(network, z, under, gains), self.preset.period
-        observer, free = motors.arrays(dt), motors.arrays(dt)
-        at_rotor = self.at_rotor and network.motor is not None
-        if at_rotor:
-            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1]).arrays(dt)
-            for arrays in (observer, free):
-                arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
-                arrays.parameters[_ZERO] = 0.0
-        filled = np.empty(out.shape, np.float32)
-        self._fill(observer, free, motor, segment.rows, at_rotor, filled)
-        out[...] = filled
+        conditions = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        central = None
+        if self.at_rotor and network.motor is not None:
+            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1])
+        return self._simulate(LatentActuator(network, z, conditions, gains), motor, segment, central)
 
-    def _fill(
-        self,
-        observer: ActuatorArrays,
-        free: ActuatorArrays,
-        motor: np.ndarray,
-        rows: np.ndarray,
-        at_rotor: bool,
-        filled: np.ndarray,
-    ) -> None:
-        preset, scales = self.preset, np.array(SCALES)
-        _free_runs(observer, free, motor, rows, preset.period, preset.history, preset.window, scales, at_rotor, filled)
+    def _simulate(
+        self, motors: Actuator, motor: np.ndarray, segment: Segment, central: LatentActuator | None = None
+    ) -> np.ndarray:
+        """(L, windows, C, W) scaled errors in a segment; ``central`` is given if the encoders are on the rotors."""
+        preset = self.preset
+        observer, free = motors.arrays(preset.period), motors.arrays(preset.period)
+        if central is not None:
+            backlash = central.arrays(preset.period).parameters[_BACKLASH, 0]
+            for arrays in (observer, free):
+                arrays.parameters[_BACKLASH] = backlash
+                arrays.parameters[_ZERO] = 0.0
+        out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
+        _free_runs(
+            observer, free, motor, segment.rows, preset.period, preset.history, preset.window, np.array(SCALES),
+            central is not None, out,
+        )  # fmt: skip
+        return out

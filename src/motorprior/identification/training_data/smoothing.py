@@ -4,10 +4,10 @@ A Kalman filter and the Rauch-Tung-Striebel smoother, with the joint's accelerat
 
     x = (q, dq, ddq),   x' = F·x + w,   w ~ N(0, d²·Q(dt)),   reading = q + n,   n ~ N(0, r²)
 
-per motor, forwards and backwards over each segment. Deviation r of a reading and density d [rad/s²/√s] of the random
-walk are those with which the readings are most likely, on a grid; r is at least an encoder's quantum/√12, since a joint
-that stands or creeps repeats its reading and looks free of noise. Where r comes out below LEAST_NOISE the log is left
-as it is. Recorded velocities, often filtered differences of the same readings, are not used.
+per motor, forwards and backwards over each segment. Noise r and density d [rad/s²/√s] of the random walk have the
+maximum likelihood on a grid; r is at least an encoder's quantum/√12, since a static joint repeats its reading and seems
+free of noise. With r below MIN_NOISE the log stays as it is. Recorded velocities, often filtered differences of the
+same readings, are not used.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 
 from motorprior.compiled import njit
 
-LEAST_NOISE = 4e-5  # standard deviation of a reading below which a log counts as free of noise [rad]
-NOISES = np.geomspace(1e-5, 3e-3, 11)  # standard deviations r that are tried [rad]
-DENSITIES = np.geomspace(1.0, 3e4, 10)  # densities d that are tried [rad/s²/√s]
-_WIDE = 1e2  # initial deviation of acceleration over 100 [rad/s²]; a tenth of it is that of velocity [rad/s]
+MIN_NOISE = 4e-5  # standard deviation of a reading below which a log counts as free of noise [rad]
+NOISES = np.geomspace(1e-5, 3e-3, 11)  # r that are tried [rad]
+DENSITIES = np.geomspace(1.0, 3e4, 10)  # d that are tried [rad/s²/√s]
+_WIDE = 1e2  # initial standard deviation of acceleration over 100 [rad/s²], of velocity times 10 [rad/s]
 _MAX_ROWS, _MAX_MOTORS = 2000, 6  # on which noise and density are chosen
 _BLOCK, _FIRST_STATES = 500, 10  # rows that are tried together; rows until the filter has converged
 
@@ -31,13 +31,9 @@ def _filter(readings, dt, noise, density, means, covariances, predicted, predict
     x = np.array([readings[0], 0.0, 0.0])
     cov = np.diag(np.array([r, _WIDE**2 * 1e-2, _WIDE**4]))
     move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-    extra = d * np.array(
-        [
-            [dt**5 / 20, dt**4 / 8, dt**3 / 6],
-            [dt**4 / 8, dt**3 / 3, dt**2 / 2],
-            [dt**3 / 6, dt**2 / 2, dt],
-        ]
-    )
+    extra = d * np.array([
+        [dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt],
+    ])  # fmt: skip
     likelihood = 0.0
     for step in range(readings.shape[0]):
         if step > 0:
@@ -45,11 +41,11 @@ def _filter(readings, dt, noise, density, means, covariances, predicted, predict
             cov = move @ cov @ move.T + extra
         predicted[step], predicted_covariances[step] = x, cov
         variance = cov[0, 0] + r
-        surprise = readings[step] - x[0]
+        innovation = readings[step] - x[0]
         gain = cov[:, 0] / variance
         if step > _FIRST_STATES:
-            likelihood -= 0.5 * (surprise * surprise / variance + np.log(variance))
-        x = x + gain * surprise
+            likelihood -= 0.5 * (innovation * innovation / variance + np.log(variance))
+        x = x + gain * innovation
         cov = cov - np.outer(gain, cov[0])
         means[step], covariances[step] = x, cov
     return likelihood
@@ -85,7 +81,7 @@ def _likelihoods(readings, dt, noises, densities, out):
 
 
 def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
-    """Most likely deviation r [rad] of one motor's (R,) readings, and density d of its motion; see `smoothed`."""
+    """Most likely noise r [rad] of one motor's (R,) readings, and density d of its motion; see `smoothed`."""
     likelihood = np.zeros((len(NOISES), len(DENSITIES)))
     for block in _blocks(readings, parts):
         _likelihoods(np.ascontiguousarray(readings[block], np.float64), dt, NOISES, DENSITIES, likelihood)
@@ -97,12 +93,8 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
 
 def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
     # half where the motor moves fastest, half from all over its log: in slow or steady motion any density fits
-    cut = [
-        slice(first, min(first + _BLOCK, part.stop))
-        for part in parts
-        for first in range(part.start, part.stop, _BLOCK)
-        if min(first + _BLOCK, part.stop) - first > 2 * _FIRST_STATES
-    ]
+    starts = [(first, part.stop) for part in parts for first in range(part.start, part.stop, _BLOCK)]
+    cut = [slice(first, min(first + _BLOCK, stop)) for first, stop in starts if stop - first > 2 * _FIRST_STATES]
     if not cut:
         return []
     count = min(len(cut), max(2, round(_MAX_ROWS * len(cut) / sum(block.stop - block.start for block in cut))))
@@ -114,7 +106,7 @@ def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
 
 
 def quantum(readings: np.ndarray) -> float:
-    """Least distance of two different readings (R,) [rad]: an encoder's step, or next to nothing; 0 of equal ones."""
+    """Smallest difference of two readings (R,) [rad], an encoder's step; 0 if all are equal."""
     return float(np.diff(np.unique(readings)).min()) if np.ptp(readings) > 0.0 else 0.0
 
 
@@ -128,7 +120,7 @@ def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
         return None
     some = moving[np.unique(np.linspace(0, len(moving) - 1, min(_MAX_MOTORS, len(moving))).astype(int))]
     noise, density = np.median([noise_of(readings[:, motor], parts, dt) for motor in some], axis=0)
-    if noise < LEAST_NOISE:
+    if noise < MIN_NOISE:
         return None
     out = np.empty((2, *readings.shape))
     for motor, column in enumerate(readings.T):

@@ -18,13 +18,11 @@ class Measured:
     """Which channels of a log were measured, and where."""
 
     torque: bool  # whether the log has joint_torque
-    # whether joint_pos and joint_vel come from an encoder on the rotor, which does not measure the gear's
-    # backlash, instead of one on the joint
-    at_rotor: bool = False
+    at_rotor: bool = False  # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
 
     @property
     def channels(self) -> int:
-        """Number of errors per sample of a rollout: of position, velocity and, if it was measured, torque."""
+        """Number of errors per sample of a rollout: of position, velocity and, if measured, torque."""
         return 3 if self.torque else 2
 
 
@@ -32,7 +30,7 @@ class Measured:
 class TrainingData:
     """Logs of M motors with R rows each."""
 
-    # (M, R, 12) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
+    # (M, R, CHANNELS) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
     # load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
     # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] and load_stiffness
     # (0 if missing). For a rollout noisy positions are smoothed (`smoothing`), velocities are those of half a
@@ -41,18 +39,13 @@ class TrainingData:
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
     scales: dict[str, float]  # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
-    measured: Measured  # measured channels
+    measured: Measured
     gain_unit: str = ""  # of the logged gains, "" if there are none
     joint_names: tuple[str, ...] = ()  # M names, or none
 
 
-_REMEDIES = {
-    "rollout": "record the loads, or let `motorprior logs import` add them: option `suspended` (or fixed base), "
-    "`fit_load` for an unknown body on each joint",
-    "torque": "record the channel, or use preset rollout, which learns from positions",
-}
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
-SUPPLY, TEMPERATURE_SCALE, STIFFNESS = range(KD + 1, KD + 4)
+SUPPLY, TEMPERATURE_RISE, STIFFNESS = range(KD + 1, KD + 4)
 CHANNELS = STIFFNESS + 1
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
@@ -65,31 +58,24 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         LogError: wrong sample period, a missing channel, another firmware, or segments shorter than a window.
     """
     if preset.objective == "rollout":
-        if log.encoder == "joint":
-            log = _without_noise(log)
-        elif log.joint_vel is None:
-            log = replace(log, joint_vel=_velocities(log))
+        log = _without_noise(log) if log.encoder == "joint" else _with_velocities(log)
     _require(log, preset, where)
     if other := other_firmware(log.firmware, dict(preset.firmware)):
         raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
-    nothing = np.zeros_like(log.joint_pos)
+    zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_of_work(log)[:, None], log.joint_pos.shape)
     channels = (
-        log.position_target,
-        log.joint_pos,
-        log.joint_vel,
-        log.joint_torque,
-        log.external_torque,
-        log.load_inertia,
-        np.broadcast_to(seconds_of_work(log)[:, None], log.joint_pos.shape),
-        *_gains(log, preset, where),
-        *_conditions(log, preset),
-        log.load_stiffness,
-    )
-    series = np.stack([nothing if channel is None else channel for channel in channels], axis=-1)
+        log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
+        seconds, *_gains(log, preset, where), *_conditions(log, preset), log.load_stiffness,
+    )  # fmt: skip
+    series = np.stack([zero if channel is None else channel for channel in channels], axis=-1)
     series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
-    if preset.objective == "rollout":
-        series = _centred(series, log)
     parts = tuple(log.segment_slices())
+    if preset.objective == "rollout":
+        # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an average centred on t
+        before = series.copy()
+        for part in parts:
+            before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
+        series[..., MEANS] = 0.5 * (series + before)[..., MEANS]
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
         starts=window_starts(parts, preset, where),
@@ -102,10 +88,10 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
 
 
 def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
-    """The recipe with windows no longer than the log's longest segment allows, and 64 steps at least."""
+    """The recipe with windows no longer than the log's longest segment allows, but at least 64 steps."""
     longest = max(part.stop - part.start for part in log.segment_slices())
-    fits = max(64, longest - preset.history - 1)
-    return replace(preset, window=min(preset.window, fits)) if preset.objective == "rollout" else preset
+    max_window = max(64, longest - preset.history - 1)
+    return replace(preset, window=min(preset.window, max_window)) if preset.objective == "rollout" else preset
 
 
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
@@ -134,11 +120,8 @@ def relative_conditions(part: MotorLog, usual: Mapping[str, float]) -> np.ndarra
 def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
     """(2, R, M) of `relative_conditions`, the same throughout a segment, as a motor's constants are."""
     usual = preset.usual_conditions
-    rows = [
-        np.broadcast_to(relative_conditions(part, usual)[:, None], (2, *part.joint_pos.shape))
-        for part in log.segments()
-    ]
-    return np.concatenate(rows, axis=1)
+    parts = [(relative_conditions(part, usual)[:, None], part.joint_pos.shape) for part in log.segments()]
+    return np.concatenate([np.broadcast_to(values, (2, *shape)) for values, shape in parts], axis=1)
 
 
 def seconds_of_work(log: MotorLog) -> np.ndarray:
@@ -153,26 +136,17 @@ def seconds_of_work(log: MotorLog) -> np.ndarray:
 
 def _without_noise(log: MotorLog) -> MotorLog:
     found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
-    if found is not None:
-        return replace(log, joint_pos=found[0], joint_vel=found[1])
-    return log if log.joint_vel is not None else replace(log, joint_vel=_velocities(log))
+    return _with_velocities(log) if found is None else replace(log, joint_pos=found[0], joint_vel=found[1])
 
 
-def _velocities(log: MotorLog) -> np.ndarray:
+def _with_velocities(log: MotorLog) -> MotorLog:
+    if log.joint_vel is not None:
+        return log
     found = np.zeros_like(log.joint_pos)
     for part in log.segment_slices():
         if part.stop - part.start > 2:
             found[part] = np.gradient(log.joint_pos[part], log.time[part], axis=0, edge_order=2)
-    return found
-
-
-def _centred(series: np.ndarray, log: MotorLog) -> np.ndarray:
-    # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an average centred on t
-    before = series.copy()
-    for part in log.segment_slices():
-        before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
-    series[..., MEANS] = 0.5 * (series + before)[..., MEANS]
-    return series
+    return replace(log, joint_vel=found)
 
 
 def _require(log: MotorLog, preset: Preset, where: str) -> None:
@@ -181,16 +155,17 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         if getattr(log, channel) is None:
             raise LogError(
                 f"no {channel}, which the {preset.objective} objective needs", where=where,
-                remedy=_REMEDIES[preset.objective],
+                remedy="record the loads, or let `motorprior logs import` add them: option `suspended` (or fixed base) "
+                "or `fit_load` for an unknown body on each joint" if preset.objective == "rollout"
+                else "record the channel, or use preset rollout, which learns from positions",
             )  # fmt: skip
     period = next(log.segments()).period
     if abs(period - preset.period) > 0.01 * preset.period:
         raise LogError(
-            f"sample period {period:g} s, the preset's is {preset.period:g} s",
-            where=where,
-            remedy=f"import the log of a real robot with `motorprior logs import` and period {preset.period:g}; record "
-            "that of a bench with the bench preset of the same name",
-        )
+            f"sample period {period:g} s, the preset's is {preset.period:g} s", where=where,
+            remedy=f"import a robot's log with `motorprior logs import` and period {preset.period:g}; record a bench's "
+            "with the bench preset of the same name",
+        )  # fmt: skip
 
 
 def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndarray:
@@ -216,31 +191,25 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
     for name, value in scales.items():
         if not value > 0:
             remedy = "record with an excitation that moves the motors"
-            raise LogError(f"{name} is {value}: that channel is the same in every row", where=where, remedy=remedy)
+            raise LogError(f"{name} is {value}: the channel is constant", where=where, remedy=remedy)
     return {name: float(value) for name, value in scales.items()}
 
 
 def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
-    """The data with about so many ``rows``: parts of two to eight windows, spread evenly over the whole log.
-
-    Each is within one segment; segments that are shorter are left out or, if all are, kept whole.
-    """
+    """About so many ``rows`` of the data: parts of two to eight windows, spread evenly over the long segments."""
     windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
     length = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
         return data
-    pieces = [
-        slice(first, first + length)
-        for part in data.parts
-        for first in range(part.start, part.stop - length + 1, length)
-    ] or list(data.parts)
-    lengths = pieces[0].stop - pieces[0].start
-    chosen = np.unique(np.linspace(0, len(pieces) - 1, max(2, min(len(pieces), rows // lengths))).astype(int))
-    return replace(data, parts=tuple(pieces[index] for index in chosen))
+    starts = [first for part in data.parts for first in range(part.start, part.stop - length + 1, length)]
+    parts = [slice(first, first + length) for first in starts] or list(data.parts)
+    size = parts[0].stop - parts[0].start
+    chosen = np.unique(np.linspace(0, len(parts) - 1, max(2, min(len(parts), rows // size))).astype(int))
+    return replace(data, parts=tuple(parts[index] for index in chosen))
 
 
-def used_share(data: TrainingData, preset: Preset) -> str:
-    """Seconds of log in windows, of all; the rest precedes a segment's first window or is shorter than a window."""
+def used_seconds(data: TrainingData, preset: Preset) -> str:
+    """A note on the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
     total = sum(part.stop - part.start for part in data.parts)
     free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
     step = preset.window if preset.physics_first else 1  # windows then lie end to end

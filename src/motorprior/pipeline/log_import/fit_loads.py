@@ -30,10 +30,10 @@ def write_with_fitted_loads(logs: Mapping[Path, MotorLog], out: Path, progress: 
         LogError: see `identification.load_fit.fit_loads`, or logs of different motors.
         ArtifactError: a file cannot be written.
     """
-    from motorprior.identification.load_fit import MOST_ROUNDS, fit_loads, with_fitted_loads
+    from motorprior.identification.load_fit import MAX_ROUNDS, fit_loads, with_fitted_loads
 
     log = joined(list(logs.values()))
-    with progress.start(f"fit the loads of {log.num_joints} joints", MOST_ROUNDS * log.num_joints) as task:
+    with progress.start(f"fit the loads of {log.num_joints} joints", MAX_ROUNDS * log.num_joints) as task:
         loads = fit_loads(log, task.advance)
     motion = np.std(log.joint_pos, axis=0)
     for name, load, std in zip(log.joint_names, loads, motion, strict=True):

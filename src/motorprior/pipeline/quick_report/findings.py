@@ -14,7 +14,7 @@ from motorprior.report.real_motor_tables import CONSTANT, NAMES, Trace
 from motorprior.results import Result, Results
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.judging.log_fidelity import LogModel
+    from motorprior.identification.evaluation.log_fidelity import LogModel
     from motorprior.identification.physics.window_runs import WindowRuns
 
 
@@ -113,7 +113,7 @@ def free_run_trace(
     log: str, name: str, joint: int, runs: Sequence[WindowRuns], models: Mapping[str, LogModel]
 ) -> Trace:
     """The longest of ``runs`` of one log, of the joint of this name and index."""
-    from motorprior.identification.judging.log_fidelity import angle_errors
+    from motorprior.identification.evaluation.log_fidelity import angle_errors
     from motorprior.identification.training_data.windows import POS, SECONDS, TARGET
 
     longest = max(runs, key=lambda one: one.preset.window)

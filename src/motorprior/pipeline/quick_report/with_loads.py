@@ -34,7 +34,7 @@ from motorprior.results import Results
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.judging.log_fidelity import LogModel
+    from motorprior.identification.evaluation.log_fidelity import LogModel
     from motorprior.identification.latents.outliers import Outliers
     from motorprior.identification.presets import Preset
 
@@ -72,7 +72,7 @@ def report_with_loads(
     """
     from motorprior.identification.baselines.pd_fit import TUNING, tuned_pd
     from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
-    from motorprior.identification.judging.log_fidelity import whole_runs
+    from motorprior.identification.evaluation.log_fidelity import whole_runs
 
     known = joined(list(logs.known.values()))
     heard = WarningCollector(progress)
@@ -129,7 +129,7 @@ def _errors(
     log: MotorLog, preset: Preset, models: dict[str, LogModel]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """(J,) of free runs of whole segments, and of a second, by model [rad]."""
-    from motorprior.identification.judging.log_fidelity import free_run_errors, free_runs, whole_runs, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import free_run_errors, free_runs, whole_runs, within_a_turn
 
     both = whole_runs(log, preset, log.source), [free_runs(log, preset, log.source)]
     found = (free_run_errors(runs, models) for runs in both)

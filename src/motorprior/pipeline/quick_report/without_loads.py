@@ -32,7 +32,7 @@ def report_without_loads(logs: Split, seed: int, folder: Path, progress: Progres
         LogError: a segment that is too short.
     """
     from motorprior.identification.baselines.response_models import CONSTANTS
-    from motorprior.identification.judging.log_fidelity import free_run_errors, whole_runs, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import free_run_errors, whole_runs, within_a_turn
     from motorprior.identification.presets import identification_preset
 
     preset, known = identification_preset("rollout"), joined(list(logs.known.values()))

@@ -11,7 +11,7 @@ from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import preset_of_period, trial
-from motorprior.identification.judging.bench_fidelity import (
+from motorprior.identification.evaluation.bench_fidelity import (
     HELD_OUT,
     HELD_OUT_SEED,
     ModelOfMotors,

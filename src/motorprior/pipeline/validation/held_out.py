@@ -14,10 +14,10 @@ from motorprior.bench.behaviour import behaviours
 from motorprior.bench.bench_folder import BenchSettings
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import bench_preset, preset_of_period, record
-from motorprior.identification.judging.bench_fidelity import (
+from motorprior.identification.evaluation.bench_fidelity import (
     HELD_OUT,
     HELD_OUT_SEED,
-    LONGEST_WORK,
+    MAX_WORK,
     ModelOfMotors,
     bench_errors,
 )
@@ -101,7 +101,7 @@ def adaptation(
         ``adapt_unlikely``, share of those below UNLIKELY, which so few motors tell better; and, for the longest up to
         ADAPTED_SECONDS, the `coverage`.
     """
-    from motorprior.identification.judging.coverage import coverage
+    from motorprior.identification.evaluation.coverage import coverage
 
     preset = HELD_OUT.for_robot(robot)
     train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
@@ -140,7 +140,7 @@ def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Resu
         above it the prior's values are larger); and ``aggregate_posterior_kl``, of the training motors' posteriors to
         N(0, I) [nat].
     """
-    from motorprior.identification.judging.distribution import (
+    from motorprior.identification.evaluation.distribution import (
         energy_distance,
         feature_auc,
         permutation_p_value,
@@ -153,7 +153,7 @@ def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Resu
     pairs = []
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
-        true = facts.fleet.sample(POPULATION, rng).after(LONGEST_WORK / 2)
+        true = facts.fleet.sample(POPULATION, rng).after(MAX_WORK / 2)
         pairs.append((drawn, behaviours(true.actuator())))
     drawn, physical = pairs[0]
     shown = feature_quantiles(

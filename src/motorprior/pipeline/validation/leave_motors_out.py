@@ -21,7 +21,7 @@ from motorprior.pipeline.validation.log_stretches import with_joints
 from motorprior.robots.robot import Robot
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.judging.log_fidelity import LogModel
+    from motorprior.identification.evaluation.log_fidelity import LogModel
 
 PER_MOTOR = "per_motor"
 
@@ -82,7 +82,12 @@ def leave_motors_out(
     """
     from motorprior.identification.baselines.pd_fit import repeated, tuned_pd
     from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
-    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, whole_runs, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import (
+        free_run_errors,
+        log_coverage,
+        whole_runs,
+        within_a_turn,
+    )
     from motorprior.identification.presets import identification_preset
 
     others = [joint for joint in range(known.num_joints) if joint not in group]

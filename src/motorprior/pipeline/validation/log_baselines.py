@@ -18,7 +18,7 @@ from motorprior.pipeline.stage import description, is_finished, working
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.baselines.response_models import ResponseMotors
-    from motorprior.identification.judging.log_fidelity import LogModel
+    from motorprior.identification.evaluation.log_fidelity import LogModel
     from motorprior.identification.presets import Preset
 
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
@@ -130,7 +130,7 @@ def fitted_responses(
 
 def _fit(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, np.ndarray]:
     from motorprior.identification.baselines.response_fit import fit_responses
-    from motorprior.identification.judging.log_fidelity import whole_runs
+    from motorprior.identification.evaluation.log_fidelity import whole_runs
 
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset, log.source)

@@ -19,7 +19,7 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.judging.bench_fidelity import (
+from motorprior.identification.evaluation.bench_fidelity import (
     HELD_OUT,
     ModelOfMotors,
     Prediction,
@@ -246,7 +246,7 @@ def _armature(motors: TrueMotors, priors: dict[str, MotorPrior]) -> Results:
 
 def _residuals(priors: dict[str, MotorPrior]) -> Results:
     """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
-    from motorprior.identification.judging.passivity import residual_bound, residual_work
+    from motorprior.identification.evaluation.passivity import residual_bound, residual_work
 
     rows: list[Result] = []
     for name, prior in priors.items():

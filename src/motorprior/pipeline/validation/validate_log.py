@@ -33,7 +33,7 @@ from motorprior.pipeline.validation.log_baselines import (
 from motorprior.results import Result, Results
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.judging.log_fidelity import LogModel, LogTraces
+    from motorprior.identification.evaluation.log_fidelity import LogModel, LogTraces
     from motorprior.identification.latents.latent_fit import Posterior
     from motorprior.identification.physics.window_runs import WindowRuns
 
@@ -115,14 +115,14 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    from motorprior.identification.judging.log_fidelity import known_half
+    from motorprior.identification.evaluation.log_fidelity import train_test_halves
 
     log = replace(log, source=str(config.log))
     if config.seconds is not None and config.fitted_on:
         problem = "seconds: the other logs that are given say what is known"
         raise ConfigError(problem, remedy="leave seconds, or the other logs, out", argument="seconds")
     if not config.fitted_on:
-        return known_half(log) if config.seconds is None else first_and_rest(log, config.seconds)
+        return train_test_halves(log) if config.seconds is None else first_and_rest(log, config.seconds)
     known = joined([read_parquet(path) for path in config.fitted_on])
     if known.joint_names != log.joint_names:
         raise LogError(
@@ -135,7 +135,7 @@ def _known_and_judged(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Mot
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, known: MotorLog, judged: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.judging.log_fidelity import free_runs, log_traces, whole_runs
+    from motorprior.identification.evaluation.log_fidelity import free_runs, log_traces, whole_runs
 
     where, preset = judged.source, with_gains_of(recipe_of(prior, config.prior), judged)
     spans = {
@@ -168,7 +168,12 @@ def measured(
     report: Callable[[], None] = lambda: None,
 ) -> Results:
     """Errors of all models, and coverage of the prior, adapted and told nothing, over free runs of each of SPANS."""
-    from motorprior.identification.judging.log_fidelity import free_run_errors, log_coverage, untold, within_a_turn
+    from motorprior.identification.evaluation.log_fidelity import (
+        free_run_errors,
+        log_coverage,
+        within_a_turn,
+        zero_shot,
+    )
 
     rows = []
     for quantity, runs in spans.items():
@@ -181,7 +186,7 @@ def measured(
                 Result(quantity, "rad", float(within_a_turn(value)), model, part=joint)
                 for joint, value in zip(joint_names, values, strict=True)
             ]
-        for model, believed in ((ADAPTED, found), (PRIOR, untold(prior, len(joint_names)))):
+        for model, believed in ((ADAPTED, found), (PRIOR, zero_shot(prior, len(joint_names)))):
             covered = log_coverage(prior, believed, runs)
             rows += [Result(f"{COVERAGE[quantity]}{level}", "1", share, model) for level, share in covered.items()]
         report()

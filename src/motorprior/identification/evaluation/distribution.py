@@ -1,25 +1,18 @@
 """Whether a motor prior matches a fleet: two-sample tests of behaviour features, and moments of the posteriors.
 
-Features of different units are standardised by the median and spread of the pooled samples, whatever their labels:
-
-    x' = (x - median) / (IQR / 1.349)
-
-The standard deviation replaces a scale of 0, and 1 a standard deviation of 0. So every result is invariant to the
-units of the features, and the permutation test is exact.
+Features are standardised by the median and the interquartile range of the pooled samples, x' = (x - median) / (IQR /
+1.349), so that results do not depend on units and the permutation test is exact. The standard deviation replaces a
+scale of 0, and 1 a standard deviation of 0.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from scipy.stats import rankdata
 
-_CLIP = 4.0
-"""Bound on the magnitude of a standardised feature in the classifier, so that one diverged motor cannot dominate."""
-_RIDGE = 0.02
-"""Penalty per training motor on the squared weights of the classifier."""
-_FOLDS, _REPEATS = 5, 4
-_NEWTON_STEPS = 8
+# of the classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
+_CLIP, _RIDGE = 4.0, 0.02
+_FOLDS, _REPEATS, _NEWTON_STEPS = 5, 4, 8
 
 
 def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,8 +43,7 @@ def energy_distance(a: np.ndarray, b: np.ndarray) -> float:
     """Squared energy distance of two standardised samples (n, F) and (m, F) [-].
 
     2·E|X - Y| - E|X - X'| - E|Y - Y'|, averaged over all pairs, pairs of a point with itself included (Székely & Rizzo,
-    Energy statistics, J. Stat. Plan. Inference 143, 2013). It is never negative, and O(1/n + 1/m) for equal
-    distributions; `permutation_p_value` gives its significance.
+    Energy statistics, J. Stat. Plan. Inference 143, 2013): non-negative, O(1/n + 1/m) for equal distributions.
     """
     return float(_energy(_distances(np.concatenate(standardise(a, b))), _labels(len(a), len(b))[None])[0])
 
@@ -77,17 +69,11 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
     """Area under the ROC curve of a classifier that separates motors of ``a`` (n, F) from those of ``b`` (m, F) [-].
 
     0.5: inseparable; 1: always separable (Lopez-Paz & Oquab, Revisiting Classifier Two-Sample Tests, ICLR 2017). The
-    classifier is a ridge logistic regression on the standardised features, their squares and pairwise products, so
-    that it detects differences in location, scale and correlation. The result is the mean AUC of the held-out motors
-    over stratified cross-validation folds and repeats. For equal distributions its standard deviation around 0.5 is
-    1.0 to 1.4 times √((n + m + 1) / (12·n·m)), that of a fixed score (Mann & Whitney 1947; measured with 14 features,
-    64 and 256 motors).
-
-    Raises:
-        ValueError: a sample has fewer motors than folds.
+    classifier is a ridge logistic regression on the standardised features, their squares and pairwise products, which
+    detects differences in location, scale and correlation. The result is the mean AUC of the held-out motors over
+    stratified cross-validation folds and repeats. For equal distributions its standard deviation around 0.5 is 1.0 to
+    1.4 times √((n + m + 1) / (12·n·m)), that of a fixed score (Mann & Whitney 1947).
     """
-    if min(len(a), len(b)) < _FOLDS:
-        raise ValueError(f"{min(len(a), len(b))} motors in a sample, fewer than the {_FOLDS} folds")
     features = _quadratic(np.clip(np.concatenate(standardise(a, b)), -_CLIP, _CLIP))
     labels, rng, areas = _labels(len(a), len(b)), np.random.default_rng(seed), []
     for _ in range(_REPEATS):
@@ -102,17 +88,16 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
 def feature_auc(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(F,) AUC of each feature alone, P(a's value > b's) + P(equal)/2 [-]: below 0.5 where ``a`` has lower values.
 
-    It misses differences of spread and correlation, but shows which feature makes `two_sample_auc` large.
+    It identifies the feature that makes `two_sample_auc` large, but misses differences of spread and correlation.
     """
     return np.array([area_under_curve(one, other) for one, other in zip(a.T, b.T, strict=True)])
 
 
 def area_under_curve(positive: np.ndarray, negative: np.ndarray) -> float:
     """Area under the ROC curve, P(score of a positive > score of a negative) + P(equal)/2 [-], from ranks."""
-    _, place, uses = np.unique(np.concatenate([positive, negative]), return_inverse=True, return_counts=True)
-    middle_rank = np.cumsum(uses) - 0.5 * (uses - 1)
     n, m = len(positive), len(negative)
-    return float((middle_rank[place[:n]].sum() - 0.5 * n * (n + 1)) / (n * m))
+    ranks = rankdata(np.concatenate([positive, negative]))
+    return float((ranks[:n].sum() - 0.5 * n * (n + 1)) / (n * m))
 
 
 def _quadratic(features: np.ndarray) -> np.ndarray:
@@ -126,8 +111,7 @@ def _quadratic(features: np.ndarray) -> np.ndarray:
 def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """(K,) weights of a ridge logistic regression of labels (N,) on features (N, K), by Newton's method.
 
-    Column 0 of the features must be 1. Each class has half of the total weight, so that unequal sample sizes do not
-    shift the intercept.
+    Column 0 of the features is 1. Each class has half of the total weight.
     """
     penalty = np.full(features.shape[1], _RIDGE * len(features))
     penalty[0] = 1e-6
@@ -141,29 +125,13 @@ def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return weights
 
 
-@dataclass(frozen=True)
-class AggregatePosterior:
-    """Moments of the mixture of the training motors' posteriors.
+def aggregate_posterior_kl(mean: np.ndarray, log_var: np.ndarray) -> float:
+    """KL divergence from N(0, I) of a normal with the moments of the mixture 1/M·Σᵢ N(μᵢ, σᵢ²) [nat].
 
-    Attributes:
-        mean: (Z,) [-]; 0 if the mixture equals the prior N(0, I).
-        covariance: (Z, Z) [-]; the identity if the mixture equals the prior.
-        kl: KL(N(mean, covariance) ‖ N(0, I)) [nat].
-    """
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    kl: float
-
-
-def aggregate_posterior_summary(mean: np.ndarray, log_var: np.ndarray) -> AggregatePosterior:
-    """Moments of 1/M·Σᵢ N(μᵢ, σᵢ²), with μ = ``mean`` and log σ² = ``log_var`` (both (M, Z)), and KL to N(0, I).
-
-    mean = avg μ, covariance = diag(avg σ²) + avg (μ - mean)(μ - mean)ᵀ,
-    kl = (tr covariance + |mean|² - Z - log det covariance) / 2 [nat].
+    With μ = ``mean``, log σ² = ``log_var`` (both (M, Z)), m = avg μ, C = diag(avg σ²) + avg (μ - m)(μ - m)ᵀ it is
+    (tr C + |m|² - Z - log det C) / 2.
     """
     center = mean.mean(axis=0)
     covariance = np.diag(np.exp(log_var).mean(axis=0)) + (mean - center).T @ (mean - center) / len(mean)
     log_determinant = np.linalg.slogdet(covariance)[1]
-    kl = 0.5 * (np.trace(covariance) + center @ center - len(center) - log_determinant)
-    return AggregatePosterior(center, covariance, float(kl))
+    return float(0.5 * (np.trace(covariance) + center @ center - len(center) - log_determinant))

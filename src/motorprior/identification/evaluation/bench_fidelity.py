@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,53 +26,31 @@ class Ensemble:
     members: tuple[Actuator, ...]
 
 
+# functions from indices of motors to a model of them
 ModelOfMotors = Callable[[np.ndarray], Actuator]
-"""Function from indices of motors to an actuator that models them."""
 Prediction = Callable[[np.ndarray], Actuator | Ensemble]
-"""Function from indices of motors to an actuator or an ensemble that models them."""
 
+# held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
-"""Held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench."""
-HELD_OUT_SEED = 7_000_000
-"""Seed of the held-out random streams, never used for training."""
-BENCH_STREAM, WORK_STREAM = 17, 53
-"""Tags of the random streams of held-out bench trials, and of how long their motors have worked."""
-LONGEST_WORK = 20.0
-"""Longest time that the motors of a held-out trial have worked [s]: how warm they are is not known."""
-FLOOR_OFFSET = 0.004
-"""Initial position offset of the floor, a second simulation of the same physical motors [rad]."""
-_REPEATS = 4
-"""Trials per excitation."""
-RESPONSE = tuple(field.name for field in fields(Response))
+HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
+BENCH_STREAM, WORK_STREAM = 17, 53  # tags of the random streams of held-out trials, and of the motors' working times
+MAX_WORK = 20.0  # maximum working time of the motors before a held-out trial [s]; their temperature is unknown
+FLOOR_OFFSET = 0.004  # initial position offset of the floor, a second simulation of the same physical motors [rad]
+_REPEATS = 4  # trials per excitation
 
 
 def held_out_trials(kind: str, motors: int, seed: int, preset: BenchPreset = HELD_OUT) -> list[Trial]:
-    """Trials of one excitation for all motors, every second one held at 100 Hz.
-
-    Args:
-        kind: name of the excitation.
-        motors: number of motors.
-        seed: seed of the trials.
-        preset: HELD_OUT, or its version for a robot.
-    """
-    code = preset.kinds.index(kind)
-    return [
-        trial(
-            np.random.default_rng([HELD_OUT_SEED, seed, code, repeat, BENCH_STREAM]),
-            kind,
-            preset.segment_steps,
-            motors,
-            preset,
-            hold=repeat % 2 == 0,
-        )
-        for repeat in range(_REPEATS)
-    ]
+    """Trials of one excitation (``kind``) for all motors, every second one sampled and held at 100 Hz."""
+    tags = [HELD_OUT_SEED, seed, preset.kinds.index(kind)]
+    rngs = [np.random.default_rng([*tags, repeat, BENCH_STREAM]) for repeat in range(_REPEATS)]
+    steps = preset.segment_steps
+    return [trial(rng, kind, steps, motors, preset, hold=repeat % 2 == 0) for repeat, rng in enumerate(rngs)]
 
 
 def seconds_of_work(kind: str, seed: int, preset: BenchPreset = HELD_OUT) -> np.ndarray:
-    """(trials,) how long the motors have worked before each of `held_out_trials` [s], in [0, LONGEST_WORK]."""
+    """(trials,) working time of the motors before each of `held_out_trials` [s], in [0, MAX_WORK]."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, preset.kinds.index(kind), WORK_STREAM])
-    return rng.uniform(0.0, LONGEST_WORK, _REPEATS)
+    return rng.uniform(0.0, MAX_WORK, _REPEATS)
 
 
 def bench_errors(
@@ -91,8 +69,7 @@ def bench_errors(
         floor = [run(truth, case, FLOOR_OFFSET) for truth, case in zip(truths, cases, strict=True)]
         errors[kind] = {"physical": _mean_rmse(floor, answers)}
         for name, model in models.items():
-            responses = [respond(model(index), case) for case in cases]
-            errors[kind][name] = _mean_rmse(responses, answers)
+            errors[kind][name] = _mean_rmse([respond(model(index), case) for case in cases], answers)
     return errors
 
 
@@ -100,8 +77,8 @@ def respond(model: Actuator | Ensemble, case: Trial) -> Response:
     """The response that the model predicts in a trial."""
     if not isinstance(model, Ensemble):
         return run(model, case)
-    answers = [run(member, case) for member in model.members]
-    return Response(*(np.mean([getattr(one, name) for one in answers], axis=0) for name in RESPONSE))
+    answers = [vars(run(member, case)).values() for member in model.members]
+    return Response(*(np.mean(values, axis=0) for values in zip(*answers, strict=True)))
 
 
 def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray:
@@ -110,26 +87,19 @@ def _mean_rmse(responses: list[Response], answers: list[Response]) -> np.ndarray
 
 
 def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, answer: Response) -> np.ndarray:
-    """Torque of the network on the true history, in open loop and one step ahead, as the paper fits it.
+    """(steps, n) torque on the joint [N·m] of motors z (n, Z) on the true history, one step ahead, as in the paper.
 
-    Args:
-        network: the network; its period must be ``case.dt``.
-        z: (n, Z) latents of the trial's motors.
-        case: commands of the trial.
-        answer: the physical motors' response.
-
-    Returns:
-        (steps, n) torque on the joint [N·m], averaged over the following step: the actuator's torque minus its damping
-        and minus armature(z)·acceleration. NaN until the history is full. A grey box gets velocities of half a step
-        earlier, as in an engine, and its forces belong to the time of the positions, so that the average is over two
-        rows and the last row is NaN.
+    It is averaged over the following step: the actuator's torque minus its damping and minus armature(z)·acceleration.
+    NaN until the history is full. A grey box gets velocities of half a step earlier, as in an engine, and its forces
+    belong to the time of the positions; so the average is over two rows and the last row is NaN. ``answer`` is the
+    physical motors' response to the trial, whose period is that of the network.
     """
     actuator, velocity = LatentActuator(network, z), answer.joint_vel
-    shown = velocity if network.motor is None else 0.5 * (velocity + np.concatenate([velocity[:1], velocity[:-1]]))
+    inputs = velocity if network.motor is None else 0.5 * (velocity + np.concatenate([velocity[:1], velocity[:-1]]))
     arrays, torque = actuator.arrays(network.period), np.zeros(answer.joint_pos.shape)
     reset_actuator(arrays, case.position_target[0].copy(), answer.joint_pos[0].copy())
     for row, (target, joint_pos) in enumerate(zip(case.position_target, answer.joint_pos, strict=True)):
-        step_actuator(arrays, network.period, target.copy(), joint_pos.copy(), shown[row].copy(), torque[row])
+        step_actuator(arrays, network.period, target.copy(), joint_pos.copy(), inputs[row].copy(), torque[row])
         torque[row] -= arrays.damping * velocity[row]
     torque -= actuator.armature * np.gradient(velocity, case.dt, axis=0)
     if network.motor is not None:

@@ -10,20 +10,19 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset
-from motorprior.identification.judging.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
-from motorprior.identification.judging.reference import draw_residuals
+from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
+from motorprior.identification.evaluation.reference import draw_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.results import Result, Results
 
-DRAWS = 40
-REPEATS = 2
-"""Number of held-out trials per excitation: one held at 100 Hz, one not."""
-LEVELS = (50, 90)
+DRAWS = 40  # samples of the posterior
+REPEATS = 2  # held-out trials per excitation: one held at 100 Hz, one not
+LEVELS = (50, 90)  # of the prediction intervals [%]
 COVERAGE_STREAM = 23
 
 
 def latent_draws(posterior: Posterior, rng: np.random.Generator, count: int) -> Iterator[np.ndarray]:
-    """``count`` draws (M, Z) from the posteriors of M motors."""
+    """``count`` samples (M, Z) of the posteriors of M motors."""
     factors = np.linalg.cholesky(posterior.covariance)
     for _ in range(count):
         noise = rng.standard_normal(posterior.mean.shape)
@@ -42,11 +41,9 @@ def predictive_draws(
 
 
 def band(draws: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper edge (...,) of the central ``level`` % prediction interval of draws (D, ...).
+    """Lower and upper edge (...,) of the central ``level`` % prediction interval of samples (D, ...).
 
-    Quantiles are interpolated at Weibull's plotting positions p·(D + 1): one more draw of the same distribution then
-    falls inside with probability ``level`` %, on average. The usual positions p·(D - 1) + 1 with D = 40 cover 86 %
-    instead of 90 %.
+    Weibull's plotting positions p·(D + 1) make it exact. The usual positions p·(D - 1) + 1 cover 86 %, not 90 %.
     """
     low, high = np.percentile(draws, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
     return low, high
@@ -62,20 +59,18 @@ def coverage(
 ) -> Results:
     """Share of the physical motors' held-out trajectories inside the central 50 % and 90 % prediction intervals.
 
-    Returns:
-        ``coverage50`` and ``coverage90``, over all motors, times and excitations, and for each excitation alone.
+    ``coverage50`` and ``coverage90`` are over all motors and times, of all excitations and of each.
     """
     rng = np.random.default_rng([seed, COVERAGE_STREAM])
-    shares: dict[str, np.ndarray] = {}
+    shares = {kind: np.zeros(len(LEVELS)) for kind in preset.kinds}
     for kind in preset.kinds:
-        shares[kind] = np.zeros(len(LEVELS))
         cases, work = held_out_trials(kind, len(motors), seed, preset), seconds_of_work(kind, seed, preset)
         for case, seconds in zip(cases[:REPEATS], work[:REPEATS], strict=True):
             answer = run(motors.after(seconds).actuator(), case).joint_pos
             draws = predictive_draws(network, metrics, posterior, case, rng)
             bands = [band(draws, level) for level in LEVELS]
             shares[kind] += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]
-    everything = {None: [float(np.mean(column)) for column in zip(*shares.values(), strict=True)], **shares}
+    everything = {None: np.mean(list(shares.values()), axis=0), **shares}
     return Results.of(
         Result(f"coverage{level}", "1", float(values[index]), motors="held_out", part=kind)
         for kind, values in everything.items()

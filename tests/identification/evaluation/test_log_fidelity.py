@@ -1,4 +1,4 @@
-"""A log in place of the truth: what made it replays it, other models do not, and bands hold what they promise."""
+"""The motors that made a log replay it, other models do not, and bands have their nominal coverage."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,22 +14,22 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
-from motorprior.identification.judging.log_fidelity import (
+from motorprior.identification.evaluation.log_fidelity import (
     FREE_RUN,
     free_run_errors,
     free_runs,
-    known_half,
     log_coverage,
-    untold,
+    train_test_halves,
     whole_runs,
     within_a_turn,
+    zero_shot,
 )
-from motorprior.identification.judging.reference import LEVELS as PERCENTILES
-from motorprior.identification.judging.reference import SPEEDS
+from motorprior.identification.evaluation.reference import LEVELS as PERCENTILES
+from motorprior.identification.evaluation.reference import SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import Measured, TrainingData
+from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
 
 Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
@@ -57,39 +57,19 @@ def test_any_actuator_runs_freely_and_what_made_the_log_replays_it(
     assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
 
 
-def test_a_grey_box_is_read_where_the_logs_encoders_are(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
-):
-    network = grey_network()
-    runs = WindowRuns(replace(decoder_data(network, Z), measured=Measured(True, at_rotor=True)), PRESET)
-    found = runs.errors(LatentActuator(network, Z))
-    np.testing.assert_array_equal(found, runs.residuals(network, Z, np.arange(3)))
-
-
-def test_the_armature_of_a_pd_joins_the_load(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
-):
-    runs = WindowRuns(decoder_data(grey_network(), Z), PRESET)
-    light, heavy = (
-        free_run_errors([runs], {"pd": IdealPd.uniform(3, 10.0, 0.5, 1.5, armature)})["pd"] for armature in (0.0, 0.05)
-    )
-    assert np.all(np.abs(light - heavy) > 1e-3)
-
-
 def test_halves_are_cut_between_segments_or_in_the_middle_of_one(log: MotorLog):
-    known, judged = known_half(log)
-    assert (known.num_rows, judged.num_rows) in ((1000, 2000), (2000, 1000))
+    train, test = train_test_halves(log)
+    assert (train.num_rows, test.num_rows) in ((1000, 2000), (2000, 1000))
     whole = replace(log.rows(slice(0, 900)), segment=None)
-    assert [half.num_rows for half in known_half(whole)] == [450, 450]
-    runs = free_runs(judged, PRESET, "log")
-    parts = judged.segment_slices()
+    assert [half.num_rows for half in train_test_halves(whole)] == [450, 450]
+    runs = free_runs(test, PRESET, "log")
+    parts = test.segment_slices()
     assert runs.windows == sum((part.stop - part.start - 61) // round(FREE_RUN / 0.002) for part in parts) > 0
 
 
-def test_bands_hold_what_they_promise(
+def test_bands_have_their_nominal_coverage(
     grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
 ):
-    """Of motors drawn from the posterior, with a residual so small that the draws alone make the bands."""
     network, rng = grey_network(spread=0.3), np.random.default_rng(4)
     covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
     true = 0.5 * rng.standard_normal((24, 3))
@@ -100,8 +80,8 @@ def test_bands_hold_what_they_promise(
     found = log_coverage(prior, central, [runs])
     assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
     wide = WindowRuns(decoder_data(network, rng.standard_normal((24, 3)), segments=3), PRESET)
-    told_nothing = log_coverage(prior, untold(prior, 24), [wide])
-    assert 0.35 < told_nothing[50] < 0.65 and 0.8 < told_nothing[90] <= 0.97
+    found_zero_shot = log_coverage(prior, zero_shot(prior, 24), [wide])
+    assert 0.35 < found_zero_shot[50] < 0.65 and 0.8 < found_zero_shot[90] <= 0.97
     sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), [runs])
     assert sure[90] < 0.3
 

@@ -1,0 +1,165 @@
+"""Reference statistics of a prior's errors on its training motors, against which new motors are tested."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.bench.dynamometer import run
+from motorprior.identification.baselines.replay_error import AtGains, trials
+from motorprior.identification.latents.latent_fit import window_losses
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import TrainingData, relative_conditions
+from motorprior.logs.motor_log import MotorLog, stated_gains_of
+
+LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
+# upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
+SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
+BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its own mean loss [s]
+_MAX_SEGMENTS = 20  # log segments that are replayed for the residuals
+_LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
+
+
+def reference_metrics(
+    network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray, log: MotorLog
+) -> dict[str, float]:
+    """Errors of the training motors at their posterior means.
+
+    ``loss_log_mean`` and ``loss_log_std`` are mean and standard deviation, over the ``loss_motors`` motors, of the
+    logarithm of a motor's mean window loss, ``loss_mean`` is the mean window loss of all motors, ``loss_pieces`` the
+    number of blocks per motor, and ``loss_piece_variance`` the variance of the blocks' mean losses within a motor, over
+    the motor's mean loss squared. If the log has torques, the same with the suffix ``_without_torque``, for new motors
+    whose log has none. For a prior trained in closed loop, ``residual_p05_SPEED`` … ``residual_p95_SPEED`` are
+    percentiles of `replay_errors` for every pool of SPEEDS of the simulated joint.
+    """
+    metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
+    if preset.objective == "rollout":
+        if data.measured.torque:
+            without = replace(data, measured=replace(data.measured, torque=False))
+            metrics |= loss_metrics(window_losses(network, without, preset, mean), preset, metric_suffix(False))
+        metrics |= _residual_metrics(LatentActuator(network, mean), log, preset)
+    return metrics
+
+
+def metric_suffix(has_torque: bool) -> str:
+    """Suffix of the metrics' names for logs with or without torques."""
+    return "" if has_torque else "_without_torque"
+
+
+def num_blocks(windows: int, preset: Preset) -> float:
+    """Number of blocks, not necessarily whole, in a log of so many ``windows``."""
+    return windows / _windows_per_block(preset)
+
+
+def _windows_per_block(preset: Preset) -> int:
+    return max(1, round(BLOCK / (preset.window * preset.period)))
+
+
+def loss_metrics(losses: np.ndarray, preset: Preset, suffix: str) -> dict[str, float]:
+    """The ``loss_…`` of `reference_metrics`, from window losses (M, N) in the order of the log."""
+    motor, length = losses.mean(axis=1), _windows_per_block(preset)
+    count = losses.shape[1] // length
+    blocks = losses[:, : count * length].reshape(len(losses), count, length).mean(axis=2)
+    within = np.mean(blocks.var(axis=1, ddof=1) / blocks.mean(axis=1) ** 2) if count > 1 else 0.0
+    std = np.log(motor).std(ddof=1) if len(motor) > 1 else 0.0
+    blocks_per_motor = num_blocks(losses.shape[1], preset)
+    values = (motor.mean(), np.log(motor).mean(), std, len(motor), blocks_per_motor, within)
+    return {f"loss_{name}{suffix}": float(value) for name, value in zip(_LOSS_METRICS, values, strict=True)}
+
+
+def replay_errors(motors: Actuator, log: MotorLog, at_gains: AtGains) -> tuple[np.ndarray, np.ndarray]:
+    """Replay at most _MAX_SEGMENTS segments of a log with known loads from their first rows.
+
+    ``at_gains`` sets gains and conditions of a segment. Returns recorded - simulated angles [rad], both read by the
+    same encoder, and velocities of the simulated joints [rad/s], each (steps of all segments, n).
+    """
+    parts = list(log.segments())
+    places = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
+    errors, velocities = [], []
+    for place in places:
+        ((case, recorded),) = trials(parts[place])
+        simulated = run(at_gains(motors, parts[place]), case)
+        measured = simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos
+        errors.append(recorded - measured)
+        velocities.append(simulated.joint_vel)
+    return np.concatenate(errors), np.concatenate(velocities)
+
+
+def at_log_conditions(motors: Actuator, log: MotorLog, usual: Mapping[str, float]) -> Actuator:
+    """Learned motors with the gains of a log or segment, if they need any, and under its conditions.
+
+    ``usual`` are the conditions of the motors' recipe; other actuators are returned as they are.
+    """
+    if not isinstance(motors, LatentActuator):
+        return motors
+    supply, warmer = relative_conditions(log, usual)
+    motors = replace(motors, conditions=motors.conditions._replace(supply=supply, warmer=warmer))
+    return replace(motors, gains=stated_gains_of(log)) if motors.network.gain_unit else motors
+
+
+def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
+    errors, velocity = replay_errors(motors, log, partial(at_log_conditions, usual=preset.usual_conditions))
+    pool, metrics = _pool(velocity), {}
+    for index, name in enumerate(SPEEDS):
+        chosen = errors[pool == index]
+        values = np.percentile(chosen if len(chosen) else errors, LEVELS)
+        metrics |= dict(zip(_percentiles(name), values.tolist(), strict=True))
+    return metrics
+
+
+def _percentiles(pool: str) -> list[str]:
+    """Names of a pool's residual metrics, in the order of LEVELS."""
+    return [f"residual_p{level:02d}_{pool}" for level in LEVELS]
+
+
+def _pool(joint_vel: np.ndarray) -> np.ndarray:
+    """Index into SPEEDS for velocities [rad/s]."""
+    return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
+
+
+def has_reference_metrics(metrics: dict[str, float], closed_loop: bool) -> bool:
+    """Whether a prior has the metrics for `loss_p_value` and, if trained in closed loop, for `draw_residuals`."""
+    required = {f"loss_{name}" for name in _LOSS_METRICS}
+    if closed_loop:
+        required.update(name for pool in SPEEDS for name in _percentiles(pool))
+    return required <= metrics.keys()
+
+
+def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, suffix: str = "") -> np.ndarray:
+    """(M,) one-sided p-value of the fits: probability that a motor of the prior's fleet has a loss as large [-].
+
+    Mean losses are modelled as log-normal over motors, and the mean over n blocks of one motor's log as log-normal too,
+    with the moments of a sum (Fenton & Wilkinson):
+
+        log loss ~ N(m - v/2, s² + v),   v = max(0, log(1 + V/n) - log(1 + V/N))
+
+    where m and s come from logs of N blocks, and V is the variance of a block. Since s is estimated from the training
+    motors, the test uses Student's t with motors - 1 degrees of freedom and s²·(1 + 1/motors). ``metrics`` are those of
+    the prior with this `metric_suffix`, ``losses`` (M,) mean window losses of the new motors at their posterior means,
+    and ``count`` is n, the `num_blocks` of their log.
+    """
+    _, m, s, motors, whole, variance = (metrics[f"loss_{name}{suffix}"] for name in _LOSS_METRICS)
+    added = max(0.0, math.log1p(variance / count) - math.log1p(variance / whole))
+    std = math.sqrt(max(s**2 * (1 + 1 / motors) + added, 1e-12))
+    return student_t.sf((np.log(losses) - m + added / 2) / std, max(motors - 1, 1))
+
+
+def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
+    """Draw residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
+
+    The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
+    """
+    pool, quantile, out = _pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
+    for index, name in enumerate(SPEEDS):
+        values = np.array([metrics[percentile] for percentile in _percentiles(name)])
+        low, high = 2 * values[0] - values[1], 2 * values[-1] - values[-2]
+        chosen = pool == index
+        out[chosen] = np.interp(quantile[chosen], [0, *LEVELS, 100], [low, *values, high])
+    return out
