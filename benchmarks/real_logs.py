@@ -50,8 +50,8 @@ from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_and_rest
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.prior_file import recipe_of
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.calibrate import Calibrate, run_calibrate
 from motorprior.pipeline.stage import FIGURES, description, is_finished, working
 from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
@@ -62,7 +62,7 @@ from motorprior.pipeline.validation.log_baselines import (
     with_gains_of,
     with_some_load,
 )
-from motorprior.pipeline.validation.log_stretches import stretches
+from motorprior.pipeline.validation.log_splits import spread_windows
 from motorprior.robots.load import load_robot
 
 MODELS = (
@@ -145,7 +145,7 @@ def _counted(settings: Settings) -> dict[str, object]:
 
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.judged)} left out")
-    known = stretches([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
+    known = spread_windows([read_parquet(path) for path in fold.known], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
     prior = fit_prior(known, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
     preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), known)
@@ -213,7 +213,7 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
     wanted = description("validate", _counted(settings), [*paths, judged, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            known, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(judged)
+            known, log = spread_windows([read_parquet(path) for path in paths], settings.seconds), read_parquet(judged)
             told = min(TOLD, log.duration / 2)
             found = leave_motors_out(known, log, robot, group, MOTORS_RECIPE, told, folder, settings.seed, PROGRESS)
             rest = {name: float(np.mean(values)) for name, values in found.errors.items()}
@@ -275,7 +275,7 @@ def _others(logs: Mapping[str, MotorLog], name: str) -> list[MotorLog]:
 
 def _responses(settings: Settings, name: str, known: Sequence[MotorLog], judged: MotorLog) -> Figures:
     fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
-    models = fitted_responses(stretches(known, settings.seconds), RECIPE, fits, PROGRESS)
+    models = fitted_responses(spread_windows(known, settings.seconds), RECIPE, fits, PROGRESS)
     return {"whole": _errors(judged, RECIPE, models, excited_joints(judged))}
 
 

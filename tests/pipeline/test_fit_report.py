@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motorprior.pipeline.fit_report import other_conditions
 from swinging_load import swinging_load
 
 from motorprior.identification.presets import PRESETS, with_what_is_stated
-from motorprior.pipeline.fit_report import other_conditions
 
 TWO = np.repeat([0, 1], 400)
 KNOWN = swinging_load(800, segment=TWO, supply_voltage=np.where(TWO == 0, 12.0, 9.6)[:, None])

@@ -19,10 +19,9 @@ from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.validity import checked
-from motorprior.pipeline.fit_report import other_conditions, told_at_rest, told_quality
-from motorprior.pipeline.prior_file import prior_and_robot, require_same_robot, trained_on
+from motorprior.pipeline.log_errors import log_warnings, replay_errors
+from motorprior.pipeline.prior_file import prior_and_robot, recipe_of, require_same_robot, trained_on
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
-from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.weak_motors import advice_on_weak_motors
 
@@ -111,8 +110,8 @@ def run_adapt(
     Args:
         config: settings.
         progress: where to report to.
-        show: called with the results before outliers are rejected; the constants are those of the posterior means,
-            (M,) each, of a prior that has any.
+        show: called with the results before outliers are rejected; the constants (M,) are those of the posterior
+            means, empty for a network.
 
     Raises:
         LogError: the log does not fit, or has outliers and ``anyway`` is not set.
@@ -254,10 +253,10 @@ def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress:
     if progress is SILENT:
         return  # tuning a PD to compare with takes time
     recipe = recipe_of(prior, "the prior")
-    for line in filter(None, (told_at_rest(log), *other_conditions(recipe, log))):
+    for line in log_warnings(log, recipe):
         progress.note(line)
     if prior.network.motor is not None:
-        told_quality(LatentActuator(prior.network, found.mean), log, recipe, progress, of_the_log=False)
+        replay_errors(LatentActuator(prior.network, found.mean), log, recipe, progress)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 

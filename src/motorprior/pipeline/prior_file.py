@@ -1,15 +1,18 @@
-"""The file of a prior, checked against the robot or the log that it is used for."""
+"""The file of a prior: checks against a robot or a log, and notes on what its logs do not identify."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, unidentified_limits
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.presets import Preset
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
 from motorprior.pipeline.training_log import MOTIONS
 from motorprior.robots.load import load_robot
@@ -64,6 +67,26 @@ def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
         remedy = error.remedy or "use a prior that `motorprior identify` wrote"
         raise type(error)(error.problem, where=path, remedy=remedy) from error
     return prior
+
+
+def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
+    """The recipe that a prior was trained with.
+
+    Raises:
+        ArtifactError: it is missing, or of another version.
+    """
+    try:
+        recipe = prior.provenance["recipe"]
+        if recipe.keys() != {field.name for field in fields(Preset)}:
+            raise KeyError("other entries")
+        return Preset(**{name: _hashable(value) for name, value in recipe.items()})
+    except (KeyError, AttributeError, TypeError) as error:
+        problem = f"its provenance does not hold a recipe of this version ({error})"
+        raise ArtifactError(problem, where=where, remedy="identify it again") from error
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
 def trained_on(prior: MotorPrior, log: MotorLog) -> bool:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motorprior.pipeline.quick_report.findings import Errors
+from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_table, error_rows, from_tensors
 
 from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
@@ -15,7 +17,6 @@ from motorprior.identification.judging import fit_quality
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.pipeline.demo import Demo, that_walks
-from motorprior.pipeline.quick_report.findings import Errors
 from motorprior.pipeline.quick_report.real_motors import (
     TRACES,
     RealMotors,
@@ -24,7 +25,6 @@ from motorprior.pipeline.quick_report.real_motors import (
     run_real_motors,
 )
 from motorprior.report.page import page
-from motorprior.report.real_motor_tables import CONSTANT, FREE_RUN, RMSE, constant_table, error_rows, from_tensors
 from motorprior.report.real_motors import real_motors
 from motorprior.results import Results
 from motorprior.robots.load import load_robot

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-
-from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.validation.log_stretches import (
     moving_joints,
     split,
     stretches,
 )
+
+from motorprior.logs.motor_log import MotorLog
 
 
 def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment: np.ndarray | None = None) -> MotorLog:

@@ -14,8 +14,8 @@ from motorprior.actuator.optional_terms import HALF_WARM
 from motorprior.bench.fleet import Fleet
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
 from motorprior.pipeline.motor_choice import gains_for
+from motorprior.pipeline.prior_file import recipe_of
 from motorprior.pipeline.progress import Task
-from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.replay import shown_joint
 from motorprior.report.plots_motor import Band, LogPanel, calibration
 from motorprior.report.plots_style import png_bytes
