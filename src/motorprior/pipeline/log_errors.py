@@ -91,15 +91,15 @@ class LogErrors:
     def warnings(self, model: str) -> list[str]:
         """A warning that names the joints for which the model keeps too much of the tuned PD's error."""
         share = self.unexplained(model)
-        named = [
-            f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in np.flatnonzero(share > MAX_UNEXPLAINED)
-        ]
-        if not named:
+        large = np.flatnonzero(share > MAX_UNEXPLAINED)
+        if not large.size:
             return []
+        named = listed([f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10)
         return [
-            f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on {', '.join(self.logs)}: "
-            f"{listed(named, 10)}. The model lacks physics of these motors, they differ from the prior's, or the fit "
-            "did not converge -> do not interpret their constants; try preset long_runs, another seed or longer logs"
+            f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
+            f"{', '.join(self.logs)}: {named}. The model lacks physics of these motors, they differ from the prior's, "
+            "or the fit did not converge -> do not interpret their constants; try preset long_runs, another seed or "
+            "longer logs"
         ]
 
 
@@ -144,8 +144,8 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     found = []
     if static := joints_at_rest(log):
         found.append(
-            f"warning: did not move: {', '.join(static)}; their constants and errors are not meaningful -> exclude these "
-            "joints or record them in motion"
+            f"warning: did not move: {', '.join(static)}; their constants and errors mean nothing -> exclude these "
+            "joints, or record them in motion"
         )
     for name, lowest, usual, highest in recipe.conditions:
         modelled = TERM_OF[name] in recipe.terms

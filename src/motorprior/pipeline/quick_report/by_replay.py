@@ -66,9 +66,8 @@ def report_by_replay(
         name = errors.logs[place]
         log = replayers[name].prepared
         first = log.rows(log.segment_slices()[0])
-        simulated = {
-            model: found[name][model][0].joint_pos[: first.num_rows, joint] for model in ("ideal_pd", "physical")
-        }
+        runs = {model: found[name][model][0] for model in ("ideal_pd", "physical")}
+        simulated = {model: run.joint_pos[: first.num_rows, joint] for model, run in runs.items()}
         target, measured = first.position_target[:, joint], first.joint_pos[:, joint]
         traces.append(Trace(name, robot.joint_names[joint], first.time, target, measured, simulated))
     line = f"replayed on a simulated {robot.name} with motors of fleet {fleet.name!r} (physical: its central motor)"
