@@ -63,10 +63,8 @@ def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[s
         results: a row per model and joint.
         quantities: title of each quantity.
     """
-    columns = [
-        "model",
-        *(f"{title}{name}" for title in quantities.values() for name in (", median", ", mean", ", max", ": joint")),
-    ]
+    statistics = ("median", "mean", "max", "joint")
+    columns = ["model", *(f"{title}, {name}" for title in quantities.values() for name in statistics)]
     rows: dict[str, list[str]] = {}
     for quantity in quantities:
         for model, errors in errors_by_joint(results, quantity).items():
@@ -91,10 +89,10 @@ def _summary(errors: Mapping[str, float]) -> list[str]:
 
 def constant_table(constants: Mapping[str, Sequence[float] | np.ndarray]) -> tuple[list[str], list[list[str]]]:
     """Columns and a row per constant with its minimum, median and maximum over motors, or "not identifiable"."""
-    rows = [
-        [name, *([f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])] if len(values) else ["", "not identifiable", ""])]
-        for name, values in constants.items()
-    ]  # fmt: skip
+    rows = []
+    for name, values in constants.items():
+        cells = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])] if len(values) else []
+        rows.append([name, *(cells or ("", "not identifiable", ""))])
     return ["constant", "minimum", "median", "maximum"], rows
 
 

@@ -26,13 +26,11 @@ def real_motors(run: Path) -> list[Section]:
     tables = [_table(error_table(results, {WHOLE_RUN: "whole log"}), "Joint RMSE [mrad], over joints.")]
     if constants := constants_in(results):
         tables.append(_table(constant_table(constants), "Constants of your motors, over joints."))
+    errors = plots_real_motors.errors_by_joint(errors_by_joint(results, WHOLE_RUN))
+    traces = plots_real_motors.traces(from_tensors(tensors, header))
     pictures = (
-        picture(
-            plots_real_motors.errors_by_joint(errors_by_joint(results, WHOLE_RUN)), "Errors of the models by joint."
-        ),
-        picture(
-            plots_real_motors.traces(from_tensors(tensors, header)), "The joints with the median and maximum error."
-        ),
+        picture(errors, "Errors of the models by joint."),
+        picture(traces, "The joints with the median and maximum error."),
     )
     return [Section("Your motors", (lead, *header["lines"]), pictures, tuple(tables))]
 
