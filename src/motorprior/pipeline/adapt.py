@@ -167,13 +167,7 @@ def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
 
 
 def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> Posterior:
-    """Posterior of every motor of the log.
-
-    Args:
-        prior: the prior.
-        path: its file, for errors.
-        log: the log.
-        where: its file, for errors.
+    """Posterior of every motor of the log; ``path`` and ``where``, the files of prior and log, are for errors.
 
     Raises:
         LogError: the log lacks a channel, has another period, or is shorter than a window.
@@ -189,11 +183,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
 
 
 def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:
-    """Whether the motors that `adapt_to` ``found`` in this log are outliers of the prior's fleet.
-
-    Raises:
-        LogError, ArtifactError: see `adapt_to`.
-    """
+    """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet; raises as `adapt_to`."""
     from motorprior.identification.judging.reference import loss_p_value, num_blocks
     from motorprior.identification.latents.outliers import outliers
 

@@ -21,7 +21,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 def load_prior(path: Path, robot: Robot) -> MotorPrior:
-    """A prior that this robot can be simulated with.
+    """A prior for the simulation of this robot.
 
     Raises:
         ArtifactError: not the file of a prior.
@@ -31,10 +31,9 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
 
 
 def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:
-    """A prior for the motors of a log, and the robot; None if the name in the log is enough.
+    """A prior for the motors of a log, and the robot; None if none is given and prior and log name the same one.
 
-    Without ``robot``, prior and log must name the same one; the log of a bench, which names none, is of the default
-    robot.
+    The log of a bench names no robot: the default is assumed.
 
     Raises:
         ArtifactError: not the file of a prior, or no such robot.
@@ -47,11 +46,7 @@ def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[Motor
 
 
 def require_same_robot(prior: MotorPrior, log: MotorLog) -> None:
-    """Check that prior and log are of the same robot.
-
-    Raises:
-        ConfigError: names both.
-    """
+    """Raise `ConfigError` unless prior and log name the same robot."""
     if prior.robot != log.robot:
         raise ConfigError(
             f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
@@ -126,22 +121,11 @@ def _gain_note(prior: MotorPrior, robot: Robot) -> list[str]:
         return []
     if set(prior.joint_names) >= set(robot.joint_names):
         logged = logged[:, [prior.joint_names.index(name) for name in robot.joint_names]]
-        same = np.allclose(logged, own, rtol=0.01)
-    else:
-        same = np.allclose(_range(logged), _range(own), rtol=0.01)
-    if same:
+    ranges = [np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1) for gains in (logged, own)]
+    if np.allclose(*ranges, rtol=0.01):
         return []
-    texts = [
-        f"kp {kp[0]:.3g} to {kp[1]:.3g} and kd {kd[0]:.3g} to {kd[1]:.3g}" for kp, kd in map(_range, (logged, own))
-    ]
-    if texts[0] == texts[1]:
-        texts[1] = "the same for other joints"
+    texts = [f"kp {kp[0]:.3g} to {kp[1]:.3g} and kd {kd[0]:.3g} to {kd[1]:.3g}" for kp, kd in ranges]
     return [
         f"note: the logs of the prior have {texts[0]}, the description of {robot.name} has {texts[1]}: the simulated "
         "motors use the latter"
     ]
-
-
-def _range(gains: np.ndarray) -> np.ndarray:
-    """(2, 2) minimum and maximum, columns, of kp and kd, rows."""
-    return np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1)
