@@ -92,9 +92,8 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
             raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
         priors[prior.preset] = prior
         facts.append(bench_from_json(prior.provenance.get("bench"), str(path)))
-        if any(
-            (each.fleet, each.motors, each.seed) != (facts[0].fleet, facts[0].motors, facts[0].seed) for each in facts
-        ):
+        first, own = facts[0], facts[-1]
+        if (own.fleet, own.motors, own.seed) != (first.fleet, first.motors, first.seed):
             problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
             raise ConfigError(problem, where=path, remedy=remedy)
     if robot.legs and facts[0].motors < robot.num_joints:
