@@ -61,7 +61,7 @@ def comparison_of(config: Demo) -> RealMotors | None:
     if config.logs is None:
         return None
     out = config.out / "real_motors"
-    return RealMotors(config.logs, out, config.columns, config.suspended, config.fleet, config.seed, config.robot)
+    return RealMotors(config.logs, out, config.columns, config.suspended, config.seed, config.robot)
 
 
 def require_settings(config: Demo, replayed: bool) -> None:

@@ -28,7 +28,7 @@ SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
 _STYLES = {
     "ideal_pd": ("ideal_pd", "s"), "tuned_pd": ("tuned_pd", "D"), "prior": ("rollout", "o"),
     "prior_mean": ("rollout", "|"), "pure_delay": ("paper_wide", "x"), "second_order": ("tuned_pd", "D"),
-    "servo_limits": ("one_network", "o"), "physical": ("rollout", "o"), "physical_draws": ("rollout", "|"),
+    "servo_limits": ("one_network", "o"),
 }  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,14 +51,11 @@ OUTLIER = 0.05  # p-value of the farthest motor, corrected for the number of mot
 
 @dataclass(frozen=True)
 class QuickReport:
-    """Lines for the user, errors and constants, and traces to draw."""
+    """Errors and constants, traces to draw, and warnings."""
 
+    results: Results
+    traces: tuple[Trace, ...]
     lines: tuple[str, ...] = ()
-    results: Results = field(default_factory=Results)
-    traces: tuple[Trace, ...] = ()
-
-    def __add__(self, other: QuickReport) -> QuickReport:
-        return QuickReport(self.lines + other.lines, self.results + other.results, self.traces + other.traces)
 
 
 def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> QuickReport:
@@ -99,8 +96,8 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         for name, values in constants.items()
         if name not in identified
     )
-    lines = [*heard.warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names)]
-    return QuickReport(tuple(line.removeprefix("warning: ") for line in lines), results, traces)
+    lines = (*heard.warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
+    return QuickReport(results, traces, tuple(line.removeprefix("warning: ") for line in lines))
 
 
 def report_without_loads(logs: Split, seed: int, folder: Path, progress: Progress) -> QuickReport:
@@ -118,7 +115,7 @@ def report_without_loads(logs: Split, seed: int, folder: Path, progress: Progres
     constants = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
     units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
     results = errors.results(WHOLE_RUN) + constant_results(constants, units, train.joint_names)
-    return QuickReport((), results, traces)
+    return QuickReport(results, traces)
 
 
 def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, LogModel]:

@@ -1,4 +1,4 @@
-"""Quick report of real logs: models of their motors in a minute, evaluated on held-out logs, as a demo begins with."""
+"""Quick report of real logs: models of their motors, fitted in a minute and evaluated on held-out logs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
 from motorprior.logs.formats.registry import taken_for_granted
@@ -48,8 +47,6 @@ class RealMotors:
     """Column map of tables: a shipped one by name, or your .toml file."""
     suspended: bool = False
     """The robot has a free base and was suspended in the air with its body level."""
-    fleet: str | None = None
-    """Fleet that replays logs without loads; the robot's own if not given."""
     seed: int = 0
     """Seed of the fits and samples."""
     robot: str = DEFAULT_ROBOT
@@ -68,7 +65,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
         show: called with the results and lines for the user, also if they are not new.
 
     Raises:
-        LogError, ArtifactError, ConfigError: a log, column map, robot or fleet that cannot be used.
+        LogError, ArtifactError, ConfigError: a log, column map or robot that cannot be used.
     """
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot, folder = load_robot(config.robot), read_logs_of(config)
@@ -125,34 +122,26 @@ def _has_joints_of(robot: Robot, folder: LogFolder) -> bool:
 
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
-    from motorprior.pipeline.quick_report.fitted_models import QuickReport, report_with_loads, report_without_loads
+    from motorprior.pipeline.quick_report.fitted_models import report_with_loads, report_without_loads
 
     described = robot if _has_joints_of(robot, folder) else None
-    fleet = _fleet(config, described)
     whole, lines = _without_gaps(config, folder)
-    report = QuickReport(lines)
     loads, reason = _loads(config, folder.logs, described)
-    if loads is None and fleet is not None and fleet.robot == robot.name:
-        from motorprior.pipeline.quick_report.by_replay import report_by_replay
-
-        posture = "suspended" if config.suspended else "auto"
-        report += report_by_replay(folder.logs, robot, fleet, posture, config.seed, progress)
     together = RESPONSE_SECONDS if loads is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(moving_joints(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(loads or _on_grid)
     joints = moving_joints(logs.train)
     logs = logs.map(lambda log: with_joints(log, joints))
-    report += QuickReport((reason, logs.rule))
     if loads is None:
-        report += report_without_loads(logs, config.seed, config.out, progress)
+        report = report_without_loads(logs, config.seed, config.out, progress)
     else:
-        report += report_with_loads(logs, described, config.seed, config.out / "prior", progress)
+        report = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
     write_results(config.out, report.results)
     arrays, names = as_tensors(report.traces)
-    write_tensors(config.out / TRACES, arrays, {"lines": list(report.lines), "traces": names})
+    write_tensors(config.out / TRACES, arrays, {"lines": [*lines, reason, logs.rule, *report.lines], "traces": names})
 
 
-def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], tuple[str, ...]]:
+def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
     """The logs with a new segment after each gap, and lines about what was omitted or assumed.
 
     Raises:
@@ -169,13 +158,7 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
         lines += [f"{name}: {line}" for line in (taken_for_granted(path, config.columns), gaps) if line]
     if not logs:
         raise LogError("no log has a steady clock", where=config.logs, remedy="give logs of a steady clock")
-    return logs, tuple(lines)
-
-
-def _fleet(config: RealMotors, described: Robot | None) -> Fleet | None:
-    if config.fleet is not None:
-        return load_fleet(config.fleet)
-    return load_fleet(described.default_fleet) if described is not None and described.fleets else None
+    return logs, lines
 
 
 def _loads(

@@ -63,7 +63,7 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     """
     names = list(logs)
     names = [names[round(place)] for place in np.linspace(0, len(names) - 1, min(len(names), MAX_LOGS))]
-    used = {name: moving_part(logs[name]) for name in names}
+    used = {name: _moving_part(logs[name]) for name in names}
     used = {name: log if log.duration >= 2.0 * MIN_SECONDS else logs[name] for name, log in used.items()}
     train, test = ({name: used[name] for name in names[first::2]} for first in (0, 1))
     rule = f"train: {', '.join(train)}; test: {', '.join(test)}"
@@ -82,7 +82,7 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     return Split(train, test, rule)
 
 
-def moving_part(log: MotorLog) -> MotorLog:
+def _moving_part(log: MotorLog) -> MotorLog:
     """From the row before the first change of a command to the row after the last; the whole log if there is none."""
     changed = [np.abs(log.position_target - log.position_target[row]).max(axis=1) > EXCITED_STD for row in (0, -1)]
     if not changed[0].any():
