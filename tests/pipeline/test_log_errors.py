@@ -54,7 +54,7 @@ def test_joints_that_are_not_excited_do_not_count():
     assert rows.value(part=None, log=None) == pytest.approx(0.005)
     assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
     assert errors.median_and_max("prior") == [(1, 0), (1, 1)]
-    assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0", "knee"]]
+    assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0 (knee)"]]
 
 
 def test_joints_with_more_than_a_third_of_the_tuned_pds_error_are_named():

@@ -49,42 +49,41 @@ def from_tensors(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -
 
 def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
     """Model -> joint -> RMSE [rad]."""
-    rows = [row for row in results.where(quantity=quantity, log=None) if row.part is not None and row.model]
-    return {
-        model: {row.part: row.value for row in rows if row.model == model and row.part is not None}
-        for model in dict.fromkeys(row.model for row in rows if row.model)
-    }
+    errors: dict[str, dict[str, float]] = {}
+    for row in results.where(quantity=quantity, log=None):
+        if row.model is not None and row.part is not None:
+            errors.setdefault(row.model, {})[row.part] = row.value
+    return errors
 
 
 def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Columns and a row per model: median, mean and maximum over joints [mrad], and the joint of the maximum.
+    """Columns and a row per model: median, mean and maximum over joints [mrad], with the joint of the maximum.
 
     Args:
         results: a row per model and joint.
         quantities: title of each quantity.
     """
-    statistics = ("median", "mean", "max", "joint")
-    columns = ["model", *(f"{title}, {name}" for title in quantities.values() for name in statistics)]
+    columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
     rows: dict[str, list[str]] = {}
     for quantity in quantities:
         for model, errors in errors_by_joint(results, quantity).items():
             rows.setdefault(model, [model]).extend(_summary(errors))
-    return columns, list(rows.values())
+    return ["model", *columns], list(rows.values())
 
 
 def error_line(results: Results, quantity: str) -> str:
     """The same in a line."""
     parts = []
     for model, errors in errors_by_joint(results, quantity).items():
-        median, mean, worst, joint = _summary(errors)
-        parts.append(f"{model} median {median}, mean {mean}, max {worst} ({joint})")
+        median, mean, maximum = _summary(errors)
+        parts.append(f"{model} median {median}, mean {mean}, max {maximum}")
     return f"replayed log, joint RMSE [mrad]: {'; '.join(parts)}"
 
 
-def _summary(errors: Mapping[str, float]) -> list[str]:
+def _summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
     values = 1e3 * np.array(list(errors.values()))
-    numbers = (np.median(values), np.mean(values), np.max(values))
-    return [*(f"{value:.1f}" for value in numbers), list(errors)[int(values.argmax())]]
+    joint = list(errors)[int(values.argmax())]
+    return f"{np.median(values):.1f}", f"{np.mean(values):.1f}", f"{np.max(values):.1f} ({joint})"
 
 
 def constant_table(constants: Mapping[str, Sequence[float] | np.ndarray]) -> tuple[list[str], list[list[str]]]:
