@@ -196,7 +196,9 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
         for motor in np.flatnonzero(far.p_value < p_fit):
             reason[motor] = f"{far.latent[motor]} {far.deviation[motor]:+.1f} standard deviations from the fleet's"
     is_outlier = p_value < FALSE_ALARMS / len(p_value)
-    return OutlierTest(p_value, tuple(text if odd else "" for text, odd in zip(reason, is_outlier, strict=True)))
+    return OutlierTest(
+        p_value, tuple(text if outlier else "" for text, outlier in zip(reason, is_outlier, strict=True))
+    )
 
 
 def _prepared(

@@ -37,8 +37,8 @@ class Identify:
     """Learn a motor prior from the log of a bench, or from logs of a suspended robot."""
 
     bench: Path | tuple[Path, ...]
-    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, as of a suspended robot: of the
-    same motors, or each of other ones."""
+    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same or of different
+    motors."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
@@ -230,7 +230,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
 
 @dataclass(frozen=True)
 class _Checkpoint:
-    """A file beside the prior; ignored if it is of another stage."""
+    """A file next to the prior; ignored if it is of another stage."""
 
     path: Path
     stage: dict[str, Any]

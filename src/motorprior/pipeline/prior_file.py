@@ -107,9 +107,9 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
         )
     highest = max(joint.torque_limit for joint in robot.joints)
     for name, value in unidentified_limits(prior.metrics).items():
-        known = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
+        limit = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
         notes.append(
-            f"note: the prior's {limit_text(name, value)} is not identifiable from its logs{known}; a policy may "
+            f"note: the prior's {limit_text(name, value)} is not identifiable from its logs{limit}; a policy may "
             "over-rely on it. Log motions that reach the limit"
         )
     return notes

@@ -65,11 +65,11 @@ def _torque_traces(name: str, robot: Robot, prior: MotorPrior, motors: TrueMotor
     case = trial(rng, "sine", round(1.0 / period) + prior.network.taps[-1], len(motors), preset, hold=False)
     answer = run(motors.actuator(), case)
     predicted = teacher_forced_torque(prior.network, prior.mean, case, answer)[:, 0]
-    known = ~np.isnan(predicted)
+    valid = ~np.isnan(predicted)
     return {
-        f"torque/{name}/time": np.arange(len(predicted))[known] * period,
-        f"torque/{name}/measured": answer.joint_torque[known, 0],
-        f"torque/{name}/predicted": predicted[known],
+        f"torque/{name}/time": np.arange(len(predicted))[valid] * period,
+        f"torque/{name}/measured": answer.joint_torque[valid, 0],
+        f"torque/{name}/predicted": predicted[valid],
     }
 
 

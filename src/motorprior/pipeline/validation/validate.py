@@ -48,11 +48,11 @@ class Validate:
     out: Path
     """Folder for figures.json, tuned_pd.json and the traces of the report."""
     seed: int = 0
-    """Draws the held-out excitation."""
+    """Seed of the held-out excitation."""
     held_out: bool = True
-    """Measure on held-out motors, too, and whether the prior's draws are like them (a minute more)."""
+    """Measure on held-out motors, too, and compare the prior's samples with them (a minute more)."""
     adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
-    """Lengths of log [s] from which held-out motors are adapted to."""
+    """Lengths of log [s] to which the prior is adapted for held-out motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
