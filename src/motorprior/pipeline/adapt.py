@@ -195,10 +195,7 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
         p_value = np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value))
         for motor in np.flatnonzero(far.p_value < p_fit):
             reason[motor] = f"{far.latent[motor]} {far.deviation[motor]:+.1f} standard deviations from the fleet's"
-    is_outlier = p_value < FALSE_ALARMS / len(p_value)
-    return OutlierTest(
-        p_value, tuple(text if outlier else "" for text, outlier in zip(reason, is_outlier, strict=True))
-    )
+    return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
 
 
 def _prepared(
