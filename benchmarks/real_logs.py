@@ -50,8 +50,8 @@ from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.pipeline.adapt import adapt_to, first_and_rest
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
+from motorprior.pipeline.prior_file import recipe_of
 from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.replay.calibrate import Calibrate, run_calibrate
 from motorprior.pipeline.stage import FIGURES, description, is_finished, working
 from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
@@ -62,7 +62,7 @@ from motorprior.pipeline.validation.log_baselines import (
     with_gains_of,
     with_some_load,
 )
-from motorprior.pipeline.validation.log_stretches import stretches
+from motorprior.pipeline.validation.log_splits import spread_windows
 from motorprior.robots.load import load_robot
 
 MODELS = (
@@ -128,7 +128,7 @@ def _counted(settings: Settings) -> dict[str, object]:
 
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.test)} left out")
-    train = stretches([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
+    train = spread_windows([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
     prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
     preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), train)
@@ -196,7 +196,7 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
     wanted = description("validate", _counted(settings), [*paths, test, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            train, log = stretches([read_parquet(path) for path in paths], settings.seconds), read_parquet(test)
+            train, log = spread_windows([read_parquet(path) for path in paths], settings.seconds), read_parquet(test)
             first = min(ADAPTATION_SECONDS, log.duration / 2)
             found = leave_motors_out(train, log, robot, group, MOTORS_RECIPE, first, folder, settings.seed, PROGRESS)
             rest = {name: float(np.mean(values)) for name, values in found.errors.items()}
@@ -254,7 +254,7 @@ def pupper(settings: Settings) -> Iterator[Test]:
 
 def _responses(settings: Settings, name: str, train: Sequence[MotorLog], test: MotorLog) -> Figures:
     fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
-    models = fitted_responses(stretches(train, settings.seconds), RECIPE, fits, PROGRESS)
+    models = fitted_responses(spread_windows(train, settings.seconds), RECIPE, fits, PROGRESS)
     return {"whole": _errors(test, RECIPE, models, excited_joints(test))}
 
 

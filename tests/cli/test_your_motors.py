@@ -116,11 +116,11 @@ def test_every_command_of_the_page_runs(folder: Path, page: str):
     [
         (
             "--logs go2 --columns go2_identification --robot go2.toml --suspended",
-            ("the prior", "FL_calf_joint", "traj_3"),
+            ("prior", "tuned_pd", "traj_3"),
         ),
-        ("--logs go2 --columns go2_identification", ("responses that need no load", "dead band")),
-        ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid body of so101", "gripper")),
-        ("--logs xl330", ("the logs state them", "pendulum")),
+        ("--logs go2 --columns go2_identification", ("loads: unknown", "dead band")),
+        ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid bodies of so101", "prior")),
+        ("--logs xl330", ("loads: from the logs", "pendulum")),
     ],
 )
 def test_a_demo_begins_with_the_logs(

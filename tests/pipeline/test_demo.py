@@ -79,7 +79,7 @@ def test_real_logs_have_their_figures(demo: Run):
     if demo.config.logs is None:
         pytest.skip("real motor logs are not here")
     assert {f"real_rmse/1_joint/{model}" for model in ("ideal_pd", "physical", "rollout")} <= set(demo.figures)
-    assert {f"real_motors_rmse/{model}" for model in ("ideal_pd", "physical", "second_order")} <= set(demo.figures)
+    assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(demo.figures)
 
 
 def test_the_page_has_every_chapter(demo: Run):

@@ -13,6 +13,7 @@ from motorprior.actuator.geared_motor_constants import PER_LOGGED
 from motorprior.cli.console import TERMINAL, table
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
+from motorprior.report.log_tables import constant_table
 
 if TYPE_CHECKING:  # it imports JAX
     from motorprior.identification.latents.latent_fit import Posterior
@@ -38,11 +39,7 @@ def _show(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dic
         [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows],
     )  # fmt: skip
     if constants:
-        described = [
-            [name, *(f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0]))]
-            for name, values in constants.items()
-        ]
         units = "SI units"
         if any(name.endswith(PER_LOGGED) for name in constants):
             units += f"; …{PER_LOGGED}: per unit of the firmware's gain in the log"
-        table(f"Constants of these motors [{units}]", ["constant", "minimum", "median", "maximum"], described)
+        table(f"Constants of these motors [{units}]", *constant_table(constants))

@@ -1,17 +1,18 @@
-"""How the motors of real logs compare, on the terminal."""
+"""The quick report of `motorprior demo --logs` on the terminal."""
 
 from __future__ import annotations
 
 from motorprior.cli.console import table
-from motorprior.report.real_motor_tables import NAMES, constant_table, error_rows, models_in
+from motorprior.report.log_tables import FREE_RUN, WHOLE_RUN, constant_table, constants_in, error_table
 from motorprior.results import Results
 
 
 def show_real_motors(results: Results, lines: list[str]) -> None:
-    """Two tables and a few sentences, as `demo` has them from real logs."""
-    columns = ["joint or log", *(NAMES[model] for model in models_in(results))]
-    table("Your motors: RMSE of the angle [mrad], command in and motion out", columns, error_rows(results))
-    if (constants := constant_table(results)).rows:
-        table(constants.caption, list(constants.columns), list(map(list, constants.rows)))
+    """Errors of the models, constants of the motors, and the lines of the report."""
+    spans = {FREE_RUN: "1 s", WHOLE_RUN: "whole log"}
+    shown = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
+    table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, shown))
+    if constants := constants_in(results):
+        table("Constants of your motors", *constant_table(constants))
     for line in lines:
         print(f"- {line}")

@@ -37,7 +37,7 @@ def show_fidelity(results: Results) -> None:
     _show_table(title, results, "train")
     if not results.where(motors="held_out"):
         return
-    _show_table("The same on held-out motors, known from 10 s of log each", results, "held_out")
+    _show_table("The same on held-out motors, adapted to 10 s of log each", results, "held_out")
     figures = results.where(quantity=_DISTRIBUTION).to_figures()
     if figures:
         rows = [[name, f"{value:.3f}"] for name, value in figures.items()]

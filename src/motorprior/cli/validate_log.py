@@ -1,4 +1,4 @@
-"""``motorprior validate-log``: a prior and baselines against a log that nothing was fitted to."""
+"""``motorprior validate-log``: errors of a prior and of baselines on held-out rows of a log."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from motorprior.pipeline.validation.validate_log import (
     ValidateLog,
     run_validate_log,
 )
-from motorprior.results import Results
+from motorprior.report.log_tables import error_table
 
 
 @dataclass(frozen=True)
 class ValidateLogCommand(ValidateLog):
-    """Measure how far a prior's motors and baselines are from a held-out log, command in and motion out."""
+    """Measure the errors of a prior's motors and of baselines in free runs on a held-out log."""
 
     prior: tyro.conf.Positional[Path]
     log: tyro.conf.Positional[Path]
@@ -31,24 +31,12 @@ class ValidateLogCommand(ValidateLog):
 def validate_log(config: ValidateLogCommand) -> None:
     """See `run_validate_log`."""
     results = run_validate_log(config, TERMINAL)
-    errors = results.where(quantity=tuple(SPANS), part=None)
-    columns = [(quantity, statistic) for quantity in SPANS for statistic in ("median", "mean")]
-    rows = [[model, *(_milli(errors, model, *column) for column in columns)] for model in errors.distinct("model")]
-    titles = [f"{SPANS[quantity]}, {statistic}" for quantity, statistic in columns]
-    known = results.where(quantity=TRAINED_ON).value() > 0.0
-    said = " (warning: no test, the prior was trained on this log)" if known else ""
-    table(f"Free runs, joint RMSE [mrad], over motors{said}", ["model", *titles], rows)
-    shares = [
-        [model, span, *(_percent(results, f"{COVERAGE[quantity]}{level}", model) for level in (50, 90))]
-        for model in (ADAPTED, PRIOR)
-        for quantity, span in SPANS.items()
-    ]
-    table(f"Recorded angles inside the bands [%]{said}", ["model", "free runs", "50 % band", "90 % band"], shares)
-
-
-def _percent(results: Results, quantity: str, model: str) -> str:
-    return f"{100 * results.where(quantity=quantity).value(model=model):.0f}"
-
-
-def _milli(errors: Results, model: str, quantity: str, statistic: str) -> str:
-    return f"{1e3 * errors.value(model=model, quantity=quantity, statistic=statistic):.1f}"
+    trained = results.where(quantity=TRAINED_ON).value() > 0.0
+    warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
+    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *error_table(results, SPANS))
+    shares = []
+    for model in (ADAPTED, PRIOR):
+        for quantity, span in SPANS.items():
+            values = [results.value(quantity=f"{COVERAGE[quantity]}{level}", model=model) for level in (50, 90)]
+            shares.append([model, span, *(f"{100 * value:.0f}" for value in values)])
+    table(f"Recorded angles inside the bands [%]{warning}", ["model", "free runs", "50 % band", "90 % band"], shares)

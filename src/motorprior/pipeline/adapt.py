@@ -19,10 +19,9 @@ from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
 from motorprior.logs.validity import checked
-from motorprior.pipeline.fit_report import other_conditions, told_at_rest, told_quality
-from motorprior.pipeline.prior_file import prior_and_robot, require_same_robot, trained_on
+from motorprior.pipeline.log_errors import log_warnings, replay_errors
+from motorprior.pipeline.prior_file import prior_and_robot, recipe_of, require_same_robot, trained_on
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
-from motorprior.pipeline.recipe import recipe_of
 from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.weak_motors import advice_on_weak_motors
 
@@ -111,8 +110,8 @@ def run_adapt(
     Args:
         config: settings.
         progress: where to report to.
-        show: called with the results before outliers are rejected; the constants are those of the posterior means,
-            (M,) each, of a prior that has any.
+        show: called with the results before outliers are rejected; the constants (M,) are those of the posterior
+            means, empty for a network.
 
     Raises:
         LogError: the log does not fit, or has outliers and ``anyway`` is not set.
@@ -168,13 +167,7 @@ def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
 
 
 def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> Posterior:
-    """Posterior of every motor of the log.
-
-    Args:
-        prior: the prior.
-        path: its file, for errors.
-        log: the log.
-        where: its file, for errors.
+    """Posterior of every motor of the log; ``path`` and ``where``, the files of prior and log, are for errors.
 
     Raises:
         LogError: the log lacks a channel, has another period, or is shorter than a window.
@@ -190,11 +183,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
 
 
 def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:
-    """Whether the motors that `adapt_to` ``found`` in this log are outliers of the prior's fleet.
-
-    Raises:
-        LogError, ArtifactError: see `adapt_to`.
-    """
+    """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet; raises as `adapt_to`."""
     from motorprior.identification.evaluation.reference import loss_p_value, num_blocks
     from motorprior.identification.latents.outliers import outliers
 
@@ -206,8 +195,7 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
         p_value = np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value))
         for motor in np.flatnonzero(far.p_value < p_fit):
             reason[motor] = f"{far.latent[motor]} {far.deviation[motor]:+.1f} standard deviations from the fleet's"
-    is_outlier = p_value < FALSE_ALARMS / len(p_value)
-    return OutlierTest(p_value, tuple(text if odd else "" for text, odd in zip(reason, is_outlier, strict=True)))
+    return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
 
 
 def _prepared(
@@ -254,10 +242,10 @@ def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress:
     if progress is SILENT:
         return  # tuning a PD to compare with takes time
     recipe = recipe_of(prior, "the prior")
-    for line in filter(None, (told_at_rest(log), *other_conditions(recipe, log))):
+    for line in log_warnings(log, recipe):
         progress.note(line)
     if prior.network.motor is not None:
-        told_quality(LatentActuator(prior.network, found.mean), log, recipe, progress, of_the_log=False)
+        replay_errors(LatentActuator(prior.network, found.mean), log, recipe, progress)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 

@@ -94,7 +94,7 @@ def run_demo(
 
     given, config = config, with_walking_robot(config)
     real = RealMotors(
-        given.logs, given.out / "real_motors", given.columns, given.suspended, given.fleet, given.seed, given.robot
+        given.logs, given.out / "real_motors", given.columns, given.suspended, given.seed, given.robot
     ) if given.logs is not None else None  # fmt: skip
     replayed = real is not None and is_replayed(real, config.robot)
     _require_settings(config, replayed)

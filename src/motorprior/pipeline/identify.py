@@ -20,7 +20,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, stated_gains_of
 from motorprior.logs.validity import checked
-from motorprior.pipeline.fit_report import told_at_rest, told_quality
+from motorprior.pipeline.log_errors import MAX_UNEXPLAINED, log_warnings, replay_errors
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.training_log import Origin, origin_of, training_log
@@ -37,8 +37,8 @@ class Identify:
     """Learn a motor prior from the log of a bench, or from logs of a suspended robot."""
 
     bench: Path | tuple[Path, ...]
-    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, as of a suspended robot: of the
-    same motors, or each of other ones."""
+    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same or of different
+    motors."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
@@ -178,7 +178,7 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
     return prior
 
 
-def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint | None) -> MotorPrior:
+def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
     from motorprior.identification.evaluation.reference import reference_metrics
     from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, scaled
@@ -187,16 +187,16 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
-        few = recipe.physics_first and log.num_joints < MIN_MOTORS
-        spread = "have an assumed spread" if few else "are uncertain"
+        deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
         progress.note(
             f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot show a distribution: the prior "
-            f"reproduces these motors, but its samples {spread} (record {RELIABLE_MOTORS} or more)"
+            f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
+            f"{RELIABLE_MOTORS} or more)"
         )
-    latest = ""
     progress.note(used_seconds(data, recipe))
-    if line := told_at_rest(log):
+    for line in log_warnings(log, recipe):
         progress.note(line)
+    latest = ""
     with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
 
         def report(work: int, text: str) -> None:
@@ -204,7 +204,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
             latest = text or latest
             task.advance(work, latest)
 
-        found = identify(data, recipe, job.seed, report, kept)
+        found = identify(data, recipe, job.seed, report, checkpoint)
         metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
         metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
         metrics |= reference_metrics(found.network, data, found.preset, found.mean, log)
@@ -212,11 +212,14 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
         progress.note(line)
     network, mean, log_var = found.network, found.mean, found.log_var
     if network.motor is not None:
-        quality = told_quality(LatentActuator(network, mean), log, found.preset, progress)
-        metrics |= {"replay_rmse": float(np.median(quality.motors)), "unexplained": quality.unexplained}
-        network, mean, log_var = scaled(network, mean, log_var, quality.std_scale)
-        if network.copula is not None and quality.misses_physics:
-            progress.note(f"the standard deviation of the prior is scaled by {quality.std_scale:.2f}")
+        errors = replay_errors(LatentActuator(network, mean), log, found.preset, progress)
+        unexplained = float(np.median(errors.unexplained("prior")))
+        metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
+        # samples are spread wider where the model lacks physics: by 1 up to MAX_UNEXPLAINED, by 2 at 1
+        factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
+        network, mean, log_var = scaled(network, mean, log_var, factor)
+        if network.copula is not None and factor > 1.0:
+            progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
@@ -227,7 +230,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, kept: _Checkpoint
 
 @dataclass(frozen=True)
 class _Checkpoint:
-    """A file beside the prior; ignored if it is of another stage."""
+    """A file next to the prior; ignored if it is of another stage."""
 
     path: Path
     stage: dict[str, Any]

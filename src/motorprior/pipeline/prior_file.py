@@ -1,15 +1,18 @@
-"""The file of a prior, checked against the robot or the log that it is used for."""
+"""The file of a prior: checks against a robot or a log, and notes on what its logs do not identify."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, unidentified_limits
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.presets import Preset
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
 from motorprior.pipeline.training_log import MOTIONS
 from motorprior.robots.load import load_robot
@@ -18,7 +21,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 def load_prior(path: Path, robot: Robot) -> MotorPrior:
-    """A prior that this robot can be simulated with.
+    """A prior for the simulation of this robot.
 
     Raises:
         ArtifactError: not the file of a prior.
@@ -28,10 +31,9 @@ def load_prior(path: Path, robot: Robot) -> MotorPrior:
 
 
 def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:
-    """A prior for the motors of a log, and the robot; None if the name in the log is enough.
+    """A prior for the motors of a log, and the robot; None if none is given and prior and log name the same one.
 
-    Without ``robot``, prior and log must name the same one; the log of a bench, which names none, is of the default
-    robot.
+    The log of a bench names no robot: the default is assumed.
 
     Raises:
         ArtifactError: not the file of a prior, or no such robot.
@@ -44,11 +46,7 @@ def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[Motor
 
 
 def require_same_robot(prior: MotorPrior, log: MotorLog) -> None:
-    """Check that prior and log are of the same robot.
-
-    Raises:
-        ConfigError: names both.
-    """
+    """Raise `ConfigError` unless prior and log name the same robot."""
     if prior.robot != log.robot:
         raise ConfigError(
             f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
@@ -64,6 +62,26 @@ def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
         remedy = error.remedy or "use a prior that `motorprior identify` wrote"
         raise type(error)(error.problem, where=path, remedy=remedy) from error
     return prior
+
+
+def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
+    """The recipe that a prior was trained with.
+
+    Raises:
+        ArtifactError: it is missing, or of another version.
+    """
+    try:
+        recipe = prior.provenance["recipe"]
+        if recipe.keys() != {field.name for field in fields(Preset)}:
+            raise KeyError("other entries")
+        return Preset(**{name: _hashable(value) for name, value in recipe.items()})
+    except (KeyError, AttributeError, TypeError) as error:
+        problem = f"its provenance does not hold a recipe of this version ({error})"
+        raise ArtifactError(problem, where=where, remedy="identify it again") from error
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
 def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
@@ -89,9 +107,9 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
         )
     highest = max(joint.torque_limit for joint in robot.joints)
     for name, value in unidentified_limits(prior.metrics).items():
-        known = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
+        limit = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
         notes.append(
-            f"note: the prior's {limit_text(name, value)} is not identifiable from its logs{known}; a policy may "
+            f"note: the prior's {limit_text(name, value)} is not identifiable from its logs{limit}; a policy may "
             "over-rely on it. Log motions that reach the limit"
         )
     return notes
@@ -103,22 +121,11 @@ def _gain_note(prior: MotorPrior, robot: Robot) -> list[str]:
         return []
     if set(prior.joint_names) >= set(robot.joint_names):
         logged = logged[:, [prior.joint_names.index(name) for name in robot.joint_names]]
-        same = np.allclose(logged, own, rtol=0.01)
-    else:
-        same = np.allclose(_range(logged), _range(own), rtol=0.01)
-    if same:
+    ranges = [np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1) for gains in (logged, own)]
+    if np.allclose(*ranges, rtol=0.01):
         return []
-    texts = [
-        f"kp {kp[0]:.3g} to {kp[1]:.3g} and kd {kd[0]:.3g} to {kd[1]:.3g}" for kp, kd in map(_range, (logged, own))
-    ]
-    if texts[0] == texts[1]:
-        texts[1] = "the same for other joints"
+    texts = [f"kp {kp[0]:.3g} to {kp[1]:.3g} and kd {kd[0]:.3g} to {kd[1]:.3g}" for kp, kd in ranges]
     return [
         f"note: the logs of the prior have {texts[0]}, the description of {robot.name} has {texts[1]}: the simulated "
         "motors use the latter"
     ]
-
-
-def _range(gains: np.ndarray) -> np.ndarray:
-    """(2, 2) minimum and maximum, columns, of kp and kd, rows."""
-    return np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1)

@@ -42,24 +42,19 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     if not paths:
         raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
     paths = [path.parent if path.name == LOG and (path.parent / BENCH_JSON).is_file() else path for path in paths]
-    folders = [path for path in paths if path.is_dir()]
-    if not folders:
+    folder = next((path for path in paths if path.is_dir()), None)
+    if folder is None:
         logs = [read_parquet(path) for path in paths]
         log = joined(logs)
         if log.robot == BENCH:
-            raise LogError(
-                f"the log of a bench without its {BENCH_JSON}, which names the robot", where=paths[0],
-                remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
-            )  # fmt: skip
+            remedy = "give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`"
+            raise LogError(f"the log of a bench without its {BENCH_JSON}", where=paths[0], remedy=remedy)
         return log, paths, origin_of(log, logs)
-    (folder, *_) = folders
     if len(paths) > 1:
         raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
     if not any((folder / name).is_file() for name in (LOG, BENCH_JSON)):
-        raise LogError(
-            f"a folder without {LOG}", where=folder,
-            remedy="give the folder that `motorprior bench` wrote, or motor logs (.parquet)",
-        )  # fmt: skip
+        remedy = "give the folder that `motorprior bench` wrote, or motor logs (.parquet)"
+        raise LogError(f"a folder without {LOG}", where=folder, remedy=remedy)
     log, facts = read_bench(folder)
     provenance = {"bench": facts.as_json(), MOTIONS: [motion_digest(log)]}
     return log, [folder / LOG, folder / BENCH_JSON], Origin(facts.fleet.robot, facts.fleet.motor, provenance)

@@ -1,4 +1,4 @@
-"""Pictures of real motors: errors of models per joint, and traces of two joints."""
+"""Pictures of models of real motors: their error on each joint, and simulated next to recorded angles."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from motorprior.report.log_tables import Trace
 from motorprior.report.plots_style import (
     INK,
     TIME,
@@ -20,42 +21,46 @@ from motorprior.report.plots_style import (
     style,
     target_line,
 )
-from motorprior.report.real_motor_tables import NAMES, Trace
 from motorprior.signals import rmse
 
-_MAX_SECONDS = 8.0  # [s] plotted at the end of a trace, where a chirp is fastest
-_STYLES = {  # model -> model with the same colour, marker
+SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
+# colour and marker
+_STYLES = {
     "ideal_pd": ("ideal_pd", "s"), "tuned_pd": ("tuned_pd", "D"), "prior": ("rollout", "o"),
     "prior_mean": ("rollout", "|"), "pure_delay": ("paper_wide", "x"), "second_order": ("tuned_pd", "D"),
-    "servo_limits": ("one_network", "o"), "physical": ("rollout", "o"), "physical_draws": ("rollout", "|"),
+    "servo_limits": ("one_network", "o"),
 }  # fmt: skip
 
 
 def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
-    """RMSE [rad] per model and joint: a row per joint, a marker per model."""
+    """A line per joint with a marker per model.
+
+    Args:
+        errors: model -> joint -> RMSE [rad].
+    """
     joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
     figure = new_figure(1.1 + 0.23 * len(joints))
     axes = figure.add_subplot()
     style(axes)
     for model, values in errors.items():
-        color, mark = _STYLES[model]
+        color, marker = _STYLES[model]
         rows = [joints.index(joint) for joint in values]
         milli = [1e3 * value for value in values.values()]
-        style_of = {"markersize": 9 if mark == "|" else 5, "markeredgewidth": 1.6 if mark in "|x" else 0.5}
-        axes.plot(milli, rows, mark, color=model_color(color), label=NAMES[model], **style_of)
+        size = {"markersize": 9 if marker == "|" else 5, "markeredgewidth": 1.6 if marker in "|x" else 0.5}
+        axes.plot(milli, rows, marker, color=model_color(color), label=model, **size)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_yticks(range(len(joints)), joints)
     axes.set_ylim(len(joints) - 0.5, -0.5)
-    describe(axes, x="RMSE of the angle, command in and motion out [mrad]")
+    describe(axes, x="RMSE of the simulated angle [mrad]")
     legend_below(figure, axes, columns=3)
     return figure
 
 
 def traces(shown: Sequence[Trace]) -> Figure:
-    """A row per trace with its last seconds: recorded and simulated angles, and their differences."""
+    """A row per trace: recorded and simulated angles, and the errors, in the last seconds."""
     figure = new_figure(0.7 + 1.9 * len(shown))
     grid = panels(figure, len(shown), 2)
     for (angle, error), trace in zip(grid, shown, strict=True):
@@ -68,17 +73,17 @@ def traces(shown: Sequence[Trace]) -> Figure:
 
 
 def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
-    part = trace.time >= trace.time[-1] - _MAX_SECONDS
-    time, measured = trace.time[part], trace.measured[part]
-    target_line(angle, time, trace.target[part]).set_linewidth(0.7)
+    rows = trace.time >= trace.time[-1] - SHOWN_SECONDS
+    time, measured = trace.time[rows], trace.measured[rows]
+    target_line(angle, time, trace.target[rows]).set_linewidth(0.7)
     angle.plot(time, measured, color=INK, linewidth=1.9, label="recorded")
-    simulated = {name: trace.models[name][part] for name in NAMES if name in trace.models}
+    simulated = {model: values[rows] for model, values in trace.models.items()}
     for model, values in simulated.items():
         color = model_color(_STYLES[model][0])
-        angle.plot(time, values, color=color, linewidth=1.1, label=NAMES[model])
+        angle.plot(time, values, color=color, linewidth=1.1, label=model)
         error.plot(time, 1e3 * (values - measured), color=color, linewidth=0.9)
-    fit_y(angle, [measured, trace.target[part]], list(simulated.values()))
+    fit_y(angle, [measured, trace.target[rows]], list(simulated.values()))
     best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
     fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], margin=3.0)
     describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
-    describe(error, y="minus recorded [mrad]")
+    describe(error, y="simulated - recorded [mrad]")

@@ -1,13 +1,20 @@
-"""The first section of a report with real logs: real motors compared with models of them."""
+"""The first section of a demo's page: models of the motors in real logs, evaluated on held-out logs."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from motorprior.artifacts import read_tensors
+from motorprior.report import plots_real_motors
+from motorprior.report.log_tables import (
+    WHOLE_RUN,
+    constant_table,
+    constants_in,
+    error_table,
+    errors_by_joint,
+    from_tensors,
+)
 from motorprior.report.page import Section, Table, picture
-from motorprior.report.plots_real_motors import errors_by_joint, traces
-from motorprior.report.real_motor_tables import NAMES, RMSE, constant_table, error_rows, from_tensors, models_in
 from motorprior.results import Results
 
 
@@ -15,20 +22,19 @@ def real_motors(run: Path) -> list[Section]:
     """From the files of the stage ``real_motors`` of a run."""
     results = Results.load(run / "real_motors" / "results.json")
     tensors, header = read_tensors(run / "real_motors" / "traces.safetensors")
-    models, joints = models_in(results), results.where(quantity=RMSE, log=None)
-    errors = {
-        model: {row.part: row.value for row in joints.where(model=model) if row.part is not None} for model in models
-    }
+    lead = "Models of your motors simulate the joints from the recorded commands; nothing corrects them on the way."
+    tables = [_table(error_table(results, {WHOLE_RUN: "whole log"}), "Joint RMSE [mrad], over joints.")]
+    if constants := constants_in(results):
+        tables.append(_table(constant_table(constants), "Constants of your motors, over joints."))
+    errors = plots_real_motors.errors_by_joint(errors_by_joint(results, WHOLE_RUN))
+    traces = plots_real_motors.traces(from_tensors(tensors, header))
     pictures = (
-        picture(errors_by_joint(errors), "Error of every model at every joint."),
-        picture(
-            traces(from_tensors(tensors, header)),
-            "Recorded and simulated angles: a joint with the usual error, and the one with the largest.",
-        ),
+        picture(errors, "Errors of the models by joint."),
+        picture(traces, "The joints with the median and maximum error."),
     )
-    caption = "RMSE of the angle [mrad], no offset removed. A PD has the same gains at all joints."
-    tables = [Table(("joint or log", *(NAMES[model] for model in models)), error_rows(results), caption)]
-    if (constants := constant_table(results)).rows:
-        tables.append(Table(constants.columns, constants.rows, f"{constants.caption}."))
-    lead = "Models of the motors are given the recorded commands; their angles are compared with the recorded ones."
     return [Section("Your motors", (lead, *header["lines"]), pictures, tuple(tables))]
+
+
+def _table(columns_and_rows: tuple[list[str], list[list[str]]], caption: str) -> Table:
+    columns, rows = columns_and_rows
+    return Table(tuple(columns), tuple(map(tuple, rows)), caption)

@@ -1,4 +1,4 @@
-"""Motors that a prior never saw: whatever their known log says, it is the same."""
+"""A prior on unseen motors does not depend on their rows in the training log."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +8,7 @@ import pytest
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.presets import PRESETS as RECIPES
-from motorprior.identification.presets import Preset
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.validation import leave_motors_out as module
 from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 
@@ -28,7 +25,7 @@ def logs() -> list[MotorLog]:
     return [replace(log, joint_names=names, joint_torque=None) for log in found]
 
 
-def test_what_was_left_out_is_judged_and_was_never_seen(logs: list[MotorLog], tmp_path: Path):
+def test_motors_left_out_are_tested_and_not_trained_on(logs: list[MotorLog], tmp_path: Path):
     found = leave_motors_out(logs[0], logs[1], ROBOT, GROUP, "pace", SECONDS, tmp_path / "a")
     names = tuple(ROBOT.joint_names[joint] for joint in GROUP)
     assert found.joints == names
@@ -41,26 +38,6 @@ def test_what_was_left_out_is_judged_and_was_never_seen(logs: list[MotorLog], tm
     again = leave_motors_out(replace(logs[0], joint_pos=angles), logs[1], ROBOT, GROUP, "pace", SECONDS, tmp_path / "b")
     for name, values in found.errors.items():
         np.testing.assert_array_equal(again.errors[name], values)
-
-
-def test_the_motors_by_themselves_are_fitted_over_windows_as_long_as_the_priors(
-    logs: list[MotorLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    class Begun(Exception):
-        """Of the last fit; nothing is fitted here."""
-
-    def begin(log: MotorLog, preset: str, recipe: Preset, *_: object) -> None:
-        windows[preset] = recipe.window
-        raise Begun
-
-    windows: dict[str, int] = {}
-    monkeypatch.setattr(module, "fit_prior", lambda log, preset, *_, **__: None)
-    monkeypatch.setattr(module, "fit_recipe", begin)
-    for prior, alone in (("quick", "pace_long_runs"), ("long_runs", "pace_long_runs"), ("rollout", "pace")):
-        windows.clear()
-        with pytest.raises(Begun):
-            leave_motors_out(logs[0], logs[1], ROBOT, GROUP, prior, SECONDS, tmp_path)
-        assert windows == {alone: RECIPES[prior].window}
 
 
 def test_the_motors_of_a_leg_are_left_out_together():

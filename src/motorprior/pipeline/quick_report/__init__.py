@@ -1,1 +1,1 @@
-"""What a demo begins with: how real motors compare, in a minute, from any logs of them."""
+"""Quick report of real logs, with which `motorprior demo --logs` begins."""

@@ -1,4 +1,4 @@
-"""What the report draws of a validation: one bench trial, one robot trial, one torque fit."""
+"""Traces of a validation for the report: one bench trial, one robot trial, one torque fit."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.transfer.robot_fidelity import trot_targets
 
-TORQUE_STREAM, TROT_STREAM = 41, 43
-"""Tags of random streams; never zero, since numpy ignores trailing zeros of a seed."""
+TORQUE_STREAM, TROT_STREAM = 41, 43  # tags of random streams; never zero, since numpy ignores trailing zeros of a seed
 
 
 def write_traces(
@@ -36,7 +35,7 @@ def write_traces(
     priors: dict[str, MotorPrior],
     seed: int,
 ) -> None:
-    """What the report draws: one bench trial, one robot trial, one torque fit."""
+    """Simulate the physical motors and all models, and write the traces."""
     index = np.arange(len(motors))
     case = held_out_trials("impacts", len(motors), seed, HELD_OUT.for_robot(robot))[0]
     truth = run(motors.actuator(), case)
@@ -59,18 +58,18 @@ def write_traces(
 
 
 def _torque_traces(name: str, robot: Robot, prior: MotorPrior, motors: TrueMotors, seed: int) -> dict[str, np.ndarray]:
-    """The prior shown the true history of 1 s of a sinusoid, on the bench and at the clock of its own logs."""
+    """Torque of the prior from the true history of 1 s of a sinusoid on the bench, at its own sample period."""
     period = prior.network.period
     preset = preset_of_period(period).for_robot(robot)
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
     case = trial(rng, "sine", round(1.0 / period) + prior.network.taps[-1], len(motors), preset, hold=False)
     answer = run(motors.actuator(), case)
     predicted = teacher_forced_torque(prior.network, prior.mean, case, answer)[:, 0]
-    known = ~np.isnan(predicted)
+    valid = ~np.isnan(predicted)
     return {
-        f"torque/{name}/time": np.arange(len(predicted))[known] * period,
-        f"torque/{name}/measured": answer.joint_torque[known, 0],
-        f"torque/{name}/predicted": predicted[known],
+        f"torque/{name}/time": np.arange(len(predicted))[valid] * period,
+        f"torque/{name}/measured": answer.joint_torque[valid, 0],
+        f"torque/{name}/predicted": predicted[valid],
     }
 
 

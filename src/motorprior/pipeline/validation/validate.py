@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,8 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
 from motorprior.bench.families import TrueMotors
-from motorprior.bench.fleet import Fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.bounds import require_seed
+from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.evaluation.bench_fidelity import (
     HELD_OUT,
@@ -37,11 +35,8 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.transfer.metrics import BENCH_METRICS, COLUMNS
 from motorprior.transfer.robot_fidelity import robot_fidelity
 
-TRACES, QUANTILES = "traces.safetensors", "behaviour_quantiles.png"
-SHORTEST_LOG, LONGEST_LOG = 1.0, 600.0
-"""Log of a new motor [s]."""
-GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"
-"""The PD with the best gains and nothing else, and the PD with armature and delay fitted as well."""
+TRACES = "traces.safetensors"
+GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"  # the PD with the best gains; also with armature and delay
 
 
 @dataclass(frozen=True)
@@ -53,73 +48,24 @@ class Validate:
     out: Path
     """Folder for figures.json, tuned_pd.json and the traces of the report."""
     seed: int = 0
-    """Draws the held-out excitation."""
+    """Seed of the held-out excitation."""
     held_out: bool = True
-    """Measure on held-out motors, too, and whether the prior's draws are like them (a minute more)."""
+    """Measure on held-out motors, too, and compare the prior's samples with them (a minute more)."""
     adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
-    """Lengths of log [s] from which held-out motors are adapted to."""
+    """Lengths of log [s] to which the prior is adapted for held-out motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchSettings]:
-    """The priors by preset, and the bench whose motors they learned.
-
-    Raises:
-        ArtifactError: a file that is no prior.
-        ConfigError: two of the same preset, of different motors, or of too few for a robot.
-    """
-    priors: dict[str, MotorPrior] = {}
-    facts: list[BenchSettings] = []
-    for path in paths:
-        prior = load_prior(path, robot)
-        if prior.preset in priors:
-            raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
-        priors[prior.preset] = prior
-        facts.append(bench_from_json(prior.provenance.get("bench"), str(path)))
-        same = (facts[-1].fleet, facts[-1].motors, facts[-1].seed) == (
-            facts[0].fleet,
-            facts[0].motors,
-            facts[0].seed,
-        )
-        if not same:
-            raise ConfigError(
-                f"its bench is not that of {paths[0]}", where=path, remedy="give priors of the same motors"
-            )
-    if not facts:
-        raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
-    if robot.legs and facts[0].motors < robot.num_joints:
-        raise ConfigError(
-            f"its bench has {facts[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
-            remedy=f"record a bench of {robot.num_joints} motors or more",
-        )  # fmt: skip
-    return priors, facts[0]
-
-
-def _models(fleet: Fleet, priors: dict[str, MotorPrior], tuned: IdealPd) -> dict[str, ModelOfMotors]:
-    from motorprior.identification.baselines.pd_fit import repeated
-
-    models: dict[str, ModelOfMotors] = {
-        "ideal_pd": lambda index: nominal_pd(fleet, len(index)),
-        "tuned_pd": lambda index: repeated(tuned, len(index)),
-    }
-    return models | {name: prior.training_motors for name, prior in priors.items()}
-
-
 def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
-    """Measure, or read what this very measurement found.
+    """Measure, or read the results if the folder holds them already.
 
     Raises:
         ArtifactError, ConfigError: a prior or a setting that cannot be used.
     """
     require_seed(config.seed)
     for seconds in config.adapt_seconds:
-        if not SHORTEST_LOG <= seconds <= LONGEST_LOG:
-            raise ConfigError(
-                f"adapt_seconds {seconds:g} s is not from {SHORTEST_LOG:g} to {LONGEST_LOG:g} s",
-                remedy="give lengths of log in between",
-                argument="adapt_seconds",
-            )
+        require_number("adapt_seconds", seconds, 1.0, 600.0)
     robot = load_robot(config.robot)
     priors, facts = load_priors(robot, config.priors)
     wanted = description("validate", asdict(config), [*config.priors, *robot.files])
@@ -129,30 +75,58 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
     return read_results(config.out)
 
 
+def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchSettings]:
+    """The priors by preset, and the bench whose motors they learned.
+
+    Raises:
+        ArtifactError: not the file of a prior.
+        ConfigError: two of the same preset, of different motors, or of too few for a robot.
+    """
+    if not paths:
+        raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
+    priors: dict[str, MotorPrior] = {}
+    facts: list[BenchSettings] = []
+    for path in paths:
+        prior = load_prior(path, robot)
+        if prior.preset in priors:
+            raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
+        priors[prior.preset] = prior
+        facts.append(bench_from_json(prior.provenance.get("bench"), str(path)))
+        first, own = facts[0], facts[-1]
+        if (own.fleet, own.motors, own.seed) != (first.fleet, first.motors, first.seed):
+            problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
+            raise ConfigError(problem, where=path, remedy=remedy)
+    if robot.legs and facts[0].motors < robot.num_joints:
+        raise ConfigError(
+            f"its bench has {facts[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
+            remedy=f"record a bench of {robot.num_joints} motors or more",
+        )  # fmt: skip
+    return priors, facts[0]
+
+
 def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], facts: BenchSettings, progress: Progress
 ) -> None:
+    from motorprior.identification.baselines.pd_fit import repeated
+
     motors = facts.physical_motors()
     tuned = _tune_baselines(config.out, robot, motors, facts, progress)
-    models = _models(facts.fleet, priors, tuned)
+    baselines: dict[str, ModelOfMotors] = {
+        "ideal_pd": lambda index: nominal_pd(facts.fleet, len(index)),
+        "tuned_pd": lambda index: repeated(tuned, len(index)),
+    }
+    models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
         results = fidelity(robot, motors, models, "train", config.seed, task) + _armature(motors, priors)
         write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
         task.advance()
     if config.held_out:
-        results += _held_out(config, robot, priors, facts, tuned, progress)
+        results += _held_out(config, robot, priors, facts, baselines, progress)
     results += _residuals(priors)
-    results += _identify_seconds(dict(zip(priors, config.priors, strict=True)))
+    for name, path in zip(priors, config.priors, strict=True):
+        with suppress(ArtifactError):  # not in a folder that identify wrote
+            results += Results.of([Result("identify_seconds", "s", seconds_of(path.parent), model=name)])
     write_results(config.out, results)
-
-
-def _identify_seconds(paths: dict[str, Path]) -> Results:
-    """How long each identification took, where its folder says so."""
-    rows: list[Result] = []
-    for name, path in paths.items():
-        with suppress(ArtifactError):
-            rows.append(Result("identify_seconds", "s", seconds_of(path.parent), model=name))
-    return Results.of(rows)
 
 
 def _held_out(
@@ -160,7 +134,7 @@ def _held_out(
     robot: Robot,
     priors: dict[str, MotorPrior],
     facts: BenchSettings,
-    tuned: IdealPd,
+    baselines: dict[str, ModelOfMotors],
     progress: Progress,
 ) -> Results:
     """The same quantities on other motors; adaptation and distribution of a prior of physics."""
@@ -170,23 +144,19 @@ def _held_out(
     title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
         motors = held_out.held_out_motors(facts)
-        known = held_out.adapt_all(robot, priors, paths, motors, facts)
-        models = _models(facts.fleet, priors, tuned) | held_out.adapted_models(priors, known, len(motors))
+        adapted = held_out.adapt_all(robot, priors, paths, motors, facts)
+        models = baselines | held_out.adapted_models(priors, adapted, len(motors))
         task.advance()
         results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=COLUMNS)
-        if name := _of_physics(priors, known):
-            prior, path = priors[name], paths[name]
+        of_physics = [name for name, prior in priors.items() if name in adapted and prior.network.motor is not None]
+        if of_physics:
+            name = "rollout" if "rollout" in of_physics else of_physics[0]
+            prior, seconds = priors[name], config.adapt_seconds
             results += held_out.adaptation(
-                robot, prior, path, facts, config.adapt_seconds, known[name], config.seed, task.advance
+                robot, prior, paths[name], facts, seconds, adapted[name], config.seed, task.advance
             )
-            results += held_out.distribution(prior, facts, config.out / QUANTILES)
+            results += held_out.distribution(prior, facts, config.out / "behaviour_quantiles.png")
     return results
-
-
-def _of_physics(priors: Mapping[str, MotorPrior], known: Collection[str]) -> str | None:
-    """Name of the prior of physics that is looked at closer: rollout, or the first that can be adapted."""
-    able = [name for name, prior in priors.items() if name in known and prior.network.motor is not None]
-    return "rollout" if "rollout" in able else next(iter(able), None)
 
 
 def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchSettings, progress: Progress) -> IdealPd:
@@ -209,29 +179,29 @@ def fidelity(
     """Medians and means of `COLUMNS` and the displacement error of the base; three advances of ``task``."""
     rows: list[Result] = []
 
-    def add(quantity: str, unit: str, model: str, values: np.ndarray, mean: bool = True) -> None:
+    def add(quantity: str, unit: str, values: Mapping[str, np.ndarray], mean: bool = True) -> None:
         statistics = {"median": np.median, "mean": np.mean} if mean else {"median": np.median}
-        for statistic, of in statistics.items():
-            rows.append(Result(quantity, unit, _finite(of(values)), model, motor_set, statistic))
+        for model, errors in values.items():
+            for statistic, function in statistics.items():
+                value = min(function(errors), np.finfo(np.float64).max)  # JSON has no infinity
+                rows.append(Result(quantity, unit, float(value), model, motor_set, statistic))
 
     errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
     for quantity, kind in BENCH_METRICS.items():
-        for model, values in errors[kind].items():
-            add(quantity, "rad", model, values)
+        add(quantity, "rad", errors[kind])
     task.advance()
     for place, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
         found = robot_fidelity(robot, motors, models, suspended, seed)
-        for model in found.rmse:
-            add(f"{place}_rmse", "rad", model, found.rmse[model])
-            add(f"{place}_torque_hf", "N·m", model, found.torque_hf[model])
-            if not suspended:
-                add("standing_displacement_error", "m", model, found.displacement_error[model], mean=False)
+        add(f"{place}_rmse", "rad", found.rmse)
+        add(f"{place}_torque_hf", "N·m", found.torque_hf)
+        if not suspended:
+            add("standing_displacement_error", "m", found.displacement_error, mean=False)
         task.advance()
     return Results.of(rows)
 
 
 def _armature(motors: TrueMotors, priors: dict[str, MotorPrior]) -> Results:
-    """How the decoded armature compares with the rotors' own: mean ratio, and correlation over the motors."""
+    """Mean ratio of the decoded armature to that of the physical motors, and their correlation over the motors."""
     rows: list[Result] = []
     for name, prior in priors.items():
         if prior.network.has_armature or prior.network.motor is not None:
@@ -245,7 +215,7 @@ def _armature(motors: TrueMotors, priors: dict[str, MotorPrior]) -> Results:
 
 
 def _residuals(priors: dict[str, MotorPrior]) -> Results:
-    """What the network of a grey box adds to a switched-off motor over a cycle, over what the physics take; worst."""
+    """Work of the residual network on an unpowered motor over a cycle, relative to the work that the physics absorb."""
     from motorprior.identification.evaluation.passivity import residual_bound, residual_work
 
     rows: list[Result] = []
@@ -255,8 +225,3 @@ def _residuals(priors: dict[str, MotorPrior]) -> Results:
             rows.append(Result("residual_work", "1", residual_work(motors), name, "train"))
             rows.append(Result("residual_bound", "1", residual_bound(prior.network), name, "train"))
     return Results.of(rows)
-
-
-def _finite(value: Any) -> float:
-    """Infinity (the simulation broke down) as the largest number JSON can hold."""
-    return float(min(value, np.finfo(np.float64).max))

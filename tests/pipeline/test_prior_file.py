@@ -13,7 +13,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS
-from motorprior.pipeline.recipe import recipe_of
+from motorprior.pipeline.prior_file import recipe_of
 
 RECIPE = replace(PRESETS["rollout"], taps=(0, 2, 5), num_latents=3, firmware=(("dead_zone", 0.002),))
 
