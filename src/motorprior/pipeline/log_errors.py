@@ -127,9 +127,11 @@ def replay_errors(motors: LatentActuator, log: MotorLog, recipe: Preset, progres
     from motorprior.identification.evaluation.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
-        quality = fit_quality(motors, log, task.advance, usual=recipe.usual_conditions)
-    found = {PRIOR: quality.motors, TUNED_PD: quality.baseline}
-    errors = {name: np.where(np.isfinite(values), values, BROKEN)[None] for name, values in found.items()}
+        found = fit_quality(motors, log, task.advance, recipe.usual_conditions)
+    errors = {
+        name: np.where(np.isfinite(values), values, BROKEN)[None]
+        for name, values in zip((PRIOR, TUNED_PD), found, strict=True)
+    }
     replayed = LogErrors((log.source,), log.joint_names, errors)
     progress.note(error_line(replayed.results("replay_rmse"), "replay_rmse"))
     for line in replayed.warnings(PRIOR):
