@@ -27,14 +27,17 @@ def is_range(value: Any, minimum: float, maximum: float) -> bool:
     return pair and all(is_number(each, minimum, maximum) for each in value) and value[0] <= value[1]
 
 
-def require_number(name: str, value: Any, minimum: float = 0.0, maximum: float = MAX_NUMBER) -> None:
+def require_number(
+    name: str, value: Any, minimum: float = 0.0, maximum: float = MAX_NUMBER, positive: bool = False
+) -> None:
     """Check the argument ``name``.
 
     Raises:
-        ConfigError: not a finite number in [minimum, maximum].
+        ConfigError: not a finite number in [minimum, maximum], or not above 0 where it must be ``positive``.
     """
-    if not is_number(value, minimum, maximum):
-        _reject(name, value, "finite number", f"{minimum:g}", f"{maximum:g}" if maximum < MAX_NUMBER else None)
+    if not is_number(value, minimum, maximum) or (positive and value <= 0.0):
+        low = "0 (excluded)" if positive else f"{minimum:g}"
+        _reject(name, value, "finite number", low, f"{maximum:g}" if maximum < MAX_NUMBER else None)
 
 
 def require_count(name: str, value: Any, minimum: int = 1, maximum: int | None = None) -> None:

@@ -146,7 +146,7 @@ def geared(motors: TrueMotors) -> MotorParameters:
     if isinstance(motors, MotorParameters):
         return motors
     raise ConfigError(
-        f"the fleet's motors are {motors.actuator().kind.name}, not {GEARED.name}",
-        remedy=f"use a fleet of the {GEARED.name} family",
+        f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}",
+        remedy=f"give as fleet one of the {GEARED.name} family",
         argument="fleet",
     )

@@ -11,8 +11,8 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from motorprior.bounds import require_seed
-from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.bounds import require_number, require_seed
+from motorprior.exceptions import RobotFault
 from motorprior.hardware import deploy, teleop
 from motorprior.hardware.control_loop import clock_results
 from motorprior.hardware.doctor import Check, check_telemetry
@@ -41,14 +41,15 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
         RobotFault: what ended the walk early.
     """
-    _require("seconds", settings.seconds, 0.0, 1e6)
+    if settings.seconds is not None:
+        require_number("seconds", settings.seconds, 0.0, 1e6, positive=True)
     policy = Policy.load(path)
     policy.check()
     policy.require_robot(robot)
     policy.require_clock(robot.control_dt)
     gait = robot.with_speed_range(policy.forward).require_legs()
-    _require("forward", settings.forward, *gait.forward, or_equal=True)
-    _require("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate, or_equal=True)
+    require_number("forward", settings.forward, *gait.forward)
+    require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     gains.check(robot.require_wire().safety)
     if settings.dry_run:
@@ -88,9 +89,9 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     safety, settings = robot.require_wire().safety, _with_defaults(robot, settings)
     excitation, amplitude, speed = settings.excitation, settings.amplitude, settings.speed
     assert excitation is not None and amplitude is not None and speed is not None, "defaults"
-    _require("seconds", settings.seconds, 1.0, 3600.0, or_equal=True)
-    _require("amplitude", amplitude, 0.0, 1.5)
-    _require("speed", speed, 0.0, safety.target_speed)
+    require_number("seconds", settings.seconds, 1.0, 3600.0)
+    require_number("amplitude", amplitude, 0.0, 1.5, positive=True)
+    require_number("speed", speed, 0.0, safety.target_speed, positive=True)
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
     gains.check(safety)
@@ -130,7 +131,7 @@ def _recorded_run(
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
     """Check the telemetry of a robot; sends nothing, or only idle. Raises RobotFault if no telemetry comes."""
-    _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
+    require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
             check_telemetry(link, 0.3)  # an unknown device at the port is sent nothing
@@ -157,13 +158,6 @@ def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
         fast = excitation in ("steps", "varied") and not standing
         speed = min(robot.require_wire().safety.target_speed, _FAST if fast else _GENTLE)
     return replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
-
-
-def _require(name: str, value: float | None, low: float, high: float, or_equal: bool = False) -> None:
-    if value is None or low < value <= high or (or_equal and value == low):
-        return
-    bounds = f"{'at least' if or_equal else 'more than'} {low:g} and at most {high:g}"
-    raise ConfigError(f"{name} {value:g} is out of range", remedy=f"give {bounds}", argument=name)
 
 
 def _dated(command: str) -> Path:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.bounds import require_number
+from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import IDLE, Command
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits, Wire
@@ -36,9 +37,7 @@ class Gains:
         """Raise ConfigError unless every value is positive and within the limits."""
         maxima = {"kp": limits.max_kp, "kd": limits.max_kd, "max_current": limits.max_current}
         for name, maximum in maxima.items():
-            if not 0.0 < (value := getattr(self, name)) <= maximum:  # also NaN
-                problem = f"{name} {value:g} is out of range"
-                raise ConfigError(problem, remedy=f"give more than 0 and at most {maximum:g}", argument=name)
+            require_number(name, getattr(self, name), 0.0, maximum, positive=True)
 
 
 class SafetyGate:

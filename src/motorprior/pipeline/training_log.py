@@ -40,7 +40,7 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     """
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
-        raise ConfigError("no log given", remedy="give a bench's folder, or at least one motor log", argument="bench")
+        raise ConfigError("no log given", remedy="give the folder of `motorprior bench`, or motor logs")
     paths = [path.parent if path.name == LOG and (path.parent / BENCH_JSON).is_file() else path for path in paths]
     folder = next((path for path in paths if path.is_dir()), None)
     if folder is None:

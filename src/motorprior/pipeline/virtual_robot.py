@@ -60,7 +60,9 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
 
     require_seed(settings.seed)
     if settings.rate not in (100, 200):
-        raise ConfigError(f"the firmware has no rate {settings.rate}", remedy="give 100 or 200", argument="rate")
+        raise ConfigError(
+            f"robot.rate {settings.rate} is not a rate of the firmware", remedy="give 100 or 200", argument="robot.rate"
+        )
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = TwinBody(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)

@@ -64,7 +64,7 @@ def unknowns_of(fleet: Fleet, logged: frozenset[str] = frozenset()) -> tuple[Unk
     found = [unknown for name in names if (unknown := _unknown(name, fleet.parameters.get(name))) is not None]
     if not found:
         raise ConfigError(
-            f"none of the fleet's constants {', '.join(names)} is uncertain", where=fleet.name, argument="fleet",
+            f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
             remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
             "(docs/calibrate.md)",
         )  # fmt: skip

@@ -54,5 +54,5 @@ def require_given(robot: Robot | None, path: Path) -> Robot:
         ConfigError: none was given.
     """
     if robot is None:
-        raise ConfigError("the log does not name its robot", where=path, remedy="give robot", argument="robot")
+        raise ConfigError("the log does not name its joints", where=path, remedy="give robot", argument="robot")
     return robot

@@ -109,7 +109,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     if config.suspended and config.columns is not None and config.robot is None:
         columns = load_column_map(config.columns)
         if columns.robot != DEFAULT_ROBOT:
-            problem = "suspended: the loads come from the robot's model, but no robot was given"
+            problem = "suspended: no model for the loads"
             remedy = "give robot, its .toml file (docs/your-robot.md); or fit_load without a model"
             raise ConfigError(problem, where=columns.source, remedy=remedy, argument="robot")
     targets = targets_of(config.paths, config.out)
