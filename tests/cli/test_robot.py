@@ -20,8 +20,6 @@ from motorprior.robots import load
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-pytestmark = pytest.mark.real_time
-
 
 def policy_file(path: Path, **changes) -> Path:
     """Zero weights: a trot."""
@@ -38,6 +36,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load, "SHIPPED", (lenient,))
 
 
+@pytest.mark.real_time
 def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorprior: Callable, tmp_path: Path):
     walk, policy = tmp_path / "walk", policy_file(tmp_path / "policy.safetensors")
     robot = ("--virtual", "--robot.no-homing", "--robot.currents")
@@ -55,6 +54,7 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorpr
     assert len(MotorPrior.load(tmp_path / "prior" / "prior.safetensors").mean) == 12
 
 
+@pytest.mark.real_time
 def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Path):
     out = tmp_path / "rec"
     settings = ("--robot.no-homing", "--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
@@ -68,6 +68,7 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
     assert np.median(np.diff(log.time)) == pytest.approx(spec.PHYSICS_DT) and log.joint_names == spec.JOINT_NAMES
 
 
+@pytest.mark.real_time
 def test_the_doctor_checks_a_virtual_robot(motorprior: Callable):
     done = motorprior("doctor", "--virtual", "--seconds", 1)
     assert done.code == 0 and "FR_knee" in done.out, done.err
@@ -82,8 +83,8 @@ def test_the_doctor_checks_a_virtual_robot(motorprior: Callable):
         ("deploy no.safetensors --virtual --yes", ("no such file",)),
         ("deploy {other_gains} --port /dev/null --yes", ("kp = 22.2", "give kp 22.2")),
         ("deploy {slow} --port /dev/null --yes", ("0.02 s", "0.01 s")),
-        ("deploy {policy} --port /dev/null --yes --forward 2", ("--forward 2", "at most 0.5")),
-        ("record --port /dev/null --yes --amplitude 3", ("--amplitude 3", "at most 1.5")),
+        ("deploy {policy} --port /dev/null --yes --forward 2", ("--forward 2", "to 0.5")),
+        ("record --port /dev/null --yes --amplitude 3", ("--amplitude 3", "to 1.5")),
         ("record --port /dev/null --yes --out {used}", ("run.csv", "exists already")),
     ],
 )
@@ -99,6 +100,7 @@ def test_bad_input_is_one_error(refused: Callable, tmp_path: Path, command: str,
     refused(*command.format(**files).split(), words=words)
 
 
+@pytest.mark.real_time
 def test_a_virtual_robot_ends_with_the_process_that_started_it():
     """Also if that is killed."""
     code = (

@@ -76,7 +76,7 @@ def test_a_format_without_names_needs_a_robot(reader: LogReader, tmp_path: Path)
     if reader.name not in NAMELESS:
         np.testing.assert_array_equal(read_log(path).joint_pos, read_log(path, ROBOT).joint_pos)
     else:
-        with pytest.raises(ConfigError, match="does not name its robot") as refusal:
+        with pytest.raises(ConfigError, match="does not name its joints") as refusal:
             read_log(path)
         assert refusal.value.argument == "robot" and refusal.value.where == path
 
