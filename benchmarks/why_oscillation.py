@@ -212,11 +212,11 @@ def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> n
 
 def chatter(actuator, load: float, seed: int) -> float:
     """Median torque above 20 Hz [N·m] of joints with this load, for a gait held at 100 Hz."""
-    from motorprior.bench.excitation import gait, held
+    from motorprior.bench.excitation import gait, zero_order_hold
 
     rng = np.random.default_rng([HELD_OUT_SEED, seed, 77])
     count = actuator.num_motors
-    target = np.stack([held(gait(rng, 1000, 0.002), 5) for _ in range(count)], axis=1)
+    target = np.stack([zero_order_hold(gait(rng, 1000, 0.002), 5) for _ in range(count)], axis=1)
     response = run(actuator, Trial(target, np.zeros_like(target), np.full(count, load), 0.002))
     return float(np.median(high_frequency_rms(response.joint_torque, 0.002, CUTOFF)))
 

@@ -59,5 +59,7 @@ def test_stall_torque_is_the_limit_of_a_pd_and_the_limit_less_friction_of_a_moto
 def test_breakaway_is_friction_plus_the_spring_of_the_controller():
     motors = central(coulomb=[0.1, 0.25], load_friction=[0.0, 0.2], backlash=0.0, encoder_zero=0.0, kd=0.0)
     motors = replace(motors, gear_stiffness=np.full(2, 600.0))
-    expected = (motors.coulomb + motors.stribeck_torque + motors.kp * behaviour.GIVE) / (1 - motors.load_friction)
+    expected = (motors.coulomb + motors.stribeck_torque + motors.kp * behaviour.BREAKAWAY_ANGLE) / (
+        1 - motors.load_friction
+    )
     np.testing.assert_allclose(behaviour.breakaway(PhysicalActuator(motors)), expected, rtol=0.05)

@@ -28,12 +28,12 @@ from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
-from motorprior.identification.physics.term_selection import VARIES, same_conditions
+from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data import windows
-from motorprior.logs.doctor.excitation import joints_at_rest
+from motorprior.logs.doctor.excitation import static_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
@@ -114,7 +114,7 @@ def _regression(runs: WindowRuns) -> np.ndarray:
     return np.array([np.clip(found[0], lower, 1e4 * lower), *found[1:]])
 
 
-def require_torque(log: MotorLog) -> None:
+def require_physical_kp(log: MotorLog) -> None:
     """Raise `LogError` unless the log has kp in N·m/rad, which sets the scale of torques."""
     if log.stated_kp is None or log.gain_unit != PHYSICAL_GAINS:
         has = "no kp" if log.stated_kp is None else "kp in firmware units"
@@ -132,8 +132,8 @@ def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple
     Raises:
         LogError: no such gains, another period than RECIPE's, too short, a static joint, or all simulations diverge.
     """
-    require_torque(log)
-    if static := joints_at_rest(log):
+    require_physical_kp(log)
+    if static := static_joints(log):
         raise LogError(f"joint {static[0]} does not move", where=log.source, remedy="leave it out of the map")
     return tuple(_fit_joint(log.joint(index), report) for index in range(log.num_joints))
 
@@ -146,7 +146,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
     same = same_conditions(runs)
-    terms = in_order([*preset.logged_terms, *(name for name in VARIES if name not in same)])
+    terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
     mean = np.array([[0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit]])
@@ -204,11 +204,11 @@ class _Search:
         """Rounds of steps and restarts until _PATIENCE of them improve little."""
         idle = 0
         for index in range(max_rounds):
-            weighted, reach, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
+            weighted, diff_step, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
             found = replace(found, energy=found.loss + weighted.energy(found.z))
-            again = self._fit.polish(found.z, weighted, _STEPS, reach)
+            again = self._fit.polish(found.z, weighted, _STEPS, diff_step)
             other = self._fit.best_of(self._others(again.z, _RESTART_RADIUS), weighted)
-            found = again.better(self._fit.polish(other, weighted, _STEPS, reach))
+            found = again.better(self._fit.polish(other, weighted, _STEPS, diff_step))
             self._report()
             idle = idle + 1 if found.loss > (1.0 - _MIN_GAIN) * before else 0
             if idle == _PATIENCE:

@@ -59,9 +59,9 @@ class Preset:
         return bool(self.num_neurons) or not self.physics_first
 
     @property
-    def usual_conditions(self) -> dict[str, float]:
+    def nominal_conditions(self) -> dict[str, float]:
         """Medians by channel."""
-        return {name: usual for name, _, usual, _ in self.conditions}
+        return {name: nominal for name, _, nominal, _ in self.conditions}
 
     @property
     def logged_terms(self) -> tuple[str, ...]:
@@ -143,6 +143,6 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
         return recipe
     conditions = []
     for name in sorted(CONDITIONS.keys() & channels(log).keys()):
-        means, usual = segment_means(log, name), np.median(channels(log)[name])
-        conditions.append((name, float(means.min()), float(usual), float(means.max())))
+        means, nominal = segment_means(log, name), np.median(channels(log)[name])
+        conditions.append((name, float(means.min()), float(nominal), float(means.max())))
     return replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(conditions))

@@ -112,7 +112,7 @@ def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> tuple[Identified, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
-    runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
+    runs = WindowRuns(data, preset, heartbeat=lambda: report(0, ""))
     physics = _fit_physics(data, preset, runs, seed, report, checkpoints)
     found = physics.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
@@ -186,9 +186,9 @@ def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int
         report(CHUNK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
     motors = len(data.series)
-    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(term_selection.ROWS, term_selection.WINDOWS * preset.window))
-    few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
+    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
+    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
     work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
@@ -202,8 +202,8 @@ def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
     notes += [
         f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
         "terms ignores -> use preset rollout or long_runs"
-        for name, low, usual, high in preset.conditions
-        if not preset.tries_terms and high - low >= min_difference(name, usual)
+        for name, low, nominal, high in preset.conditions
+        if not preset.tries_terms and high - low >= min_difference(name, nominal)
     ]
     return notes
 

@@ -19,8 +19,8 @@ from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.baselines.response_models import ResponseMotors
-from motorprior.identification.evaluation.coverage import DRAWS, LEVELS, band, latent_draws
-from motorprior.identification.evaluation.reference import draw_residuals
+from motorprior.identification.evaluation.coverage import DRAWS, LEVELS, band, latent_samples
+from motorprior.identification.evaluation.reference import sample_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.presets import Preset
@@ -99,10 +99,10 @@ def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowR
 def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng: np.random.Generator) -> np.ndarray:
     """(DRAWS, M, N, W) errors [rad] of samples of the posterior, each with residuals of its prior."""
     recorded, errors = runs.recorded(VEL), []
-    for z in latent_draws(posterior, rng, DRAWS):
+    for z in latent_samples(posterior, rng, DRAWS):
         found = runs.errors(LatentActuator(prior.network, z))
         velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
-        errors.append(POSITION_SCALE * found[:, :, 0] + draw_residuals(prior.metrics, rng, velocity))
+        errors.append(POSITION_SCALE * found[:, :, 0] + sample_residuals(prior.metrics, rng, velocity))
     return np.stack(errors)
 
 

@@ -81,7 +81,7 @@ def standard_posterior(
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
     """`standardised` network and means, and log-variances (M, Z).
 
-    The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
+    The variances are the diagonal of the Laplace approximation of `fit_posterior`, with the motors' mean loss as temperature.
     """
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:

@@ -156,15 +156,15 @@ class MotorFit:
             best = self.best_of(best[:, None] + draws, prior)
         return best
 
-    def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, reach: float = NARROW) -> Fit:
+    def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float = NARROW) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _MIN_GAIN.
 
-        At most ``steps``, with derivatives over ``reach``, WIDE or NARROW.
+        At most ``steps``, with derivatives over ``diff_step``, WIDE or NARROW.
         """
         z, damping = start, np.full(len(start), 1e-2)
         loss = self.losses(z)
         energy = loss + prior.energy(z)
-        slope, curvature = self._derivatives(z, reach)
+        slope, curvature = self._derivatives(z, diff_step)
         left = self._everyone
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
@@ -183,12 +183,12 @@ class MotorFit:
             if not len(left):
                 break
             if step + 1 < steps and len(moved := left[lower[left]]):
-                slope[moved], curvature[moved] = self._derivatives(z, reach, moved)
+                slope[moved], curvature[moved] = self._derivatives(z, diff_step, moved)
         return Fit(z, energy, loss)
 
-    def curvatures(self, z: np.ndarray, reach: float = NARROW) -> np.ndarray:
+    def curvatures(self, z: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
         """(M, Z, Z) Gauss-Newton matrices of the loss: channels·mean of huber''(r)·∇r·∇rᵀ."""
-        return self._derivatives(z, reach, bend=huber_curvature)[1]
+        return self._derivatives(z, diff_step, bend=huber_curvature)[1]
 
     def _moves(
         self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, prior: GaussianPrior, damping: np.ndarray
@@ -202,7 +202,7 @@ class MotorFit:
         return np.clip(moves, -MAX_STEP, MAX_STEP)
 
     def _derivatives(
-        self, z: np.ndarray, reach: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
+        self, z: np.ndarray, diff_step: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (M, Z) and Gauss-Newton matrix (M, Z, Z) of the loss, of these ``motors``.
 
@@ -210,7 +210,7 @@ class MotorFit:
         """
         motors, size = self._everyone if motors is None else motors, z.shape[1]
         slope, curvature = np.zeros((len(motors), size)), np.zeros((len(motors), size, size))
-        shifts = reach * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
+        shifts = diff_step * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
         together = max(1, _LANES // len(shifts))
         for first in range(0, len(motors), together):
             some = motors[first : first + together]
@@ -218,7 +218,7 @@ class MotorFit:
             found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
             for row, values in enumerate(found, first):
                 with np.errstate(over="ignore", invalid="ignore"):
-                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * reach)
+                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * diff_step)
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
                 here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
                 gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))

@@ -58,7 +58,7 @@ def huber_curvature(x: Any) -> Any:
     return (1.0 + x * x) ** -1.5
 
 
-def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
+def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
     """(M,) largest speed [rad/s] that each joint kept for 0.1 s towards its target, 0 if none; inputs are (M, R)."""
     rows, lowest = max(1, round(0.1 / period)), []
     for sign in (1.0, -1.0):
@@ -138,20 +138,20 @@ class Segment:
 
     @property
     def conditions(self) -> np.ndarray:
-        """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
+        """(2, M) supply voltage over the nominal one [-], and temperature above it [K]."""
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
 class WindowRuns:
     """Free runs over all windows of M motors' logs, or of those with the indices ``motors``.
 
-    ``beat`` is called several times a second during `residuals`; an exception that it raises ends them.
+        ``heartbeat`` is called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
-        at_rotor: whether the log's encoders are on the rotors.
-        channels: errors per sample.
-        fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the log; for no_load_speed, at the usual voltage.
+            at_rotor: whether the log's encoders are on the rotors.
+            channels: errors per sample.
+    max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+            sustained_speeds: for each of SPEED_LIMITS the (M,) `sustained_speed` in the log; for no_load_speed, at the nominal voltage.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class WindowRuns:
         data: TrainingData,
         preset: Preset,
         motors: np.ndarray | None = None,
-        beat: Callable[[], None] = lambda: None,
+        heartbeat: Callable[[], None] = lambda: None,
     ):
         series = data.series if motors is None else data.series[motors]
         self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
@@ -171,12 +171,12 @@ class WindowRuns:
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
         velocity, error = series[..., channel.VEL], series[..., channel.TARGET] - series[..., channel.POS]
-        self.fastest = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
+        self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         speeds = (velocity, velocity / series[..., channel.SUPPLY])
-        self.held_speeds = {
-            name: held_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
+        self.sustained_speeds = {
+            name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
+        self._threads, self.heartbeat = ThreadPoolExecutor(os.cpu_count() or 1), heartbeat
 
     @property
     def windows(self) -> int:
@@ -189,7 +189,7 @@ class WindowRuns:
         return np.median([segment.gains for segment in self.segments], axis=0)
 
     @property
-    def largest_request(self) -> np.ndarray:
+    def max_request(self) -> np.ndarray:
         """(M,) 99.9 % quantile of logged kp times position error [rad]."""
         errors = [np.abs(one.rows[:, channel.TARGET] - one.rows[:, channel.POS]) for one in self.segments]
         requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
@@ -214,9 +214,9 @@ class WindowRuns:
             some, inside, segment = task
             out[some, inside] = self._run(network, z[some], motor[some], segment)
 
-        self.beat()
+        self.heartbeat()
         for _ in self._threads.map(simulate, tasks):
-            self.beat()
+            self.heartbeat()
         return out
 
     def recorded(self, index: int) -> np.ndarray:

@@ -21,7 +21,7 @@ def excited_joints(log: MotorLog) -> np.ndarray:
     return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
 
 
-def joints_at_rest(log: MotorLog) -> tuple[str, ...]:
+def static_joints(log: MotorLog) -> tuple[str, ...]:
     """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
     at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
     return tuple(log.joint_names[column] for column in at_rest)

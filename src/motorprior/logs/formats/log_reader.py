@@ -33,7 +33,7 @@ class LogReader:
     read: Callable[[Path, Robot | None], MotorLog]
     assumption: str = ""
 
-    def takes(self, path: Path) -> bool:
+    def matches(self, path: Path) -> bool:
         """Whether a path has this format.
 
         Raises:
@@ -47,7 +47,7 @@ class LogReader:
         return self.recognises(path)
 
 
-def require_given(robot: Robot | None, path: Path) -> Robot:
+def require_robot(robot: Robot | None, path: Path) -> Robot:
     """The robot of a format that does not name its joints.
 
     Raises:

@@ -54,7 +54,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
             )  # fmt: skip
         return read_mapped_log(path, column_map, _source(path, column_map), robot)
     for reader in READERS:
-        if reader.takes(path):
+        if reader.matches(path):
             return reader.read(path, robot)
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
@@ -82,7 +82,7 @@ def unit_assumption(path: Path, columns: ColumnMap | str | Path | None = None) -
     Raises:
         LogError: the log cannot be read.
     """
-    reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
+    reader = next((reader for reader in READERS if reader.matches(path)), None) if columns is None else None
     return reader.assumption if reader else ""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.csv_table import read_number_table
-from motorprior.logs.formats.log_reader import LogReader, require_given
+from motorprior.logs.formats.log_reader import LogReader, require_robot
 from motorprior.logs.log_errors import require_finite, require_increasing
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
@@ -133,5 +133,5 @@ ROBOT_RUN = LogReader(
     "recording of a robot",
     (".csv",),
     lambda path: re.match(r"time([,;\t])mode\1", _first_line(path)) is not None,
-    lambda path, robot: read_robot_run(path, require_given(robot, path)),
+    lambda path, robot: read_robot_run(path, require_robot(robot, path)),
 )
