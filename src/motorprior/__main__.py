@@ -27,7 +27,7 @@ def main() -> None:
     try:
         run()
     except SystemExit as stop:
-        if isinstance(stop.code, int) and stop.code:  # threads of parallel stages may still run; their checkpoints are saved
+        if isinstance(stop.code, int) and stop.code:  # threads of stages may still run; their checkpoints are saved
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(stop.code)

@@ -20,8 +20,8 @@ BENCH = PRESETS["rollout"]
 def decoder_data() -> Callable[..., TrainingData]:
     """Make the logs of a network's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
 
-    ``supply`` and ``temperature_rise`` are conditions of the segments, in turn. Velocities and torques are those of half a step
-    before already, as a rollout wants them.
+    ``supply`` and ``temperature_rise`` are conditions of the segments, in turn. Velocities and torques are those of
+    half a step before already, as a rollout wants them.
     """
 
     def make(
@@ -48,8 +48,8 @@ def decoder_data() -> Callable[..., TrainingData]:
             logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
                 case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
-                inertia, seconds, *logged, np.full_like(seconds, under.supply), np.full_like(seconds, under.temperature_rise),
-                np.zeros_like(seconds),
+                inertia, seconds, *logged, np.full_like(seconds, under.supply),
+                np.full_like(seconds, under.temperature_rise), np.zeros_like(seconds),
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")

@@ -137,7 +137,7 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     """The state with the reference moved towards the target for one step."""
     away = target - state.reference
     distance = abs(away)
-    change = 0.5 * h * p.profile_acceleration  # change of speed in half a step, with which whole steps end at the target
+    change = 0.5 * h * p.profile_acceleration  # change of speed in half a step: whole steps then end at the target
     stopping = arithmetic.sqrt(change * change + 2.0 * p.profile_acceleration * distance) - change
     speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
     wanted = arithmetic.with_sign_of(speed, away) - state.reference_vel

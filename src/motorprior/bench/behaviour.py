@@ -8,7 +8,7 @@ chaotic, so models could not be compared. Features, in this order:
     rise time     10 → 90 % of the final displacement after a step of STEP [s]
     overshoot     (maximum - final joint_pos) / STEP with HEAVY_INERTIA [-]
     dead band     half-width of the hysteresis of joint_pos for a slow triangular target [rad]
-    breakaway     external torque that moves a joint with a constant target by BREAKAWAY_ANGLE [N·m], both directions' mean
+    breakaway     external torque that moves a joint with a constant target by BREAKAWAY_ANGLE [N·m], mean of both signs
     stall torque  steady torque on a blocked joint with a position error of STALL_ERROR [N·m]
     peak speed    maximum speed after a step of FAST_STEP with a nearly bare joint [rad/s]
 

@@ -5,8 +5,9 @@ with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the p
 the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors'
 constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
 
-Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be chance. So all motors
-are fitted with them and with the logged ones alone, and they are kept if they save MIN_GAIN of the loss of all motors.
+Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be due to chance. All
+motors are therefore fitted with the selected terms and with the logged ones alone; the selected ones are kept if they
+save MIN_GAIN of the loss of all motors.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and a text, often with 0; an exception that it raises ends the fit.
+        report: called with the work since the last call, often 0, and a text; an exception that it raises ends the fit.
         checkpoints: where an interrupted training resumes.
 
     Raises:
@@ -120,7 +121,7 @@ def _physics_first(
     notes = _notes_on_terms(physics, preset)
     fitted = FittedMotors(with_motor(without_residual(data.scales, preset), found.center, found.terms), found.offsets)
     longer = longer_runs(data, preset, runs)
-    report(0, "constants are refined")
+    report(0, "refining constants")
     motors = refined_motors(fitted, longer, preset)
     if preset.num_neurons:
         motors, saved, note = with_residual(fitted, motors, data, preset, seed, longer, report)
@@ -161,7 +162,7 @@ def _fit_physics(
     """The fit, or that of an interrupted training; raises `MotorPriorError` if every simulation diverges."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
-        report(WORK, "constants were fitted")
+        report(WORK, "constants already fitted")
         return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
     chosen = _selected(bare, data, preset, seed, report)
@@ -192,7 +193,7 @@ def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int
     work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
-        report(CHUNK * len(TERMS), "the log is too short to choose terms by")
+        report(CHUNK * len(TERMS), "the log is too short to select terms")
     return chosen
 
 
@@ -211,7 +212,7 @@ def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
 def _notes_on_identifiability(
     motors: FittedMotors, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
 ) -> list[str]:
-    """Notes on limits and on a scale of torques that the logs do not identify; they go to ``metrics``, too."""
+    """Notes on limits and on a scale of torques that the logs do not identify, also added to ``metrics``."""
 
     def logs(hidden: np.ndarray) -> str:
         named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""

@@ -41,7 +41,7 @@ class Runs:
 
 
 def runs_of(log: MotorLog, mask: np.ndarray) -> Runs:
-    """The longest runs of rows that a mask (T,) selects."""
+    """Maximal runs of rows that a mask (T,) selects."""
     rows = np.concatenate([part.start + runs_of_true(mask[part]) for part in log.segment_slices()])
     return Runs(rows[:, 0], rows[:, 1])
 

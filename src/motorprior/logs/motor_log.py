@@ -66,8 +66,8 @@ class MotorLog:
         segment: (T,) index of the contiguous recording; None for a single one.
         base_orientation: (T, 2) roll and pitch of the base [rad].
         posture: (T,) how the base was supported, an index of POSTURES.
-        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not see backlash and
-            elasticity of the gear (angles are at the output shaft in both cases).
+        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash
+            and elasticity of the gear (angles are at the output shaft in both cases).
         stated_kp: (T, J) logged proportional gain, constant within a segment.
         stated_kd: (T, J) logged derivative gain, acting on the velocity; only with stated_kp.
         supply_voltage: (T, J) at the motor [V].

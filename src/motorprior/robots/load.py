@@ -112,7 +112,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     name = table["name"]
     if name in {shipped.name for shipped in SHIPPED} or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         problem = f"name {name!r} is a shipped robot's, or has characters other than letters, digits, '_' and '-'"
-        raise ArtifactError(problem, where=path, remedy="give it another name; it is stored in priors, logs and policies")
+        raise ArtifactError(problem, where=path, remedy="give it another name; priors, logs and policies store it")
     return _from_table(table, path)
 
 

@@ -2,10 +2,10 @@
 
     minimise  Σ (simulated - recorded angle)²   over free runs of whole segments
 
-Every model also starts at the optimum of the simpler one. Each optional part of servo_limits is dropped if the error
-without it is less than MIN_SAVING larger: a limit that the log hardly reaches would bind in other motions. Logged firmware
-registers are not searched. Positive constants are searched as logarithms. Jacobians are central differences, wide and
-then narrow, since dead bands and limits have corners.
+Every model also starts at the optimum of the simpler one. Each optional part of servo_limits is dropped if it saves
+less than MIN_SAVING of the squared error: a limit that the log hardly reaches would bind in other motions. Logged
+firmware registers are not searched. Positive constants are searched as logarithms. Jacobians are central differences,
+first with a wide step, then with a narrow one, since dead bands and limits have corners.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values
 REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
 GENERATIONS, POPULATION = 60, 8  # of the differential evolution; the latter per constant
 EVALUATIONS = 60  # maximum number of steps of a polish
-DIFF_STEPS = (0.05, 0.005)  # steps of the differences, one after the other
+DIFF_STEPS = (0.05, 0.005)  # difference steps, in the order of their use
 MIN_SAVING = 0.04  # share of the squared error that an optional part must save
-MAX_SAMPLES = 40_000  # approximate number of residuals of a joint; of more samples, every n-th is used
+MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
 
 
 def fit_responses(
@@ -46,9 +46,9 @@ def fit_responses(
     report: Callable[[], None] = lambda: None,
     firmware: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, ResponseMotors]:
-    """All of MODELS, fitted to every joint of the logs, with one of GRAVITY.
+    """Fit all MODELS to every joint of the logs; ``gravity`` is a key of GRAVITY.
 
-    ``runs`` are free runs, one per segment; ``seed`` is of the global search, ``report`` is called after every joint;
+    ``runs`` are free runs, one per segment; ``seed`` is of the global search; ``report`` is called after each joint;
     ``firmware`` are logged registers, used by servo_limits; 0 is off.
     """
     given = {name: firmware[each] or CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}

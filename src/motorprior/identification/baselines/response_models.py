@@ -6,8 +6,8 @@
                    q̈ = rate²·(e less the dead band) - 2·damping·rate·q̇,   |q̈| <= acceleration,  |q̇| <= speed
 
 u [rad] is the command, linear in time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m]
-is the log's external torque; ``compliance`` [rad/(N·m)] is the compliance of a proportional law. Where a log has no load,
-``sine`` and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load only.
+is the log's external torque; ``compliance`` [rad/(N·m)] is that of a proportional law. If a log has no load, ``sine``
+and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
 
-INFINITE_RATE = 1e9  # rate from which on the joint follows without lag
+INFINITE_RATE = 1e9  # rate from which the joint follows without lag
 # constants in SI units with their neutral values
 CONSTANTS = {
     "delay": 0.0, "rate": INFINITE_RATE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
@@ -75,7 +75,7 @@ class ResponseMotors:
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
-        """(M, N, W) simulated minus recorded angles [rad] of the free runs that other models have in the same log."""
+        """(M, N, W) simulated minus recorded angles [rad] of the same free runs as for other models."""
         joints = zip(range(runs.num_motors), self.constants, strict=True)
         return np.stack([JointRuns(runs, joint).errors(constants) for joint, constants in joints])
 

@@ -54,7 +54,7 @@ def metric_suffix(has_torque: bool) -> str:
 
 
 def num_blocks(windows: int, preset: Preset) -> float:
-    """Number of blocks, not necessarily whole, in a log of so many ``windows``."""
+    """Number of blocks in a log with this number of ``windows``; it may be a fraction."""
     return windows / _windows_per_block(preset)
 
 
@@ -152,7 +152,7 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
 
 
 def sample_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
-    """Draw residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
+    """Sample residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
 
     The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
     """

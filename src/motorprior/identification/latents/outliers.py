@@ -1,8 +1,8 @@
 """Outlier tests by latents: whether motors lie inside the prediction interval of the training motors.
 
-`outliers` tests new motors. Every motor is fitted a second time, by `fit_posterior`, with a prior PRIOR_SCALE times as wide as the
-training motors, which hardly shrinks the estimate (the loss of a fit alone has little power). The result, in decoder
-latents, is compared with the M training motors, of mean m and standard deviation s,
+`outliers` tests new motors. The loss of a fit alone has little power, so every motor is fitted a second time, by
+`fit_posterior`, with a prior PRIOR_SCALE times as wide as the training motors, which hardly shrinks the estimate. The
+result, in decoder latents, is compared with the M training motors, of mean m and standard deviation s,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
@@ -26,8 +26,8 @@ from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior, in standard deviations of the training motors
-_SAME = 1e-9  # standard deviation of a latent up to which the training motors only differ by rounding
+PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
+_SAME = 1e-9  # up to this standard deviation of a latent, training motors differ only by rounding
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def leave_one_out_outliers(prior: MotorPrior) -> Outliers | None:
 
 
 def _most_deviating(network: LatentNetwork, t: np.ndarray, p_values: np.ndarray, tests: int) -> Outliers:
-    """The latent with the smallest p-value of each motor, Bonferroni-corrected for so many ``tests``."""
+    """The latent with the smallest p-value of each motor, Bonferroni-corrected for ``tests`` tests."""
     worst, names = p_values.argmin(axis=1), _latent_names(network)
     rows = np.arange(len(worst))
     p_value = np.minimum(1.0, tests * p_values[rows, worst])

@@ -64,7 +64,7 @@ def descend(
         if trained is not None:
             return trained, np.asarray(losses)
         kept, problem = None, f"the loss is {losses[-1]:.3g} by Adam step {CHUNK * len(losses)} at a rate of {rate:.2g}"
-        report(-CHUNK * (len(losses) - 1), f"{problem}: again, slower")
+        report(-CHUNK * (len(losses) - 1), f"{problem}: restarted at a lower rate")
     raise DivergedError(
         f"training diverged: {problem}, and at larger ones",
         remedy="check the log with `motorprior logs check`, or try another seed",

@@ -36,8 +36,8 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data import windows as channel
 from motorprior.identification.training_data.windows import Measured
 
-# bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: contact in the gear one step
-# earlier or later gives huge gradients, which would dominate the batch
+# bound on the norm of a window's gradient with respect to the logarithms of the motor's constants [-]: gear contact one
+# step earlier or later gives huge gradients, which would dominate the batch
 MAX_SENSITIVITY = 3.0
 _ARITHMETIC = array_arithmetic(jnp)
 

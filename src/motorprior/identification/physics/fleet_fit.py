@@ -36,10 +36,10 @@ FIRST_STEPS, RESTART_STEPS = 10, 8
 TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)  # of empirical Bayes: step of the differences, and Gauss-Newton steps
 STAGES = 1 + RESTARTS + len(TURNS)  # number of reports of a fit
 _WEAK = 1e-4  # precision of the prior around the initial motor, per unit of the loss
-# value of a limit that is not identifiable, over the largest request or speed; loss ratio of equally good limits
+# value of an unidentifiable limit over the largest request or speed; loss ratio of equal fits
 UNIDENTIFIED_FACTOR, SAME_LOSS = 4.0, 1.001
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
-LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # steps, windows and lost share of rows of `longer_runs`
+LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
 REFINEMENT = ((WIDE, 10), (NARROW, 10), (0.01, 10))
 _STREAM = 41
@@ -98,8 +98,8 @@ def fit_fleet(
         found = found.better(fit.polish(other, prior, RESTART_STEPS))
         report()
     for turn, (diff_step, steps) in enumerate(turns):
-        # recentre, so that the decoder reaches what it did not from the initial motor
-        z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
+        # recentre, so that the decoder reaches constants beyond its range around the initial motor
+        z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder clips them
         middle = np.where(fixed, 0.0, np.median(z, axis=0))
         center, z = center + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
         fit = fit_around(center)
@@ -115,7 +115,7 @@ def fit_fleet(
         other = restart(rng, fit, again, prior, together)
         found = again.better(fit.polish(other, prior, steps, diff_step))
         report()
-    z = np.where(fixed, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
+    z = np.where(fixed, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder clips them
     z = _without_unidentified_limits(fit, z, fixed, together)
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
@@ -139,9 +139,9 @@ def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -
 
 
 def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray, together: bool) -> np.ndarray:
-    """(M, Z) latents in which limits that a log does not identify are UNIDENTIFIED_FACTOR times the largest request or speed.
+    """(M, Z) latents whose unidentified limits are UNIDENTIFIED_FACTOR times the largest request or speed.
 
-    Otherwise the motor could saturate in other motions. Motors that are fitted together keep a limit if half of them
+    With lower limits the motor could saturate in other motions. Motors that are fitted together keep a limit if half of them
     identify it.
     """
     motor = fit.network.motor
@@ -155,7 +155,7 @@ def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray
         if name not in names or not largest.max() or fixed[names.index(name)]:
             continue
         row, free = names.index(name), z.copy()
-        farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
+        farthest = z[:, row].min() + 2.0 * LOG_REACH  # the decoder reaches both from a centre between them
         free[:, row] = np.clip(np.log(UNIDENTIFIED_FACTOR * largest.max()) - center[row], z[:, row], farthest)
         unidentified = fit.losses(free) <= SAME_LOSS * losses
         if unidentified.mean() > 0.5 or not together:
@@ -192,7 +192,7 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> Gauss
 
 
 def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: GaussianPrior, together: bool) -> np.ndarray:
-    """(M, Z) of each motor the best of RESTART_DRAWS other starts.
+    """(M, Z) best of RESTART_DRAWS other starts for each motor.
 
     A random half of the constants is resampled: together, around the median of the better motors; alone, around the
     motor's own. Together, other motors' fits are starts, too.
@@ -216,7 +216,7 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: Gaussian
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
     """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe, if they are as long.
 
-    Also the latter if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
+    Returns ``runs``, too, if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
     """
     lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
     length = int(np.median(lengths[lengths >= preset.window]))

@@ -19,8 +19,8 @@ from motorprior.identification.physics.window_runs import WindowRuns, huber, hub
 
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in latents: logarithms of constants, or N(0, 1)
 MAX_STEP = 0.5  # of a latent, in one Gauss-Newton step
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping that are tried in every step
-_MIN_GAIN = 1e-4  # share of U; a step that lowers it by less is a motor's last
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
+_MIN_GAIN = 1e-4  # share of U by which every step but a motor's last lowers it
 _LANES = 768  # motors simulated at a time; bounds the memory
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 _FIXED = 1e6  # precision of a fixed latent
@@ -28,7 +28,7 @@ _FIXED = 1e6  # precision of a fixed latent
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
 def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that no number of threads changes."""
+    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that does not depend on the number of threads."""
     size, count = slopes.shape
     gradient, matrix = np.zeros(size), np.zeros((size, size))
     for i in range(size):
@@ -68,14 +68,14 @@ def _broadcast(values: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Fit:
-    """Where M motors are: z (M, Z), energy U (M,) and loss (M,)."""
+    """Current point of M motors: z (M, Z), energy U (M,) and loss (M,)."""
 
     z: np.ndarray
     energy: np.ndarray
     loss: np.ndarray
 
     def better(self, other: Fit) -> Fit:
-        """Of every motor the fit with less energy."""
+        """The fit with less energy, for every motor."""
         chosen = other.energy < self.energy
         both = zip(vars(self).values(), vars(other).values(), strict=True)
         return Fit(*(select(chosen, others, values) for values, others in both))
@@ -139,7 +139,7 @@ class MotorFit:
         return np.where(np.isfinite(loss), loss, _DIVERGED_LOSS)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior) -> np.ndarray:
-        """(M, Z) of each motor the candidate (M, K, Z), raised to the bounds, with the lowest energy."""
+        """(M, Z) candidate with the lowest energy for each motor; candidates (M, K, Z) are raised to the bounds."""
         if self._lower is not None:
             candidates = np.maximum(candidates, _broadcast(self._lower, candidates))
         energy = self.losses(candidates) + prior.energy(candidates)
@@ -148,7 +148,7 @@ class MotorFit:
     def search(
         self, rng: np.random.Generator, start: np.ndarray, prior: GaussianPrior, radii: tuple[float, ...], count: int
     ) -> np.ndarray:
-        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` draws per radius, ever closer."""
+        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` samples per radius."""
         best = start
         for radius in radii:
             draws = radius * rng.standard_normal((count, start.shape[-1]))
@@ -157,7 +157,7 @@ class MotorFit:
         return best
 
     def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float = NARROW) -> Fit:
-        """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _MIN_GAIN.
+        """Damped Gauss-Newton steps from ``start`` (M, Z); a motor stops when one lowers U by less than _MIN_GAIN.
 
         At most ``steps``, with derivatives over ``diff_step``, WIDE or NARROW.
         """

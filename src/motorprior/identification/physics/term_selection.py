@@ -1,17 +1,17 @@
 """Selection of optional dynamics terms (`optional_terms`) by backward elimination on held-out free runs.
 
-Some motors are fitted on every second segment of their logs and tested on the others. All terms are fitted at once
-first, since some are useless without another, by several searches and one that starts from the terms of SERVO alone;
-the best of each motor counts. Then each term is left out in turn, the rarest first. The fit is polished without it and,
-if the loss rises, searched again, since other constants change with a term. The term stays if
+Some motors are fitted to every second segment of their logs and tested on the others. First, all terms are fitted
+together, since some help only with another: by several searches, and by one that starts from the terms of SERVO alone.
+Each motor keeps its best fit. Then each term is removed in turn, the rarest first. The fit is polished without it and,
+if the loss rises, searched again, since a term changes other constants. The term stays if
 
     median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 20 %
 
-(at 5 %, few motors reject terms that they have; of fewer than five motors the test is over the held-out parts of each).
-This is repeated with the terms that saved no more than CLEAR_SAVING until none leaves. Each term that left is tried once more
-from the remaining fit, by the same price and the test at 5 %. In the end all are compared with no optional term,
-likewise. Where conditions differ between segments, their terms are also tried alone: with few logs, a fit of all terms
-may be too poor to identify them. Not tried: terms whose constants are logged, and conditions that do not vary.
+(at 5 %, few motors lose terms that they have; for fewer than five motors the test is over their held-out parts).
+Rounds with the terms that saved at most CLEAR_SAVING follow until no term is removed. Each removed term is then added
+once more and stays if it saves MIN_SAVING, significantly at 5 %. Finally all terms are compared with none in the same
+way. Where conditions differ between segments, their terms are also tried alone: with few logs, a fit of all terms may
+be too poor to identify them. Terms with logged constants, and conditions that do not vary, are not tried.
 """
 
 from __future__ import annotations
@@ -32,14 +32,11 @@ from motorprior.identification.physics.motor_fit import MotorFit, select
 from motorprior.identification.physics.window_runs import WindowRuns
 
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
-CLEAR_SAVING = 0.3  # share of the held-out loss: a term that saved more in one round is not left out in the next
-MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = (
-    8,
-    10_000,
-    60,
-)  # maximum number of motors; rows of each, more if they are fewer windows
+CLEAR_SAVING = 0.3  # share of the held-out loss: a term that saved more in one round is not removed in the next
+# of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
+MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 60
 SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # usual in hobby servos
-MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs of fewer segments are cut into so many parts
+MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
@@ -50,7 +47,7 @@ ELIMINATION_ORDER = (
     "output_damping", "torque_speed", "profile",
 )  # fmt: skip
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for elimination and for additions
-_MIN_RANKS = 5  # fewer gains cannot reach these levels
+_MIN_RANKS = 5  # fewer gains cannot be significant at these levels
 _ATTEMPTS, _STEPS, _TURNS = 3, 10, (*TURNS[:3], *TURNS[-2:])
 
 
@@ -104,7 +101,7 @@ def select_terms(
 
 
 def min_difference(condition: str, nominal: float) -> float:
-    """Minimum difference between segments, of MIN_VARIATION, in the unit of the condition [V], [°C], at this nominal value."""
+    """Minimum difference between segments (MIN_VARIATION) in the unit of the condition, [V] or [°C]."""
     value = MIN_VARIATION[TERM_OF[condition]]
     return value * nominal if condition == "supply_voltage" else value
 
@@ -122,7 +119,7 @@ def _saved(before: _State, after: _State) -> float:
 def _saves_enough(before: _State, after: _State, level: float) -> bool:
     """Whether the fits ``after`` save more than MIN_SAVING of the held-out loss, significantly at this ``level``.
 
-    The signed-rank test is over the gains of all motors or, of fewer than _MIN_RANKS motors, over their parts.
+    The signed-rank test is over the gains of all motors or, for fewer than _MIN_RANKS motors, over their parts.
     """
     if len(before.held_out) >= _MIN_RANKS:
         gains = _logarithm(before.held_out) - _logarithm(after.held_out)
@@ -154,7 +151,7 @@ class _Search:
         return self._state(terms, found.center, found.offsets)
 
     def all_terms(self, tried: tuple[str, ...], servo: tuple[str, ...]) -> _State:
-        """Of every motor the best of several fits of all terms; one starts from those of a ``servo`` alone."""
+        """The best of several fits of all terms for every motor; one starts from those of a ``servo`` alone."""
         best = self.polished(self.fitted(servo), in_order(tried))
         for attempt in range(_ATTEMPTS):
             best = _better(best, self.fitted(tried, attempt))
@@ -166,7 +163,7 @@ class _Search:
         while best.terms != before:
             before = best.terms
             best = self._one_round(best, saved)
-        # each term that left is tried once more, the commonest first
+        # each removed term is tried once more, the most common first
         same = self.polished(best, best.terms)
         for name in [name for name in reversed(ELIMINATION_ORDER) if name in tried and name not in best.terms]:
             more = self.polished(best, in_order((*best.terms, name)))
@@ -177,7 +174,7 @@ class _Search:
         return best, saved
 
     def _one_round(self, best: _State, saved: dict[str, float]) -> _State:
-        """Leave out each term but the given ones in turn; the share that each saves goes to ``saved``."""
+        """Remove each term that was not logged in turn; ``saved`` receives the share that each saves."""
         for name in [name for name in ELIMINATION_ORDER if name in best.terms and name not in self._given]:
             if saved.get(name, 0.0) > CLEAR_SAVING:
                 continue
@@ -191,7 +188,7 @@ class _Search:
         return best
 
     def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
-        """The fits ``before`` with these terms, new ones weak at first, after some Gauss-Newton steps."""
+        """The fits ``before`` with these terms after some Gauss-Newton steps; new terms start negligible."""
         weak = encoded(NEGLIGIBLE | self._runs.preset.logged_values, terms)
         start = np.tile(weak, (len(before.raw), 1))
         for row, name in enumerate(parameters_of(before.terms)):
@@ -212,16 +209,16 @@ class _Search:
 
 
 def _better(one: _State, other: _State) -> _State:
-    """Of every motor the fit with less training loss."""
+    """The fit with less training loss, for every motor."""
     chosen, names = other.fitted < one.fitted, ("raw", "fitted", "held_out", "parts")
     return _State(one.terms, *(select(chosen, getattr(other, name), getattr(one, name)) for name in names))
 
 
 def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
-    """(N,) index of the part of each window: its segment or, of fewer segments, one of NUM_PARTS parts.
+    """(N,) index of the part of each window: its segment or, for fewer segments, one of NUM_PARTS parts.
 
-    Segments under different conditions (MIN_VARIATION) are sorted by these, so that every second part has about the conditions
-    of its neighbour.
+    Segments under different conditions (MIN_VARIATION) are sorted by these, so that neighbouring parts have similar
+    conditions.
     """
     groups = runs.groups()
     if len(same_conditions(runs)) < len(MIN_VARIATION):

@@ -32,7 +32,7 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data import windows as channel
 from motorprior.identification.training_data.windows import TrainingData
 
-# errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
+# errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
 LANES_PER_TASK = 256  # motors that one thread simulates at a time; their state then stays in a core's cache
@@ -149,9 +149,10 @@ class WindowRuns:
 
     Attributes:
             at_rotor: whether the log's encoders are on the rotors.
-            channels: errors per sample.
-    max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-            sustained_speeds: for each of SPEED_LIMITS the (M,) `sustained_speed` in the log; for no_load_speed, at the nominal voltage.
+        channels: errors per sample.
+        max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+        sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
+            voltage.
     """
 
     def __init__(
@@ -231,8 +232,8 @@ class WindowRuns:
     def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes run as in `residuals`; for all others the joint is compared, wherever the log's encoders are. A
-        `GainScaledPd` has the gains of each segment.
+        Grey boxes run as in `residuals`; for other models joint angles are compared, wherever the log's encoders are. A
+        `GainScaledPd` gets the gains of each segment.
         """
         everyone = np.arange(self.num_motors)
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:

@@ -118,7 +118,7 @@ def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndar
 
 
 def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
-    """(2, R, M) of `relative_conditions`, the same throughout a segment, as a motor's constants are."""
+    """(2, R, M) of `relative_conditions`, constant in a segment, like a motor's constants."""
     nominal = preset.nominal_conditions
     parts = [(relative_conditions(part, nominal)[:, None], part.joint_pos.shape) for part in log.segments()]
     return np.concatenate([np.broadcast_to(values, (2, *shape)) for values, shape in parts], axis=1)
@@ -196,7 +196,7 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
 
 
 def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
-    """About so many ``rows`` of the data: parts of two to eight windows, spread evenly over the long segments."""
+    """About ``rows`` rows of the data, in parts of two to eight windows spread evenly over the long segments."""
     windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
     length = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
@@ -209,7 +209,7 @@ def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
 
 
 def used_seconds_text(data: TrainingData, preset: Preset) -> str:
-    """A note on the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
+    """Text with the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
     total = sum(part.stop - part.start for part in data.parts)
     free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
     step = preset.window if preset.physics_first else 1  # windows then lie end to end

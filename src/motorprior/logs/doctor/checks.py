@@ -15,7 +15,7 @@ from motorprior.logs.validity import checked
 # The checks of jumps and motion need a correct clock and correct units; the checks of motion need angles without jumps.
 BASIC = (clock.rate, clock.gaps, clock.repeats, units.speeds, units.ranges)
 MOTION = (excitation.excitation, saturation.dead, response.copied, response.velocity, load.load)
-# In the window in which the command of a joint travels farthest.
+# Checks of the window in which a joint's command travels farthest.
 PER_JOINT = (response.tracking, response.proportion, saturation.saturation, excitation.coverage, load.torque_sign)
 
 

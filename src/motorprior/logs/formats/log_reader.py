@@ -24,7 +24,7 @@ class LogReader:
         endings: of its file names, each with its dot, or FOLDER.
         recognises: (path) whether a file with such an ending has this format; LogError if it cannot be read.
         read: (path, robot or None) the log; LogError if it is damaged.
-        assumption: a sentence for the user about facts that the format does not contain; empty if none.
+        assumption: a sentence for the user about what is assumed because the format lacks it; empty if none.
     """
 
     name: str

@@ -112,7 +112,7 @@ def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.nda
     targets, angles = slice(3, 3 + joints), slice(3 + joints, 3 + 2 * joints)
     spline = CubicSpline(time, part[:, 3 + joints :], axis=0)
     since = np.maximum.accumulate(part[:, 2])
-    since[0] = min(since[0], time[0])  # the first target also holds before it is known
+    since[0] = min(since[0], time[0])  # the first target is assumed to hold before, too
     in_force = np.maximum(0, np.searchsorted(since, grid, side="right") - 1)
     means = _means_of_steps(since, part[:, targets], grid, period)
     out = np.column_stack([grid, part[in_force, 1:3], means, spline(grid)])
