@@ -141,8 +141,8 @@ def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -
 def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray, together: bool) -> np.ndarray:
     """(M, Z) latents whose unidentified limits are UNIDENTIFIED_FACTOR times the largest request or speed.
 
-    With lower limits the motor could saturate in other motions. Motors that are fitted together keep a limit if half of them
-    identify it.
+    With lower limits the motor could saturate in other motions. Motors that are fitted together keep a limit if half of
+    them identify it.
     """
     motor = fit.network.motor
     assert motor is not None

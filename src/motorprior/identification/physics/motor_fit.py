@@ -20,7 +20,7 @@ from motorprior.identification.physics.window_runs import WindowRuns, huber, hub
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in latents: logarithms of constants, or N(0, 1)
 MAX_STEP = 0.5  # of a latent, in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-_MIN_GAIN = 1e-4  # share of U by which every step but a motor's last lowers it
+_MIN_GAIN = 1e-4  # share of U; a motor stops after a step that lowers it by less
 _LANES = 768  # motors simulated at a time; bounds the memory
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 _FIXED = 1e6  # precision of a fixed latent
@@ -28,7 +28,7 @@ _FIXED = 1e6  # precision of a fixed latent
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
 def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that does not depend on the number of threads."""
+    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in the same order for any number of threads."""
     size, count = slopes.shape
     gradient, matrix = np.zeros(size), np.zeros((size, size))
     for i in range(size):
