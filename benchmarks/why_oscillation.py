@@ -29,7 +29,7 @@ from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT_SEED
@@ -223,7 +223,7 @@ def chatter(actuator, load: float, seed: int) -> float:
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Closed loops, chatter over load, and torque above 20 Hz in the robot."""
-    motors = geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
+    motors = require_geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
     every = np.arange(MOTORS)
     found: dict[str, Learned] = {}
     variants: dict[str, dict[str, Any]] = {}

@@ -177,7 +177,7 @@ class Header:
         version: of the header's keys.
         fields: key -> declared value.
         remedy: for errors.
-        file: usual name of the file.
+        file: default name of the file.
         command: the command that writes it.
     """
 

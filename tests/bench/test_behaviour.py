@@ -8,7 +8,7 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench import behaviour
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 
 KP, KD, ARMATURE = np.array([8.0, 12.0]), np.array([0.8, 0.9]), np.array([0.002, 0.004])
@@ -20,7 +20,7 @@ def pd(delay=0.0, kd=KD, limit=50.0):
 
 def central(**changes):
     """Two central motors of the fleet, changed."""
-    motors = geared(load_fleet("pupper_v2").center(2))
+    motors = require_geared(load_fleet("pupper_v2").center(2))
     return replace(motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()})
 
 

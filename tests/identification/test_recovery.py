@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from motorprior.actuator.physical import MotorParameters
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.evaluation.coverage import coverage
@@ -34,7 +34,7 @@ RECIPE = replace(
 
 def fleets(count: int, seed: int) -> MotorParameters:
     """``count`` motors per constant of RANGES, in that order; all else is the central motor's."""
-    motors, rng, changes = geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
+    motors, rng, changes = require_geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
     for group, (name, (low, high)) in enumerate(RANGES.items()):
         factors = np.ones(len(motors))
         factors[group * count : (group + 1) * count] = np.exp(

@@ -1,6 +1,6 @@
 """Excitations for identification: position targets and external torques.
 
-Each function returns (steps,) targets [rad], or torques if its docstring says so. EXCITATIONS are those of a bench.
+Each function returns (steps,) targets [rad], or torques [N·m] where stated. EXCITATIONS are those of a bench.
 """
 
 from __future__ import annotations

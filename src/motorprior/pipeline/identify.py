@@ -181,7 +181,7 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
     from motorprior.identification.evaluation.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, scaled
+    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
     from motorprior.identification.train import identify, work_of
     from motorprior.identification.training_data.windows import used_seconds_text
 
@@ -217,7 +217,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # samples are spread wider where the model lacks physics: by 1 up to MAX_UNEXPLAINED, by 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
-        network, mean, log_var = scaled(network, mean, log_var, factor)
+        network, mean, log_var = with_scaled_spread(network, mean, log_var, factor)
         if network.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names

@@ -197,13 +197,13 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], where: str
     _GAIT.check(table, where)
     if not legs:
         return None
-    usual = Gait.of_size(float(np.mean([leg.hip_height(np.array(pose)) for leg in legs])))
-    forward = tuple(map(float, table.get("forward", usual.forward)))
+    default = Gait.of_size(float(np.mean([leg.hip_height(np.array(pose)) for leg in legs])))
+    forward = tuple(map(float, table.get("forward", default.forward)))
     if not forward[0] <= 0.0 < forward[1]:
         problem = f"forward {list(forward)} m/s does not include standing and walking forward"
         raise ArtifactError(problem, where=where, remedy="give [min, max] with min <= 0 < max")
     numbers = {key: float(value) for key, value in table.items() if key != "forward"}
-    return replace(usual, forward=(forward[0], forward[1]), **numbers)
+    return replace(default, forward=(forward[0], forward[1]), **numbers)
 
 
 def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:

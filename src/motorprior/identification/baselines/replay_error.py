@@ -37,7 +37,7 @@ def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
 
 
 def unchanged(motors: Actuator, part: MotorLog) -> Actuator:
-    """The motors themselves, whatever gains the segment has."""
+    """The motors themselves, for models that ignore gains."""
     return motors
 
 

@@ -28,7 +28,7 @@ class Ensemble:
 
 # indices of motors -> a model of these motors
 ModelOfMotors = Callable[[np.ndarray], Actuator]
-Prediction = Callable[[np.ndarray], Actuator | Ensemble]
+PredictorOfMotors = Callable[[np.ndarray], Actuator | Ensemble]
 
 # held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
@@ -54,7 +54,7 @@ def seconds_of_work(kind: str, seed: int, preset: BenchPreset = HELD_OUT) -> np.
 
 
 def bench_errors(
-    motors: TrueMotors, models: Mapping[str, Prediction], seed: int, preset: BenchPreset = HELD_OUT
+    motors: TrueMotors, models: Mapping[str, PredictorOfMotors], seed: int, preset: BenchPreset = HELD_OUT
 ) -> dict[str, dict[str, np.ndarray]]:
     """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
 

@@ -17,7 +17,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.identification.baselines.pd_fit import tuned_pd
 from motorprior.identification.baselines.replay_error import scaled_gains
 from motorprior.identification.evaluation.reference import at_log_conditions, replay_errors
-from motorprior.identification.training_data.windows import seconds_of_work
+from motorprior.identification.training_data.windows import seconds_since_cold
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
@@ -36,7 +36,7 @@ def fit_quality(
         report: called after every evaluation of the tuning.
         nominal: conditions of the motors' recipe.
     """
-    work, segment = seconds_of_work(log), np.zeros(len(log.time)) if log.segment is None else log.segment
+    work, segment = seconds_since_cold(log), np.zeros(len(log.time)) if log.segment is None else log.segment
 
     def at_segment(motors: Actuator, part: MotorLog) -> Actuator:
         # as in the fit: the temperature rise of the middle of the segment

@@ -91,7 +91,7 @@ def standard_posterior(
     return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
 
 
-def scaled(
+def with_scaled_spread(
     network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
     """Network, latents and log-variances with samples scaled around the central motor by ``factor`` >= 1.

@@ -151,9 +151,9 @@ class MotorFit:
         """(M, Z) best of a random search around ``start`` (M, Z), ``count`` samples per radius."""
         best = start
         for radius in radii:
-            draws = radius * rng.standard_normal((count, start.shape[-1]))
-            draws[0] = 0.0
-            best = self.best_of(best[:, None] + draws, prior)
+            samples = radius * rng.standard_normal((count, start.shape[-1]))
+            samples[0] = 0.0
+            best = self.best_of(best[:, None] + samples, prior)
         return best
 
     def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float = NARROW) -> Fit:

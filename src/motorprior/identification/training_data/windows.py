@@ -62,7 +62,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     _require(log, preset, where)
     if other := other_firmware(log.firmware, dict(preset.firmware)):
         raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
-    zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_of_work(log)[:, None], log.joint_pos.shape)
+    zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
     channels = (
         log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
         seconds, *_gains(log, preset, where), *_conditions(log, preset), log.load_stiffness,
@@ -124,7 +124,7 @@ def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
     return np.concatenate([np.broadcast_to(values, (2, *shape)) for values, shape in parts], axis=1)
 
 
-def seconds_of_work(log: MotorLog) -> np.ndarray:
+def seconds_since_cold(log: MotorLog) -> np.ndarray:
     """(R,) time since the motors were cold [s]: at the start, after a PAUSE, and where the clock restarts."""
     seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
     for part in log.segment_slices():
@@ -217,7 +217,9 @@ def used_seconds_text(data: TrainingData, preset: Preset) -> str:
     return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"
 
 
-def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:
+def sample_windows(
+    rng: np.random.Generator, data: TrainingData, preset: Preset, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
     motors = rng.integers(len(data.series), size=(count, preset.batch))
     starts = data.starts[rng.integers(len(data.starts), size=(count, preset.batch))]
