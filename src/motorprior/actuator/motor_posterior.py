@@ -23,7 +23,7 @@ _HEADER = Header(
         "joint_names": many(TEXT, minimum=1),
         "prior_sha256": TEXT,
         "seconds": number(above=0.0),
-        "surprise": many(number(0.0, 1.0), minimum=1),
+        "surprise": many(number(0.0, 1.0), minimum=1),  # outlier_p_value
     },
     _REMEDY,
     "posterior.safetensors",
@@ -110,7 +110,7 @@ class MotorPosterior:
         if header["prior_sha256"] != prior.sha256():
             raise ConfigError("posterior of another prior", where=path, remedy="adapt this prior to the log again")
         mean, covariance, gains = tensors["mean"], tensors["covariance"], tensors.get("gains")
-        names, outlier_p_value = tuple(header["joint_names"]), tuple(header["outlier_p_value"])
+        names, outlier_p_value = tuple(header["joint_names"]), tuple(header["surprise"])
         return cls(prior, mean, covariance, names, header["seconds"], outlier_p_value, gains)
 
 
