@@ -16,7 +16,7 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
-from motorprior.identification.evaluation.bench_fidelity import Ensemble, Prediction
+from motorprior.identification.evaluation.bench_fidelity import Ensemble, PredictorOfMotors
 from motorprior.identification.presets import identification_preset
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -78,7 +78,7 @@ def ensemble(settings: Settings) -> Results:
     robot = load_robot(DEFAULT_ROBOT)
     paths = [identify(settings, "one_network", f"member_{seed}", seed) for seed in range(1, MEMBERS + 1)]
     members, facts = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
-    model: dict[str, Prediction] = {
+    model: dict[str, PredictorOfMotors] = {
         "ensemble": lambda index: Ensemble(tuple(member.training_motors(index) for member in members))
     }
     results = Results((Result("identify_seconds", "s", sum(seconds_of(path.parent) for path in paths), "ensemble"),))

@@ -26,7 +26,7 @@ from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.evaluation.distribution import two_sample_auc
 from motorprior.identification.latents.standardise import standardised
@@ -79,9 +79,9 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
         physical = fleet.sample(POPULATION, rng).actuator()
         return two_sample_auc(behaviours(boxes).values, behaviours(physical).values, 0)
 
-    figures = {"two_sample_auc": auc(true_grey_box(geared(fleet.sample(POPULATION, rng))))}
+    figures = {"two_sample_auc": auc(true_grey_box(require_geared(fleet.sample(POPULATION, rng))))}
     for count in KNOWN:
-        known = [true_grey_box(geared(fleet.sample(count, rng))) for _ in range(SETS)]
+        known = [true_grey_box(require_geared(fleet.sample(count, rng))) for _ in range(SETS)]
         for sampler in (gaussian, copula):
             areas = [auc(sampler(motors, rng)) for motors in known]
             figures[f"two_sample_auc/{sampler.__name__}/{count}"] = float(np.median(areas))
@@ -95,7 +95,7 @@ def robot_floor(fleet_name: str, suspended: bool, damping_ratio: float) -> tuple
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])
-        motors = geared(load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng))
+        motors = require_geared(load_fleet(fleet_name).sample(spec.NUM_JOINTS, rng))
         targets = trot_targets(PUPPER_V2, rng, STEPS)
         truth = replay(fine, PhysicalActuator(motors), targets)
         found = replay(coarse, true_grey_box(motors), targets)

@@ -22,7 +22,7 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import BenchSettings, read_bench
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, bench_errors
 from motorprior.pipeline.bench import Bench, run_bench
 from motorprior.pipeline.identify import PRIOR, Identify, run_identify
@@ -94,7 +94,7 @@ def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], facts
         f"{kind}/{case.name}/{name}": float(np.median(errors[kind][name])) for kind in EXCITATIONS for name in PRESETS
     }
     for name, prior in priors.items():
-        fitted, true = prior.network.constants(prior.mean), geared(motors)
+        fitted, true = prior.network.constants(prior.mean), require_geared(motors)
         for constant in CONSTANTS:
             value = float(np.corrcoef(fitted[constant], getattr(true, constant))[0, 1])
             found[f"{constant}/{case.name}/{name}"] = value

@@ -29,7 +29,7 @@ from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT_SEED
@@ -212,18 +212,18 @@ def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> n
 
 def chatter(actuator, load: float, seed: int) -> float:
     """Median torque above 20 Hz [N·m] of joints with this load, for a gait held at 100 Hz."""
-    from motorprior.bench.excitation import gait, held
+    from motorprior.bench.excitation import gait, zero_order_hold
 
     rng = np.random.default_rng([HELD_OUT_SEED, seed, 77])
     count = actuator.num_motors
-    target = np.stack([held(gait(rng, 1000, 0.002), 5) for _ in range(count)], axis=1)
+    target = np.stack([zero_order_hold(gait(rng, 1000, 0.002), 5) for _ in range(count)], axis=1)
     response = run(actuator, Trial(target, np.zeros_like(target), np.full(count, load), 0.002))
     return float(np.median(high_frequency_rms(response.joint_torque, 0.002, CUTOFF)))
 
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Closed loops, chatter over load, and torque above 20 Hz in the robot."""
-    motors = geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
+    motors = require_geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
     every = np.arange(MOTORS)
     found: dict[str, Learned] = {}
     variants: dict[str, dict[str, Any]] = {}

@@ -8,9 +8,9 @@ import pytest
 
 from motorprior.exceptions import ArtifactError
 from motorprior.schema import (
+    BOOLEAN,
     TABLE,
     TEXT,
-    TRUTH,
     Header,
     Schema,
     Tensor,
@@ -29,7 +29,7 @@ FIELDS = {
     "gain": number(above=0.0, unit="N·m/rad"),
     "count": integer(1, 5),
     "name": TEXT,
-    "on": TRUTH,
+    "on": BOOLEAN,
     "more": TABLE,
     "kind": one_of("this", "that"),
     "sign": exactly([1, 2]),

@@ -1,11 +1,11 @@
 """Learn the distribution of a robot's motors from logs, and train policies on samples of it.
 
     import motorprior as mp
-    prior = mp.fit_prior(mp.record_bench())    # or of your own logs: mp.read_log("log.parquet")
+    prior = mp.fit_prior(mp.record_bench())    # own log: mp.fit_prior(mp.read_log("log.parquet"))
     motors = mp.Motors(prior.sample(12, seed=0), dt=0.002, joint_pos=start)
     torque, damping = motors.step(position_target, joint_pos, joint_vel)
 
-Every name is imported when it is first used: numba, MuJoCo, JAX and Gymnasium come with the names that need them.
+Each name is imported at its first use, so numba, MuJoCo, JAX and Gymnasium load only when they are needed.
 """
 
 from importlib import import_module
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_MODULES = {  # of each public name; the imports above are for type checkers
+_MODULES = {  # public name -> module; the imports above are for type checkers
     "ArtifactError": "exceptions",
     "ConfigError": "exceptions",
     "DrivenJoints": "simulation.driven_joints",
@@ -78,7 +78,7 @@ _MODULES = {  # of each public name; the imports above are for type checkers
 
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
-if not TYPE_CHECKING:  # or a type checker accepts every name
+if not TYPE_CHECKING:  # otherwise a type checker would accept every name
 
     def __getattr__(name: str) -> object:
         """The public name, imported at its first use."""

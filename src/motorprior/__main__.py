@@ -19,7 +19,7 @@ def main() -> None:
         if command not in ON_THE_ROBOT:
             print(
                 f"error: `motorprior {command}` needs {error.name}, which is not installed -> "
-                f"pip install 'motorprior[full]'; without it there are {', '.join(ON_THE_ROBOT)}",
+                f"pip install 'motorprior[full]'; without it only {', '.join(ON_THE_ROBOT)} are available",
                 file=sys.stderr,
             )
             raise SystemExit(2) from None
@@ -27,7 +27,7 @@ def main() -> None:
     try:
         run()
     except SystemExit as stop:
-        if isinstance(stop.code, int) and stop.code:  # threads of parallel stages may run; their checkpoints are saved
+        if isinstance(stop.code, int) and stop.code:  # threads of stages may still run; their checkpoints are saved
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(stop.code)

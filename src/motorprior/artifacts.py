@@ -171,7 +171,7 @@ def read_tensors(
             header = _header((file.metadata() or {}).get("motorprior"), path)
             check(header, path)
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, TypeError) as error:  # TypeError: of a type that numpy lacks
+    except (SafetensorError, OSError, TypeError) as error:  # TypeError: a dtype that numpy lacks
         problem = f"not a complete safetensors file ({error})"
         raise ArtifactError(problem, where=path, remedy="write it again") from error
     for name, value in tensors.items():
@@ -181,12 +181,12 @@ def read_tensors(
 
 
 def _require_tensors(path: Path) -> None:
-    """Check size and first bytes: safetensors would allocate what a damaged header asks for."""
+    """Check size and first bytes: safetensors would allocate the size that a damaged header states."""
     size = require_file(path)
     with open(path, "rb") as file:
         start = file.read(9)
     if start[8:] != b"{" or int.from_bytes(start[:8], "little") > MAX_HEADER:
-        remedy = "give a .safetensors file that motorprior wrote: `identify` makes a prior of a log, `walk` a policy"
+        remedy = "give a .safetensors file that motorprior wrote: `identify` writes a prior, `walk` a policy"
         raise ArtifactError("not a complete safetensors file", where=path, remedy=remedy)
     if size > MAX_TENSORS:
         problem = f"{size} bytes, more than the maximum of {MAX_TENSORS}"

@@ -1,4 +1,4 @@
-"""Checks of numbers and arrays from outside; compiled code would read beyond a short array and compute with NaN."""
+"""Checks of arguments; compiled code would read beyond a short array and compute with NaN."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_SEED = 2**31 - 1
 
 
 def is_number(value: Any, minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER) -> bool:
-    """Whether a value is a real number, not a bool, in [minimum, maximum]; NaN is not."""
+    """Whether a value is a real number, not a bool, in [minimum, maximum]; False for NaN."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     number: Any = value  # not converted: an integer may be too large for a float

@@ -48,7 +48,7 @@ def source_digest(package: Path) -> str:
 
 @cache
 def kernel_folder() -> str:
-    """Cache folder for the present sources; "" (numba's default) if the home folder is not writable.
+    """Cache folder for the current sources; "" (numba's default) if the home folder is not writable.
 
     Numba checks only a kernel's own file: after a change in a function that it calls, it would reuse old machine code.
     """

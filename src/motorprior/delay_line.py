@@ -1,6 +1,7 @@
 """Delay line: a ring buffer of rows, one per step, in the rows of a memory (rows, n) from row ``first`` on.
 
-Its length must be at least 1 + the largest age of `row_of_age`, and 2 + the whole steps of that of `interpolated`.
+Its length must be at least 1 + the maximum age for `row_of_age`, and 2 + the whole steps of the maximum age for
+`interpolated`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def row_of_age(memory: np.ndarray, first: int, newest: int, age: int) -> int:
 
 @njit(cache=True, nogil=True, inline="always")
 def interpolated(memory: np.ndarray, first: int, newest: int, age: float, column: int) -> float:
-    """The value of ``age`` >= 0 steps ago, linear between two steps."""
+    """The value ``age`` >= 0 steps ago, interpolated linearly between two steps."""
     whole = int(age)
     newer = memory[row_of_age(memory, first, newest, whole), column]
     older = memory[row_of_age(memory, first, newest, whole + 1), column]

@@ -4,7 +4,7 @@
     env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
 
 Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors are the physical
-ones of the robot's fleet, and there is no randomization besides the motors.
+ones of the robot's fleet, and nothing else is randomized.
 
 A fatal error of MuJoCo (out of memory, a broken model) ends the process, since compiled code cannot raise: save your
 training from time to time.
@@ -53,13 +53,13 @@ def make_scene(
     """The simulation of an environment.
 
     Args:
-        robot: a legged one: a name, the path of a .toml file, or a robot from `load_robot`.
-        motors: of an episode: a prior, a posterior or a fleet to draw from, fixed motors, or a function that draws them
-            from a generator.
+        robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
+        motors: motors of the episodes: a prior, a posterior or a fleet to sample, fixed motors, or a function that
+            samples them with a generator.
         engine: "mujoco" or "pybullet".
         task: reward.
-        randomization: of each episode, besides the motors.
-        commands: speed and yaw rate, drawn for every episode; the robot's whole range if not given.
+        randomization: what is sampled per episode, in addition to the motors.
+        commands: speed and yaw rate, sampled for every episode; the robot's whole range if not given.
         gait: trot, walk, pace, bound or pronk.
         roughness: height of bumps [m], up to 4 m from the start; PyBullet only.
         episode_steps: control steps until truncation.
@@ -85,7 +85,7 @@ def make_scene(
 
 
 def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | None = None, **options: Any) -> WalkEnv:
-    """Make one Gymnasium environment whose every episode draws new motors; see `make_scene` for the options.
+    """Make one Gymnasium environment that samples new motors in each episode; see `make_scene` for the options.
 
     Its observations and actions are those of the policies of `train_policy`.
     """

@@ -19,7 +19,7 @@ def cut(text: str, max_bytes: int) -> str:
 
 
 def shown(value: Any, max_bytes: int = 40) -> str:
-    """A value from a file in a message: its ``repr``, cut; containers to a few entries."""
+    """Text of a value for a message: its truncated ``repr``; containers are reduced to a few entries."""
     printer = Repr()
     printer.maxstring = printer.maxother = printer.maxlong = max_bytes
     try:
@@ -115,5 +115,5 @@ class RobotFault(MotorPriorError):
         argument: str | None = None,
     ):
         super().__init__(problem, where=f"robot fault {kind!r}", remedy=remedy, argument=argument)
-        self.args = (kind, problem)  # with these, pickle makes it again
+        self.args = (kind, problem)  # pickle rebuilds the exception from these
         self.kind, self.safe_state = kind, safe_state

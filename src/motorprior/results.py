@@ -27,7 +27,7 @@ class Result:
         unit: of the value; 1 for shares and ratios.
         value: a finite number.
         model: actuator model, or the one that a policy was trained on.
-        motors: train or held_out; of a walk, own (motors of the training) or twin.
+        motors: train or held_out; for a walk, own (training motors) or twin.
         statistic: over motors or samples: median, mean, low, high, max, p05, p50, p95, p99; None for a single value.
         seed: of the training.
         log: name of a log of the real robot.

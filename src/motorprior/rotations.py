@@ -29,7 +29,7 @@ def roll_pitch_below(up: np.ndarray, quaternion: np.ndarray) -> tuple[float, flo
     u = rotation_base_to_worldᵀ·up, roll = atan2(u_y, u_z), pitch = -asin(u_x).
 
     Args:
-        up: (3,) unit vector against gravity, in the world.
+        up: (3,) unit vector opposite to gravity, in the world frame.
         quaternion: (4,) rotation_base_to_world.
     """
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]

@@ -66,7 +66,7 @@ def many(field: Field, minimum: int = 0) -> Field:
 
 
 TEXT = Field("a text", lambda value: isinstance(value, str))
-TRUTH = Field("true or false", lambda value: isinstance(value, bool))
+BOOLEAN = Field("true or false", lambda value: isinstance(value, bool))
 TABLE = Field("a table", lambda value: isinstance(value, Mapping))
 
 
@@ -119,12 +119,12 @@ class Tensor:
 
     Attributes:
         shape: sizes; a name stands for the same size wherever it occurs.
-        largest: of the absolute values.
+        max_abs: maximum absolute value.
         above: exclusive lower bound of the values.
     """
 
     shape: tuple[str | int, ...]
-    largest: float = inf
+    max_abs: float = inf
     above: float = -inf
 
 
@@ -161,8 +161,8 @@ def _problem(value: np.ndarray, tensor: Tensor, known: dict[str, int]) -> str:
         return f" is {value.dtype}{value.shape}, wanted float64({text})"
     if (index := first_not_finite(value)) is not None:
         return f"{index} is not finite"
-    if value.size and np.abs(value).max() > tensor.largest:
-        return f" has a value of {np.abs(value).max():.3g}, beyond {tensor.largest:g}"
+    if value.size and np.abs(value).max() > tensor.max_abs:
+        return f" has a value of {np.abs(value).max():.3g}, beyond {tensor.max_abs:g}"
     if value.size and value.min() <= tensor.above:
         return f" has a value of {value.min():.3g}, not above {tensor.above:g}"
     return ""
@@ -177,8 +177,8 @@ class Header:
         version: of the header's keys.
         fields: key -> declared value.
         remedy: for errors.
-        file: usual name of the file.
-        command: that writes it.
+        file: default name of the file.
+        command: the command that writes it.
     """
 
     kind: str

@@ -16,7 +16,7 @@ def rmse(a: np.ndarray, b: np.ndarray, axis: int | tuple[int, ...] | None = None
 
 
 def runs_of_true(mask: np.ndarray) -> np.ndarray:
-    """(R, 2) first index of each run of True in a mask (T,), and the index after its last."""
+    """(R, 2) first index of each run of True in a mask (T,), and the index after the run."""
     return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
 
 

@@ -9,7 +9,7 @@ from floors import true_grey_box
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import trial
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT
@@ -22,7 +22,7 @@ def case(kind: str) -> Trial:
 
 
 def motors():
-    return geared(load_fleet("mixed").sample(MOTORS, np.random.default_rng(0)))
+    return require_geared(load_fleet("mixed").sample(MOTORS, np.random.default_rng(0)))
 
 
 def simulated(known: LatentActuator, given: Trial, parts: int) -> np.ndarray:

@@ -54,7 +54,7 @@ def test_a_round_trip_is_exact(tmp_path: Path):
     loaded = MotorPosterior.load(tmp_path / "p.safetensors", PRIOR)
     np.testing.assert_array_equal(loaded.mean, posterior(2).mean)
     np.testing.assert_array_equal(loaded.covariance, posterior(2).covariance)
-    assert (loaded.joint_names, loaded.surprise, loaded.seconds) == (("joint0", "joint1"), (0.5, 0.5), 10.0)
+    assert (loaded.joint_names, loaded.outlier_p_value, loaded.seconds) == (("joint0", "joint1"), (0.5, 0.5), 10.0)
 
 
 def test_a_posterior_of_another_prior_is_refused(tmp_path: Path):

@@ -8,7 +8,7 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench import behaviour
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 
 KP, KD, ARMATURE = np.array([8.0, 12.0]), np.array([0.8, 0.9]), np.array([0.002, 0.004])
@@ -20,7 +20,7 @@ def pd(delay=0.0, kd=KD, limit=50.0):
 
 def central(**changes):
     """Two central motors of the fleet, changed."""
-    motors = geared(load_fleet("pupper_v2").center(2))
+    motors = require_geared(load_fleet("pupper_v2").center(2))
     return replace(motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()})
 
 
@@ -59,5 +59,7 @@ def test_stall_torque_is_the_limit_of_a_pd_and_the_limit_less_friction_of_a_moto
 def test_breakaway_is_friction_plus_the_spring_of_the_controller():
     motors = central(coulomb=[0.1, 0.25], load_friction=[0.0, 0.2], backlash=0.0, encoder_zero=0.0, kd=0.0)
     motors = replace(motors, gear_stiffness=np.full(2, 600.0))
-    expected = (motors.coulomb + motors.stribeck_torque + motors.kp * behaviour.GIVE) / (1 - motors.load_friction)
+    expected = (motors.coulomb + motors.stribeck_torque + motors.kp * behaviour.BREAKAWAY_ANGLE) / (
+        1 - motors.load_friction
+    )
     np.testing.assert_allclose(behaviour.breakaway(PhysicalActuator(motors)), expected, rtol=0.05)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import fleet_path, load_fleet, write_fleet
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
@@ -66,7 +66,7 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
 
 def test_same_generator_same_motors_and_the_center_is_the_median():
     fleet = load_fleet("pupper_v2")
-    a, b, other = (geared(fleet.sample(5, np.random.default_rng(seed))).coulomb for seed in (3, 3, 4))
+    a, b, other = (require_geared(fleet.sample(5, np.random.default_rng(seed))).coulomb for seed in (3, 3, 4))
     np.testing.assert_array_equal(a, b)
     assert np.any(a != other)
     center = fleet.center(2)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import MAX_DEVIATION, PRESETS, record
 from motorprior.logs.motor_log import channels
@@ -49,7 +49,7 @@ def test_every_segment_starts_from_rest_at_its_target(steps):
 
 def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
     preset = replace(PRESETS["rollout"], kinds=("creep",))
-    weak = replace(geared(MOTORS), torque_limit=geared(MOTORS).torque_limit * [1.0, 0.3, 1.0])
+    weak = replace(require_geared(MOTORS), torque_limit=require_geared(MOTORS).torque_limit * [1.0, 0.3, 1.0])
     both = [record(motors, preset, 3000, 0, FLEET) for motors in (MOTORS, weak)]
     usual, held_back = (log.external_torque for log in both)
     assert usual is not None and held_back is not None

@@ -13,7 +13,7 @@ from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.out_of_family import OutOfFamilyActuator, OutOfFamilyMotors
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
@@ -35,7 +35,7 @@ def friction_pd(n):
 
 
 def physical(n):
-    motors = geared(load_fleet("pupper_v2").sample(n, np.random.default_rng(2)))
+    motors = require_geared(load_fleet("pupper_v2").sample(n, np.random.default_rng(2)))
     return PhysicalActuator(replace(motors, torque_limit=np.full(n, LIMIT)))
 
 

@@ -63,7 +63,7 @@ def sample_of(reader: LogReader, folder: Path) -> Path:
 @pytest.mark.parametrize("reader", IN_THIS_INSTALLATION, ids=lambda reader: reader.name)
 def test_a_reader_knows_its_own_files_and_read_log_finds_it(reader: LogReader, tmp_path: Path):
     path = sample_of(reader, tmp_path)
-    assert next(known for known in READERS if known.takes(path)) is reader
+    assert next(known for known in READERS if known.matches(path)) is reader
     log = read_log(path, ROBOT)
     if reader.name not in FOREIGN:
         assert (log.robot, log.joint_names, log.num_rows) == (ROBOT.name, ROBOT.joint_names, ROWS)

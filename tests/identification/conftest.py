@@ -20,8 +20,8 @@ BENCH = PRESETS["rollout"]
 def decoder_data() -> Callable[..., TrainingData]:
     """Make the logs of a network's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
 
-    ``supply`` and ``warmer`` are conditions of the segments, in turn. Velocities and torques are those of half a step
-    before already, as a rollout wants them.
+    ``supply`` and ``temperature_rise`` are conditions of the segments, in turn. Velocities and torques are those of
+    half a step before already, as a rollout wants them.
     """
 
     def make(
@@ -33,7 +33,7 @@ def decoder_data() -> Callable[..., TrainingData]:
         gains: np.ndarray | None = None,
         load: float = 1.0,
         supply: Sequence[float] = (1.0,),
-        warmer: Sequence[float] = (0.0,),
+        temperature_rise: Sequence[float] = (0.0,),
     ) -> TrainingData:
         parts, count = [], len(z)
         for segment in range(segments):
@@ -42,14 +42,14 @@ def decoder_data() -> Callable[..., TrainingData]:
             case = replace(case, load_inertia=load * case.load_inertia)
             seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
             warmth = network.warmth(z, float(seconds[:, 0].mean()))
-            under = Conditions(warmth, supply[segment % len(supply)], warmer[segment % len(warmer)])
+            under = Conditions(warmth, supply[segment % len(supply)], temperature_rise[segment % len(temperature_rise)])
             found: Any = run(LatentActuator(network, z, under, gains), case)
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
             logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
                 case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
-                inertia, seconds, *logged, np.full_like(seconds, under.supply), np.full_like(seconds, under.warmer),
-                np.zeros_like(seconds),
+                inertia, seconds, *logged, np.full_like(seconds, under.supply),
+                np.full_like(seconds, under.temperature_rise), np.zeros_like(seconds),
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")

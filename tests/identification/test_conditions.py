@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.physics.term_selection import same_conditions
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -26,22 +26,22 @@ def driven_by_voltage(grey_network: Networks) -> LatentNetwork:
     return grey_network(terms=("supply", "temperature"), supply_share=1.0, temperature_loss=0.3)
 
 
-def under(decoder_data: Data, network: LatentNetwork, supply: float, warmer: float) -> TrainingData:
-    return decoder_data(network, Z, supply=(supply,), warmer=(warmer,))
+def under(decoder_data: Data, network: LatentNetwork, supply: float, temperature_rise: float) -> TrainingData:
+    return decoder_data(network, Z, supply=(supply,), temperature_rise=(temperature_rise,))
 
 
 @pytest.mark.parametrize("setup", SETUPS)
 def test_z_does_not_depend_on_the_conditions(decoder_data: Data, driven_by_voltage: LatentNetwork, setup: str):
     data = under(decoder_data, driven_by_voltage, *SETUPS[setup])
-    found = adapt(driven_by_voltage, data, replace(PRESET, num_latents=3), 0.01)
+    found = fit_posterior(driven_by_voltage, data, replace(PRESET, num_latents=3), 0.01)
     spread = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     assert np.all(np.abs(found.mean - Z) < np.maximum(3.0 * spread, 0.05))
 
 
 def test_only_conditions_that_differ_between_segments_are_fitted(decoder_data: Data, driven_by_voltage: LatentNetwork):
-    both = decoder_data(driven_by_voltage, Z, supply=(0.8, 1.1, 0.9), warmer=(0.0, 30.0))
+    both = decoder_data(driven_by_voltage, Z, supply=(0.8, 1.1, 0.9), temperature_rise=(0.0, 30.0))
     assert same_conditions(WindowRuns(both, PRESET)) == ()
-    one = decoder_data(driven_by_voltage, Z, supply=(0.8, 1.1, 0.9), warmer=(20.0, 22.0))
+    one = decoder_data(driven_by_voltage, Z, supply=(0.8, 1.1, 0.9), temperature_rise=(20.0, 22.0))
     assert same_conditions(WindowRuns(one, PRESET)) == ("temperature",)
     never = decoder_data(driven_by_voltage, Z, supply=(0.99, 1.0))
     assert same_conditions(WindowRuns(never, PRESET)) == ("supply", "temperature")

@@ -1,4 +1,4 @@
-"""In fleets where one constant varies, a prior and `adapt` recover that constant of every motor.
+"""In fleets where one constant varies, a prior and `fit_posterior` recover that constant of every motor.
 
 Four such fleets share one training, each a quarter of the motors, so that the constants must also be separated.
 """
@@ -10,12 +10,12 @@ import pytest
 from scipy.stats import spearmanr
 
 from motorprior.actuator.physical import MotorParameters
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.evaluation.coverage import coverage
 from motorprior.identification.evaluation.reference import reference_metrics
-from motorprior.identification.latents.latent_fit import Posterior, adapt
+from motorprior.identification.latents.latent_fit import Posterior, fit_posterior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
 from motorprior.identification.training_data.windows import training_data
@@ -34,7 +34,7 @@ RECIPE = replace(
 
 def fleets(count: int, seed: int) -> MotorParameters:
     """``count`` motors per constant of RANGES, in that order; all else is the central motor's."""
-    motors, rng, changes = geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
+    motors, rng, changes = require_geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
     for group, (name, (low, high)) in enumerate(RANGES.items()):
         factors = np.ones(len(motors))
         factors[group * count : (group + 1) * count] = np.exp(
@@ -61,7 +61,7 @@ def posterior(log: MotorLog, prior: Identified) -> Posterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
-    return adapt(prior.network, data, RECIPE, float(prior.losses[-1]), steps=60)
+    return fit_posterior(prior.network, data, RECIPE, float(prior.losses[-1]), steps=60)
 
 
 def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:

@@ -10,7 +10,7 @@ from swinging_load import swinging_load
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -50,7 +50,7 @@ def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: Lat
     found = {}
     for name, gains, load in (("soft", SOFT, 1.0), ("stiff", STIFF, 1.0), ("loaded", STIFF, 1.5)):
         data = decoder_data(with_gains, Z, gains=np.broadcast_to(gains, (2, len(Z))), load=load)
-        found[name] = adapt(with_gains, data, replace(PRESET, num_latents=3), 0.01)
+        found[name] = fit_posterior(with_gains, data, replace(PRESET, num_latents=3), 0.01)
     for name, posterior in found.items():
         spread = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
         assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name

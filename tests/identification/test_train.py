@@ -94,7 +94,7 @@ PHYSICS = replace(PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=40, wi
 @pytest.fixture
 def two_motors(grey_network, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
     """Logs of motors without a network; one term is tried."""
-    monkeypatch.setattr(term_selection, "ORDER", ("output_encoder",))
+    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ("output_encoder",))
     return decoder_data(grey_network(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
 
 

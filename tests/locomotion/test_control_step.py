@@ -113,7 +113,7 @@ def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_
     gait, flat = begun(soft), begun(soft)
     command_step(soft, NOTHING, seen, gait, DT)
     command_step(soft, NOTHING, LEVEL, flat, DT)
-    drops = [[leg.drop(each.target) for leg in PUPPER_V2.legs] for each in (gait, flat)]
+    drops = [[leg.hip_height(each.target) for leg in PUPPER_V2.legs] for each in (gait, flat)]
     longer = {leg.name: one - other for leg, one, other in zip(PUPPER_V2.legs, *drops, strict=True)}
     assert longer["FR"] > longer["FL"] > longer["RL"] and longer["FR"] > longer["RR"] > longer["RL"]
     assert longer["FR"] > 0.0 > longer["RL"]

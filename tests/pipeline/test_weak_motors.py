@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.motor_posterior import MotorPosterior, kp_share
+from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.pipeline.motor_choice import MotorChoice
 from motorprior.pipeline.weak_motors import WEAK_ROBOT, advice_on_weak_motors, weak_below
@@ -23,11 +23,11 @@ def prior(grey_network) -> MotorPrior:
 
 def latents(prior: MotorPrior, *shares: float) -> np.ndarray:
     """(M, Z) of motors with these shares of the central motor's kp."""
-    steepest = np.log(kp_share(prior.network, 1e-3 * np.eye(3)))
+    steepest = np.log(kp_ratio(prior.network, 1e-3 * np.eye(3)))
     way = np.linspace(-8.0, 8.0, 4001)[:, None] * steepest / np.linalg.norm(steepest)
-    found = kp_share(prior.network, way)
+    found = kp_ratio(prior.network, way)
     z = way[[int(np.abs(found - share).argmin()) for share in shares]]
-    np.testing.assert_allclose(kp_share(prior.network, z), shares, atol=0.01)
+    np.testing.assert_allclose(kp_ratio(prior.network, z), shares, atol=0.01)
     return z
 
 
@@ -54,4 +54,4 @@ def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(prior: MotorPrior,
         assert drawn.factors is None
     else:
         assert drawn.factors is not None
-        np.testing.assert_allclose(drawn.factors.torque_limit, kp_share(prior.network, drawn.z))
+        np.testing.assert_allclose(drawn.factors.torque_limit, kp_ratio(prior.network, drawn.z))

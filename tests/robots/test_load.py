@@ -103,7 +103,7 @@ def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: R
     assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in dog.legs] == [pytest.approx((0.2, 0.2, 0.02))] * 4
     height = 0.4 * np.cos(0.8) + 0.02
     assert dog.standing_height == pytest.approx(height)
-    assert dog.legs[0].drop(dog.nominal_pose) == pytest.approx(height)
+    assert dog.legs[0].hip_height(dog.nominal_pose) == pytest.approx(height)
     world = World(WorldConfig.of(dog))
     assert world.data.qpos[2] == pytest.approx(height)
     assert (world.model.npair, world.model.nu) == (4, 0)

@@ -94,7 +94,7 @@ def test_foot_lift_is_the_median_of_the_maximum_clearance_of_swings():
     _, hip, knee = leg.joints
     for begin, height in ((110, 0.01), (200, 0.03), (300, 0.02), (490, 0.9)):  # the last one does not end
         bend = np.sin(np.pi * np.arange(40) / 40)[: STEPS - begin]
-        drop = np.array([leg.drop(ROBOT.nominal_pose + b * _bent(leg, height)) for b in bend])
+        drop = np.array([leg.hip_height(ROBOT.nominal_pose + b * _bent(leg, height)) for b in bend])
         assert np.ptp(drop) <= 1.1
         episode.trace[begin : begin + 40, 7 + hip] += bend * _bent(leg, height)[hip]
         episode.trace[begin : begin + 40, 7 + knee] += bend * _bent(leg, height)[knee]
@@ -143,7 +143,9 @@ def _bent(leg, height: float) -> np.ndarray:
 
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if leg.drop(pose) - leg.drop(pose + added(middle)) < height else (low, middle)
+        low, high = (
+            (middle, high) if leg.hip_height(pose) - leg.hip_height(pose + added(middle)) < height else (low, middle)
+        )
     return added(low)
 
 

@@ -49,7 +49,7 @@ class ActuatorArrays(NamedTuple):
 
 
 def empty_arrays(
-    kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, renewal: int, damping: np.ndarray | None = None
+    kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, clock_ratio: int, damping: np.ndarray | None = None
 ) -> ActuatorArrays:
     """Arrays of a kind without a network; ``damping`` (n,) is zero if not given."""
     blocks = np.zeros((0, 0, 16), np.float32)
@@ -57,7 +57,7 @@ def empty_arrays(
         kernels=kind.kernels,
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
         memory=np.zeros((memory_rows, parameters.shape[1])),
-        clock=np.array([0, renewal], dtype=np.int64),
+        clock=np.array([0, clock_ratio], dtype=np.int64),
         damping=np.zeros(parameters.shape[1]) if damping is None else np.array(damping, dtype=np.float64),
         weights=np.zeros(0, np.float32),
         inputs=np.zeros(0, np.int64),
@@ -70,7 +70,7 @@ def empty_arrays(
 class Actuator(Protocol):
     """A model of ``num_motors`` motors: parameters without state.
 
-    The defaults of a subclass are zero armature and damping, as for motors whose rotor is simulated in the model.
+    Armature and damping default to zero, for models that simulate the rotor themselves.
     """
 
     @property

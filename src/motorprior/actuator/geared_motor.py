@@ -77,7 +77,7 @@ def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_po
 
 @njit(cache=True, nogil=True)
 def _update_targets(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
-    """Write delayed targets, linear between steps: their means from half a step before to half a step after now."""
+    """Write delayed targets [rad], interpolated linearly: means from half a step before to half a step after now."""
     newest = write_line(memory, _LINE, now, position_target)
     for motor in range(position_target.shape[0]):
         memory[TARGET, motor] = interpolated(memory, _LINE, newest, p[_DELAY, motor] + 0.5, motor)

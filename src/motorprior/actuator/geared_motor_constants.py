@@ -1,6 +1,6 @@
-"""Constants of a geared servo motor: from the outputs of a decoder to the constants of a step of one length.
+"""Constants of a geared servo motor: from decoder outputs to the constants of steps of a given length.
 
-For numpy and JAX, as the step itself (`geared_motor_step`).
+For numpy and JAX, like the step itself (`geared_motor_step`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PARAMETERS = (
 # would be unstable
 MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
-LOG_REACH = 2.5  # constants of sampled motors are within a factor of 12 of the central motor
+LOG_REACH = 2.5  # constants of sampled motors are within a factor of 12 of the central motor's
 ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
 PER_LOGGED = "_per_stated"  # suffix of constants that are multiples of a logged gain
 

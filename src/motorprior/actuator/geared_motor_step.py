@@ -115,32 +115,32 @@ def step(
     twist = r - q
     twist_at_t = twist + half_h * (v - dq)
     above, below = twist_at_t > p.half_backlash, twist_at_t < -p.half_backlash
-    pressed = where(above, twist - p.half_backlash, where(below, twist + p.half_backlash, 0.0))
+    deflection = where(above, twist - p.half_backlash, where(below, twist + p.half_backlash, 0.0))
     contact = arithmetic.indicator(above | below)
     stiffness = contact * p.gear_stiffness
     damping = 0.5 * (contact * p.gear_damping + h * stiffness)
     damper = contact * p.gear_damping + EXTRA_DAMPING * h * stiffness
-    gear, lead = stiffness * pressed + damper * (v - dq), damper + half_h * stiffness
+    gear, lead = stiffness * deflection + damper * (v - dq), damper + half_h * stiffness
 
     ratio = v / STRIBECK_VELOCITY
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear)
     # forces at v, plus their slopes times v̄ - v = (v' - v)/2
-    seen, seen_vel, follows = r, v, 1.0  # encoder angle and velocity, and the slope of the latter by v
+    encoder_pos, encoder_vel, follows = r, v, 1.0  # encoder angle and velocity, and the slope of the latter by v
     if "output_encoder" in terms:
-        seen, seen_vel = r + p.output_encoder * (q - r), v + p.output_encoder * (dq - v)
+        encoder_pos, encoder_vel = r + p.output_encoder * (q - r), v + p.output_encoder * (dq - v)
         follows = 1.0 - p.output_encoder * (1.0 - contact)
-    error, live = target - seen - p.encoder_zero, 1.0  # live: 0 within the dead zone
+    error, active = target - encoder_pos - p.encoder_zero, 1.0  # active: 1 outside the dead zone, 0 within
     if "dead_zone" in terms:
-        live = arithmetic.indicator(abs(error) > p.dead_zone)
+        active = arithmetic.indicator(abs(error) > p.dead_zone)
         error = error - arithmetic.clip(error, p.dead_zone)
-    push = p.kp * error - p.kd * (filtered + p.mean_filter_gain * (seen_vel - filtered))
+    push = p.kp * error - p.kd * (filtered + p.mean_filter_gain * (encoder_vel - filtered))
     if "integral" in terms:
         state = state._replace(
             integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
         )
         push = push + state.integral
-    braking = (p.kd * p.mean_filter_gain + half_h * p.kp * live) * follows
+    braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
     old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the law
     if "current" in terms:
         old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
@@ -159,11 +159,11 @@ def step(
 
     mean = 0.5 * (v + after)
     torque = gear + lead * (mean - v) + damping * dq
-    mean_seen = mean if "output_encoder" not in terms else seen_vel + follows * (mean - v)
+    mean_encoder_vel = mean if "output_encoder" not in terms else encoder_vel + follows * (mean - v)
     moved = state._replace(
         rotor_pos=r + h * after,
         rotor_vel=after,
-        filtered_vel=filtered + p.filter_gain * (mean_seen - filtered),
+        filtered_vel=filtered + p.filter_gain * (mean_encoder_vel - filtered),
         joint_vel=dq,
         damping=damping,
     )

@@ -125,7 +125,7 @@ def _step(typingctx, address, arrays, physics_dt, position_target, joint_pos, jo
     return types.void(types.intp, arrays, types.float64, *vectors), _emit_call
 
 
-def _borrow(typingctx, arrays):
+def _uncounted(typingctx, arrays):
     def codegen(context, builder, signature, arguments):
         value = _without_owners(context, builder, signature.args[0], arguments[0])
         return impl_ret_untracked(context, builder, signature.return_type, value)
@@ -138,7 +138,7 @@ _call_step: Any = intrinsic(_step)
 # For compiled code: an array, or a (named) tuple of arrays, without reference counting. Counting is an atomic
 # instruction whenever an array is taken from a tuple or sliced, 10 % of the time of an episode. The caller of a
 # compiled episode must keep references to all arrays until it returns.
-without_refcounts: Any = intrinsic(_borrow)
+without_refcounts: Any = intrinsic(_uncounted)
 
 
 @njit(cache=True, nogil=True)

@@ -3,7 +3,7 @@
     x      = [error(t - k·period) / error_scale | k in taps] + [joint_vel(t - k·period) / velocity_scale | k in taps]
     h1     = softsign(W1ᵀx + V1ᵀz + b1),  h2 = softsign(W2ᵀh1 + b2)
     torque = clip(torque_scale·(w3ᵀh2 + b3), ±torque_limit)
-    armature = exp(a0 + aᵀz)                                  (zero for a network without one)
+    armature = exp(a0 + aᵀz)                                  (zero if the network decodes none)
 
 A grey box also decodes the constants of a geared motor (`geared_motor`) from z. The network's torque is then the
 residual of the physics, added at the joint. The model simulates the rotor, so the engine gets no armature.
@@ -169,8 +169,8 @@ class LatentActuator(Actuator):
         require_step(physics_dt)
         self._require_gains()
         net = self.network
-        renewal = round(net.period / physics_dt)
-        if renewal < 1 or abs(renewal * physics_dt - net.period) > 1e-9:
+        update_steps = round(net.period / physics_dt)
+        if update_steps < 1 or abs(update_steps * physics_dt - net.period) > 1e-9:
             raise ConfigError(
                 f"physics step {physics_dt:g} s does not divide the prior's period {net.period:g} s",
                 remedy=f"use a step of {net.period:g} s or an integer fraction of it",
@@ -190,7 +190,7 @@ class LatentActuator(Actuator):
             kernels=self.kind.kernels,
             parameters=parameters,
             memory=np.zeros((rows, self.num_motors)),
-            clock=np.array([0, renewal], dtype=np.int64),
+            clock=np.array([0, update_steps], dtype=np.int64),
             damping=np.zeros(self.num_motors),
             weights=_cache_aligned(np.concatenate([net.w1.ravel(), net.w2.ravel(), net.w3]).astype(np.float32)),
             inputs=np.concatenate([ring - np.array(net.taps), 3 * ring - np.array(net.taps)]),

@@ -23,7 +23,7 @@ _HEADER = Header(
         "joint_names": many(TEXT, minimum=1),
         "prior_sha256": TEXT,
         "seconds": number(above=0.0),
-        "surprise": many(number(0.0, 1.0), minimum=1),
+        "surprise": many(number(0.0, 1.0), minimum=1),  # outlier_p_value
     },
     _REMEDY,
     "posterior.safetensors",
@@ -40,7 +40,7 @@ class MotorPosterior:
     covariance: np.ndarray  # (M, Z, Z)
     joint_names: tuple[str, ...]  # M names in the log
     seconds: float  # length of the log
-    surprise: tuple[float, ...]  # (M,) p-value of the outlier test against the training motors
+    outlier_p_value: tuple[float, ...]  # (M,) p-value of the outlier test against the training motors
     gains: np.ndarray | None = None  # (2, M) logged kp and kd, None if the prior has none
 
     def sample(
@@ -82,14 +82,14 @@ class MotorPosterior:
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        factors = Factors.ones(count)._replace(torque_limit=kp_share(self.prior.network, motors.z))
+        factors = Factors.ones(count)._replace(torque_limit=kp_ratio(self.prior.network, motors.z))
         return motors.with_factors(factors)
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""
         header = _HEADER.write(
             joint_names=list(self.joint_names), prior_sha256=self.prior.sha256(), seconds=self.seconds,
-            surprise=list(self.surprise),
+            surprise=list(self.outlier_p_value),
         )  # fmt: skip
         tensors = {"mean": self.mean, "covariance": self.covariance}
         write_tensors(Path(path), tensors | ({} if self.gains is None else {"gains": self.gains}), header)
@@ -110,11 +110,11 @@ class MotorPosterior:
         if header["prior_sha256"] != prior.sha256():
             raise ConfigError("posterior of another prior", where=path, remedy="adapt this prior to the log again")
         mean, covariance, gains = tensors["mean"], tensors["covariance"], tensors.get("gains")
-        names, surprise = tuple(header["joint_names"]), tuple(header["surprise"])
-        return cls(prior, mean, covariance, names, header["seconds"], surprise, gains)
+        names, outlier_p_value = tuple(header["joint_names"]), tuple(header["surprise"])
+        return cls(prior, mean, covariance, names, header["seconds"], outlier_p_value, gains)
 
 
-def kp_share(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
+def kp_ratio(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
     """(M,) kp of grey-box motors with latents (M, Z) over that of the central motor [-]."""
     central = network.constants(np.zeros((1, network.num_latents)))["kp"]
     return network.constants(z)["kp"] / central

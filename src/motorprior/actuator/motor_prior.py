@@ -19,7 +19,19 @@ from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import generator_of, require_count, require_number
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import GAIN_UNITS
-from motorprior.schema import TABLE, TEXT, TRUTH, Header, Tensor, check_tensors, exactly, integer, many, number, one_of
+from motorprior.schema import (
+    BOOLEAN,
+    TABLE,
+    TEXT,
+    Header,
+    Tensor,
+    check_tensors,
+    exactly,
+    integer,
+    many,
+    number,
+    one_of,
+)
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
@@ -39,7 +51,7 @@ _HEADER = Header(
         "motor_terms": many(one_of(*TERMS)),
         **dict.fromkeys(("period", *_SCALES), number(above=0.0)),
         "taps": many(integer(0, 10_000), minimum=1),
-        **dict.fromkeys(("has_armature", "grey_box", "standardised"), TRUTH),
+        **dict.fromkeys(("has_armature", "grey_box", "standardised"), BOOLEAN),
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
         "joint_names": many(TEXT),
         "gain_unit": one_of("", *GAIN_UNITS),

@@ -86,7 +86,7 @@ class Conditions(NamedTuple):
 
     warmth: Any = 0.0  # of the term heat, from 0 (cold) to 1
     supply: Any = 1.0  # supply voltage / nominal voltage [-]
-    warmer: Any = 0.0  # temperature above the nominal one [K]
+    temperature_rise: Any = 0.0  # temperature above the nominal one [K]
 
 
 # at nominal voltage and temperature, at the start of operation and at an unknown time
@@ -102,7 +102,7 @@ def at_conditions(conditions: Conditions, values: dict[str, Any], xp: Any) -> di
         values = _scaled(xp.maximum(share, 1.0 - MAX_SHARE), values, _OF_LAW)
         values = _scaled(conditions.supply, values, _OF_VOLTAGE)
     if "temperature_loss" in values:
-        share = 1.0 - values["temperature_loss"] * conditions.warmer / TEMPERATURE_SCALE
+        share = 1.0 - values["temperature_loss"] * conditions.temperature_rise / TEMPERATURE_SCALE
         values = _scaled(xp.maximum(share, 1.0 - MAX_SHARE), values, _OF_MAGNETS)
     return values
 
@@ -137,7 +137,7 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     """The state with the reference moved towards the target for one step."""
     away = target - state.reference
     distance = abs(away)
-    change = 0.5 * h * p.profile_acceleration  # of speed in half a step, so that whole steps land on the target
+    change = 0.5 * h * p.profile_acceleration  # change of speed in half a step: whole steps then end at the target
     stopping = arithmetic.sqrt(change * change + 2.0 * p.profile_acceleration * distance) - change
     speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
     wanted = arithmetic.with_sign_of(speed, away) - state.reference_vel

@@ -49,7 +49,7 @@ class MotorParameters:
     delay: np.ndarray  # command latency [s]
     velocity_filter: np.ndarray  # time constant [s]
     torque_limit: np.ndarray  # current limit times torque constant [N·m]
-    stall_torque: np.ndarray  # voltage-limited torque at rest [N·m]
+    stall_torque: np.ndarray  # voltage-limited torque at zero speed [N·m]
     no_load_speed: np.ndarray  # [rad/s]
     armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
     coulomb: np.ndarray  # [N·m]
@@ -75,7 +75,7 @@ class MotorParameters:
         return PhysicalActuator(self)
 
     def after(self, seconds: float) -> MotorParameters:
-        """The motors after so many seconds [s] of operation: unchanged."""
+        """The motors after ``seconds`` [s] of operation: unchanged."""
         return self
 
     def logged(

@@ -1,14 +1,14 @@
 """Behaviour features of motors on a standard bench: the same trials for physical and learned motors.
 
 Every trial runs on the virtual dynamometer (`dynamometer.run`) with the sample period PERIOD. By default the load is
-LOAD_INERTIA with an external torque of -PRESS, which presses the gear to one side: motion within the backlash is
+LOAD_INERTIA with an external torque of -PRELOAD, which presses the gear to one side: motion within the backlash is
 chaotic, so models could not be compared. Features, in this order:
 
     gain, lag     at FREQUENCIES: |H| [-] and delay [s] of the first harmonic of joint_pos to AMPLITUDE·sin(2π·f·t)
     rise time     10 → 90 % of the final displacement after a step of STEP [s]
     overshoot     (maximum - final joint_pos) / STEP with HEAVY_INERTIA [-]
     dead band     half-width of the hysteresis of joint_pos for a slow triangular target [rad]
-    breakaway     external torque that moves a joint with a constant target by GIVE [N·m], mean of both directions
+    breakaway     external torque that moves a joint with a constant target by BREAKAWAY_ANGLE [N·m], mean of both signs
     stall torque  steady torque on a blocked joint with a position error of STALL_ERROR [N·m]
     peak speed    maximum speed after a step of FAST_STEP with a nearly bare joint [rad/s]
 
@@ -28,7 +28,7 @@ from motorprior.bench.dynamometer import Response, Trial, run
 PERIOD = 0.002  # sample period of all trials [s]
 LOAD_INERTIA = 0.003  # inertia of a leg [kg·m²]
 HEAVY_INERTIA = 0.03  # inertia of a leg that carries the robot [kg·m²], at which motors overshoot
-PRESS = 0.05  # torque that presses the gear to one side, below the friction of most motors [N·m]
+PRELOAD = 0.05  # torque that presses the gear to one side, below the friction of most motors [N·m]
 FREQUENCIES = (1, 2, 4, 8)  # frequencies of the sines [Hz], with whole cycles in SINE_WINDOW
 AMPLITUDE = 0.15  # amplitude of the sines [rad]
 SINE_SETTLE, SINE_WINDOW = 1.0, 1.0  # time of a sine before and in the evaluation [s]
@@ -38,7 +38,7 @@ STEP_SETTLE, STEP_DURATION = 0.3, 1.2  # time before and after the step [s]
 STEP_FINAL = 0.1  # final displacement: mean over this time at the end of a step [s]
 # triangular target: speed [rad/s], amplitude [rad], evaluated at |target| < CREEP_WINDOW [rad]
 CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
-GIVE = 0.01  # displacement that counts as breakaway [rad]
+BREAKAWAY_ANGLE = 0.01  # displacement that counts as breakaway [rad]
 RAMP_SETTLE, RAMP_RATE, RAMP_TOP = 0.5, 0.2, 1.5  # torque ramp: time before [s], slope [N·m/s], end [N·m]
 STALL_ERROR, STALL_INERTIA = 0.6, 1e5  # position error [rad], inertia that blocks the joint [kg·m²]
 STALL_LEAD, STALL_HOLD, STALL_FINAL = 1.5, 0.3, 0.1  # times of motion, of holding, and of the evaluation [s]
@@ -99,7 +99,7 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
     """
     time = np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD
     angle = 2 * np.pi * frequency * time
-    joint_pos = _respond(actuator, AMPLITUDE * np.sin(angle), -PRESS, LOAD_INERTIA).joint_pos
+    joint_pos = _respond(actuator, AMPLITUDE * np.sin(angle), -PRELOAD, LOAD_INERTIA).joint_pos
     late = angle[_count(SINE_SETTLE) :]
     basis = np.stack([np.ones_like(late), np.sin(late), np.cos(late)], axis=1)
     _, a, b = np.linalg.lstsq(basis, joint_pos[_count(SINE_SETTLE) :], rcond=None)[0]
@@ -113,7 +113,7 @@ def _step(actuator: Actuator, inertia: float) -> np.ndarray:
     before = _count(STEP_SETTLE)
     target = np.zeros(before + _count(STEP_DURATION))
     target[before:] = STEP
-    return _respond(actuator, target, -PRESS, inertia).joint_pos[before:]
+    return _respond(actuator, target, -PRELOAD, inertia).joint_pos[before:]
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:
@@ -148,13 +148,13 @@ def dead_band(actuator: Actuator) -> np.ndarray:
     """(n,) half-width of the position hysteresis [rad].
 
     The target moves from -CREEP_REACH to +CREEP_REACH and back against an external torque of
-    -PRESS·sign(target velocity), so the joint lags by friction/kp + PRESS/kp + half the backlash. The feature is
+    -PRELOAD·sign(target velocity), so the joint lags by friction/kp + PRELOAD/kp + half the backlash. The feature is
     (mean joint_pos on the way down - mean on the way up)/2 for |target| < CREEP_WINDOW, at most CREEP_REACH, which is
     also the value of a joint that moves less than CREEP_WINDOW.
     """
     leg = _count(2 * CREEP_REACH / CREEP_SPEED)
     up = np.linspace(-CREEP_REACH, CREEP_REACH, leg)
-    target, brake = np.concatenate([up, up[::-1]]), np.repeat([-PRESS, PRESS], leg)
+    target, brake = np.concatenate([up, up[::-1]]), np.repeat([-PRELOAD, PRELOAD], leg)
     joint_pos = _respond(actuator, target, brake, LOAD_INERTIA).joint_pos
     read = np.abs(up) < CREEP_WINDOW
     half = 0.5 * (joint_pos[leg:][read].mean(axis=0) - joint_pos[:leg][read].mean(axis=0))
@@ -163,19 +163,19 @@ def dead_band(actuator: Actuator) -> np.ndarray:
 
 
 def breakaway(actuator: Actuator) -> np.ndarray:
-    """(n,) external torque that moves a joint with target 0 by GIVE [N·m], mean of both directions.
+    """(n,) external torque that moves a joint with target 0 by BREAKAWAY_ANGLE [N·m], mean of both directions.
 
-    After RAMP_SETTLE under PRESS, which takes up the backlash, the external torque rises from PRESS to RAMP_TOP at
-    RAMP_RATE. For a stiff gear the feature is (coulomb + stribeck_torque + kp·GIVE) / (1 - load_friction). A joint that
-    does not move by GIVE gets RAMP_TOP.
+    After RAMP_SETTLE under PRELOAD, which takes up the backlash, the external torque rises from PRELOAD to RAMP_TOP at
+    RAMP_RATE. For a stiff gear the feature is (coulomb + stribeck_torque + kp·BREAKAWAY_ANGLE) / (1 - load_friction).
+    A joint that does not move by BREAKAWAY_ANGLE gets RAMP_TOP.
     """
     still = _count(RAMP_SETTLE)
-    ramp = np.arange(PRESS, RAMP_TOP, RAMP_RATE * PERIOD)
-    external = np.concatenate([np.full(still, PRESS), ramp])
+    ramp = np.arange(PRELOAD, RAMP_TOP, RAMP_RATE * PERIOD)
+    external = np.concatenate([np.full(still, PRELOAD), ramp])
     read = []
     for sign in (1.0, -1.0):
         joint_pos = _respond(actuator, np.zeros(len(external)), sign * external, LOAD_INERTIA).joint_pos[still:]
-        read.append(PRESS + RAMP_RATE * _crossing_time(sign * (joint_pos - joint_pos[0]), GIVE))
+        read.append(PRELOAD + RAMP_RATE * _crossing_time(sign * (joint_pos - joint_pos[0]), BREAKAWAY_ANGLE))
     return np.minimum(np.mean(read, axis=0), RAMP_TOP)
 
 
@@ -199,5 +199,5 @@ def peak_speed(actuator: Actuator) -> np.ndarray:
     before, width = _count(STEP_SETTLE), _count(SPEED_WINDOW)
     target = np.full(before + _count(FAST_DURATION), 0.5 * FAST_STEP)
     target[:before] *= -1.0
-    joint_pos = _respond(actuator, target, -PRESS, FAST_INERTIA).joint_pos[before:]
+    joint_pos = _respond(actuator, target, -PRELOAD, FAST_INERTIA).joint_pos[before:]
     return (joint_pos[width:] - joint_pos[:-width]).max(axis=0) / SPEED_WINDOW

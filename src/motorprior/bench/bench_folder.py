@@ -51,7 +51,7 @@ class BenchSettings:
         return training_motors(self.fleet, self.motors, self.seed)
 
     def as_json(self) -> dict[str, Any]:
-        """For bench.json and the provenance of a prior; the family is omitted if it is `GEARED`."""
+        """Entries of bench.json and of a prior's provenance; the family is omitted if it is `GEARED`."""
         family = {} if self.fleet.family == GEARED.name else {"family": self.fleet.family}
         return family | {
             "fleet": self.fleet.name, "motor": self.fleet.motor, "robot": self.fleet.robot,

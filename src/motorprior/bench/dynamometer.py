@@ -50,21 +50,21 @@ class Response:
 
 
 @njit(cache=True, nogil=True)
-def _simulate(arrays, inertia, targets, external, stiffness, dt, fine, joint_pos, joint_vel, out):
-    """Simulate a trial into out (4, steps, n), with ``fine`` integration steps per sample."""
+def _simulate(arrays, inertia, targets, external, stiffness, dt, substeps, joint_pos, joint_vel, out):
+    """Simulate a trial into out (4, steps, n), with ``substeps`` integration steps per sample."""
     steps, n = targets.shape
-    h = dt / fine
+    h = dt / substeps
     q, dq, torque = joint_pos.copy(), joint_vel.copy(), np.zeros(n)
     reset_actuator(arrays, targets[0], q)
     for step in range(steps):
         out[0, step], out[1, step], out[2, step] = q, dq, 0.0
         measure_joint_pos(arrays, q, out[3, step])
-        for _ in range(fine):
+        for _ in range(substeps):
             step_actuator(arrays, h, targets[step], q, dq, torque)
             for j in range(n):
                 load = external[step, j] + stiffness[step, j] * q[j]
                 dq[j] = _next_velocity(dq[j], torque[j], load, inertia[j], arrays.damping[j], h)
-                out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / fine
+                out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / substeps
                 q[j] += h * dq[j]
 
 
@@ -73,13 +73,15 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
 
     The integration step is the period of the trial, or shorter if the ``bench_step`` of the actuator kind requires it.
     """
-    fine = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
+    substeps = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
     targets, external = (np.ascontiguousarray(x, float) for x in (trial.position_target, trial.external_torque))
     steps, n = targets.shape
     stiffness = np.zeros((steps, n)) if trial.load_stiffness is None else trial.load_stiffness
     q = (targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)) + start_offset
     dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
-    arrays, inertia = actuator.arrays(trial.dt / fine), trial.load_inertia + actuator.armature
+    arrays, inertia = actuator.arrays(trial.dt / substeps), trial.load_inertia + actuator.armature
     out = np.zeros((4, steps, n))
-    _simulate(arrays, inertia, targets, external, np.ascontiguousarray(stiffness, float), trial.dt, fine, q, dq, out)
+    _simulate(
+        arrays, inertia, targets, external, np.ascontiguousarray(stiffness, float), trial.dt, substeps, q, dq, out
+    )
     return Response(*out)

@@ -1,6 +1,6 @@
 """Excitations for identification: position targets and external torques.
 
-Each function returns (steps,) targets [rad], or torques if its docstring says so. EXCITATIONS are those of a bench.
+Each function returns (steps,) targets [rad], or torques [N·m] where stated. EXCITATIONS are those of a bench.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     return 0.25 * total / np.sqrt(0.5 * np.sum(amplitude**2))
 
 
-def held(targets: np.ndarray, every: int) -> np.ndarray:
+def zero_order_hold(targets: np.ndarray, every: int) -> np.ndarray:
     """Zero-order hold over ``every`` steps, like the targets of a 100 Hz policy."""
     return targets[(np.arange(len(targets)) // every) * every]
 

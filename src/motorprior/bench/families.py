@@ -141,7 +141,7 @@ FAMILIES = {family.name: family for family in (GEARED, OUT_OF_FAMILY)}
 UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
 
 
-def geared(motors: TrueMotors) -> MotorParameters:
+def require_geared(motors: TrueMotors) -> MotorParameters:
     """The motors, as GEARED ones; raises `ConfigError` for motors of another family."""
     if isinstance(motors, MotorParameters):
         return motors

@@ -53,7 +53,7 @@ class Distribution:
         return self.values["center"]
 
     def sample(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> np.ndarray:
-        """(count,) samples, see `Fleet.sample`."""
+        """(count,) samples; see `Fleet.sample`."""
         if self.kind == "constant":
             return np.full(count, self.center)
         if self.kind == "uniform":
@@ -89,7 +89,7 @@ class Fleet:
 
     @property
     def kind(self) -> ActuatorKind:
-        """Of its motors."""
+        """Actuator kind of its motors."""
         return FAMILIES[self.family].kind
 
     def sample(self, count: int, seed: int | np.random.Generator, of_one_robot: bool = False) -> TrueMotors:

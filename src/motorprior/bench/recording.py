@@ -1,7 +1,7 @@
 """Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log.
 
 Presets. ``paper``: sinusoids of varying frequency and amplitude on one inertia without external torque, sampled every
-0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to the stall, on loads from a bare
+0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to stall, on loads from a bare
 shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in segments of
 1 s, so that a few seconds contain many loads. ``narrow``: excitation and load of ``paper`` at the rate of ``rollout``.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import Response, Trial, run
-from motorprior.bench.excitation import excitation_named, held
+from motorprior.bench.excitation import excitation_named, zero_order_hold
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
@@ -34,13 +34,13 @@ class BenchPreset:
     load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
     kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS`, cycled over the segments
     hold_steps: int  # in every second segment, targets are held for so many samples
-    torque: float = 1.0  # factor on the external torques [-]
+    torque_factor: float = 1.0  # factor on the external torques [-]
 
     def for_robot(self, robot: Robot) -> BenchPreset:
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
         low, high = (own / reference for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
         loads = low * self.load_inertia[0], high * self.load_inertia[1]
-        return replace(self, load_inertia=loads, torque=robot.reference_torque)
+        return replace(self, load_inertia=loads, torque_factor=robot.reference_torque)
 
 
 REFERENCE_LOAD = (1e-4, 3e-2)  # load inertia of the robot for which the presets are written [kg·m²]
@@ -76,11 +76,11 @@ def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: 
     chosen = excitation_named(kind)
     targets = [chosen.target(rng, steps, preset.period) for _ in range(motors)]
     if hold:
-        targets = [held(target, preset.hold_steps) for target in targets]
+        targets = [zero_order_hold(target, preset.hold_steps) for target in targets]
     external = np.zeros((steps, motors))
     if chosen.external_torque is not None:
         torques = [chosen.external_torque(rng, steps, preset.period) for _ in range(motors)]
-        external = preset.torque * np.stack(torques, axis=1)
+        external = preset.torque_factor * np.stack(torques, axis=1)
     low, high = np.log(preset.load_inertia)
     inertia = np.exp(rng.uniform(low, high, motors))
     return Trial(np.stack(targets, axis=1), external, inertia, preset.period)

@@ -48,12 +48,9 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     policy.require_robot(robot)
     policy.require_clock(robot.control_dt)
     gait = robot.with_speed_range(policy.forward).require_legs()
-    for name, given, limits in (
-        ("forward", settings.forward, gait.forward),
-        ("yaw_rate", settings.yaw_rate, (-gait.yaw_rate, gait.yaw_rate)),
-    ):
-        if given is not None:
-            require_number(name, given, *limits)
+    if settings.forward is not None:
+        require_number("forward", settings.forward, *gait.forward)
+    require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     gains.check(robot.require_wire().safety)
     if settings.dry_run:

@@ -46,9 +46,9 @@ def backend_state(robot: Robot, telemetry: Telemetry, torque: np.ndarray, fault:
     """The state that a robot's sensors measure, from telemetry in the library's signs and (joints,) ``torque`` [N·m].
 
     x, y and the linear velocity are not measured and are 0. The height is that of the longest leg on flat ground:
-    max over legs of leg.drop(joint_pos) · cos(roll) · cos(pitch). ``fault`` is 0 or a backend's number of a fault.
+    max over legs of leg.hip_height(joint_pos)·cos(roll)·cos(pitch). ``fault`` is 0 or a backend's number of a fault.
     """
-    height = max((leg.drop(telemetry.pos) for leg in robot.legs), default=0.0)
+    height = max((leg.hip_height(telemetry.pos) for leg in robot.legs), default=0.0)
     return BackendState(
         base_pos=np.array([0.0, 0.0, height * math.cos(telemetry.roll) * math.cos(telemetry.pitch)]),
         base_quat=quaternion(telemetry.roll, telemetry.pitch, telemetry.yaw),

@@ -7,7 +7,7 @@ around a regression of the logged proportional law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-The gains have to be logged in N·m/rad, since angles and commands do not identify the scale of torques. Nor do they
+The gains have to be logged in N·m/rad, since angles and commands do not identify the scale of torques. They also do not
 separate the inertia of a load from the armature of a rotor without play: only the sum is identified, and the prior
 divides it. Standard deviations (Laplace) count the whole log as one observation, since residuals mostly come from
 missing physics, which is the same in every window.
@@ -28,27 +28,27 @@ from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
-from motorprior.identification.physics.term_selection import VARIES, same_conditions
+from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
 from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data import windows
-from motorprior.logs.doctor.excitation import joints_at_rest
+from motorprior.logs.doctor.excitation import static_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
-RECIPE = PRESETS["pace_long_runs"]  # runs of a second, no optional terms but logged ones
-# random searches of a joint's fit, rounds after each, and rounds after the best: there are several optima
+RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only
+# random searches per joint, rounds after each, rounds after the best one; several, since there are several optima
 STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
 MAX_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # per joint
 _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
 _ROWS = 30_000  # approximate maximum number of fitted rows
 _SEARCH_RADII, _RESTART_RADIUS, _SAMPLES, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
-_PATIENCE, _MIN_GAIN = 3, 0.01  # so many rounds in a row that lower the loss by a smaller share end a fit
+_PATIENCE, _MIN_GAIN = 3, 0.01  # a fit ends after _PATIENCE rounds in a row with relative gains below _MIN_GAIN
 _STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # of the prior of a latent, of ln(J/J₀), and of s/g and c/g
 _EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
-_LANES = 32  # loads that are simulated at a time; each has its own rows
+_LANES = 32  # loads simulated at a time; each has its own rows
 _STREAM = 61
 
 
@@ -65,7 +65,7 @@ class FittedLoad:
 
 
 class _LoadedRuns(WindowRuns):
-    """Free runs of one joint, in which the last latents are its load's.
+    """Free runs of one joint; the last latents are those of its load.
 
     Attributes:
         start: (3,) J₀ [kg·m²], s₀ and c₀ [N·m].
@@ -114,7 +114,7 @@ def _regression(runs: WindowRuns) -> np.ndarray:
     return np.array([np.clip(found[0], lower, 1e4 * lower), *found[1:]])
 
 
-def require_torque(log: MotorLog) -> None:
+def require_physical_kp(log: MotorLog) -> None:
     """Raise `LogError` unless the log has kp in N·m/rad, which sets the scale of torques."""
     if log.stated_kp is None or log.gain_unit != PHYSICAL_GAINS:
         has = "no kp" if log.stated_kp is None else "kp in firmware units"
@@ -132,8 +132,8 @@ def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple
     Raises:
         LogError: no such gains, another period than RECIPE's, too short, a static joint, or all simulations diverge.
     """
-    require_torque(log)
-    if static := joints_at_rest(log):
+    require_physical_kp(log)
+    if static := static_joints(log):
         raise LogError(f"joint {static[0]} does not move", where=log.source, remedy="leave it out of the map")
     return tuple(_fit_joint(log.joint(index), report) for index in range(log.num_joints))
 
@@ -146,7 +146,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
     runs = _LoadedRuns(data, preset)
     same = same_conditions(runs)
-    terms = in_order([*preset.logged_terms, *(name for name in VARIES if name not in same)])
+    terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
     fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
     mean = np.array([[0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit]])
@@ -187,7 +187,7 @@ class _Search:
         return GaussianPrior(self._prior.mean, weight * self._prior.precision).fixing(self._fixed)
 
     def _others(self, z: np.ndarray, radius: float) -> np.ndarray:
-        """(1, _SAMPLES, Z) z (1, Z), and others in which a random half of the free latents is sampled around it."""
+        """(1, _SAMPLES, Z): z (1, Z), then samples in which a random half of the free latents is resampled around z."""
         sampled = (self._rng.random((1, _SAMPLES, z.shape[1])) < 0.5) & ~self._fixed
         sampled[:, 0] = False
         return z[:, None] + np.where(sampled, radius * self._rng.standard_normal(sampled.shape), 0.0)
@@ -204,11 +204,11 @@ class _Search:
         """Rounds of steps and restarts until _PATIENCE of them improve little."""
         idle = 0
         for index in range(max_rounds):
-            weighted, reach, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
+            weighted, diff_step, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
             found = replace(found, energy=found.loss + weighted.energy(found.z))
-            again = self._fit.polish(found.z, weighted, _STEPS, reach)
+            again = self._fit.polish(found.z, weighted, _STEPS, diff_step)
             other = self._fit.best_of(self._others(again.z, _RESTART_RADIUS), weighted)
-            found = again.better(self._fit.polish(other, weighted, _STEPS, reach))
+            found = again.better(self._fit.polish(other, weighted, _STEPS, diff_step))
             self._report()
             idle = idle + 1 if found.loss > (1.0 - _MIN_GAIN) * before else 0
             if idle == _PATIENCE:
@@ -220,7 +220,7 @@ def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
     """The log with these loads, and without a torque computed from currents."""
     torque, stiffness = _gravity_torque(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
     for part in log.segment_slices():
-        torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])  # a log's are means until the next row
+        torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])  # logged ones are means until the next row
     channels = {
         "load_inertia": np.tile([load.inertia for load in loads], (log.num_rows, 1)), "external_torque": torque,
         "load_stiffness": stiffness, "posture": np.full(log.num_rows, POSTURES.index("fixed")),

@@ -13,7 +13,7 @@ from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_me
 
 @dataclass(frozen=True)
 class Preset:
-    """Recipe of an identification; registers, conditions, `lacks` and `terms` count with physics first."""
+    """Recipe of an identification; registers, conditions, `lacks` and `terms` need ``physics_first``."""
 
     objective: str  # ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop)
     period: float  # sample period of the network [s]
@@ -37,7 +37,7 @@ class Preset:
     physics_first: str = ""
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
     tries_terms: bool = True  # whether terms are selected
-    lacks: tuple[str, ...] = ()  # constants that the motors do not have, as frictions
+    lacks: tuple[str, ...] = ()  # constants that the motors do not have, such as frictions
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
     # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted
     firmware: tuple[tuple[str, float], ...] = ()
@@ -59,9 +59,9 @@ class Preset:
         return bool(self.num_neurons) or not self.physics_first
 
     @property
-    def usual_conditions(self) -> dict[str, float]:
+    def nominal_conditions(self) -> dict[str, float]:
         """Medians by channel."""
-        return {name: usual for name, _, usual, _ in self.conditions}
+        return {name: nominal for name, _, nominal, _ in self.conditions}
 
     @property
     def logged_terms(self) -> tuple[str, ...]:
@@ -143,6 +143,6 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
         return recipe
     conditions = []
     for name in sorted(CONDITIONS.keys() & channels(log).keys()):
-        means, usual = segment_means(log, name), np.median(channels(log)[name])
-        conditions.append((name, float(means.min()), float(usual), float(means.max())))
+        means, nominal = segment_means(log, name), np.median(channels(log)[name])
+        conditions.append((name, float(means.min()), float(nominal), float(means.max())))
     return replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(conditions))

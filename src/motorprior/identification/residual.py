@@ -2,7 +2,7 @@
 
 Its inputs are the history of errors and joint velocities, its torque acts on the joint. It is trained on every second
 segment of the logs, with fixed constants and latents; then the latents are refined with it and, for comparison, without
-it (`fleet_fit`), both on these segments. On the other segments, over the motors' logarithms,
+it (`fleet_fit`), both on these segments. On the other segments, in geometric means over the motors,
 
     the rollout loss must fall by more than MIN_GAIN, and the errors of position must not rise.
 
@@ -41,7 +41,7 @@ class FittedMotors:
 
 
 def without_residual(scales: dict[str, float], preset: Preset) -> LatentNetwork:
-    """A network of no neurons, to which `with_motor` adds a grey box's motor."""
+    """A network without neurons, to which `with_motor` adds a grey box's motor."""
     zeros, numbers, taps, latents = np.zeros, cast(Any, scales), preset.taps, preset.num_latents
     return LatentNetwork(
         w1=zeros((2 * len(taps), 0)), v1=zeros((latents, 0)), b1=zeros(0), w2=zeros((0, 0)), b2=zeros(0), w3=zeros(0),
@@ -53,7 +53,7 @@ def without_residual(scales: dict[str, float], preset: Preset) -> LatentNetwork:
 def refined_motors(
     motors: FittedMotors, longer: WindowRuns, preset: Preset, chosen: np.ndarray | None = None
 ) -> FittedMotors:
-    """Refine on runs, or the ``chosen`` (N,) of them, that are longer than the recipe's; unchanged if none are."""
+    """Refine on ``longer`` runs, or their ``chosen`` (N,) windows; unchanged if no longer than the recipe's."""
     if longer.preset.window <= preset.window:
         return motors
     return replace(motors, z=refined(motors.network, motors.z, longer, preset.physics_first == "together", chosen))

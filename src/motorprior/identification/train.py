@@ -5,8 +5,9 @@ with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the p
 the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors'
 constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
 
-Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be chance. So all motors
-are fitted with them and with the logged ones alone, and they are kept if they save MIN_GAIN of the loss of all motors.
+Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be due to chance. All
+motors are therefore fitted with the selected terms and with the logged ones alone; the selected ones are kept if they
+save MIN_GAIN of the loss of all motors.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def identify(
         data: logs.
         preset: recipe.
         seed: of weights, windows, noise and searches.
-        report: called with parts of `work_of` and a text, often with 0; an exception that it raises ends the fit.
+        report: called with the work since the last call, often 0, and a text; an exception that it raises ends the fit.
         checkpoints: where an interrupted training resumes.
 
     Raises:
@@ -112,7 +113,7 @@ def _physics_first(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> tuple[Identified, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
-    runs = WindowRuns(data, preset, beat=lambda: report(0, ""))
+    runs = WindowRuns(data, preset, heartbeat=lambda: report(0, ""))
     physics = _fit_physics(data, preset, runs, seed, report, checkpoints)
     found = physics.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
@@ -120,7 +121,7 @@ def _physics_first(
     notes = _notes_on_terms(physics, preset)
     fitted = FittedMotors(with_motor(without_residual(data.scales, preset), found.center, found.terms), found.offsets)
     longer = longer_runs(data, preset, runs)
-    report(0, "constants are refined")
+    report(0, "refining constants")
     motors = refined_motors(fitted, longer, preset)
     if preset.num_neurons:
         motors, saved, note = with_residual(fitted, motors, data, preset, seed, longer, report)
@@ -161,7 +162,7 @@ def _fit_physics(
     """The fit, or that of an interrupted training; raises `MotorPriorError` if every simulation diverges."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
-        report(WORK, "constants were fitted")
+        report(WORK, "constants already fitted")
         return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
     chosen = _selected(bare, data, preset, seed, report)
@@ -186,13 +187,13 @@ def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int
         report(CHUNK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
     motors = len(data.series)
-    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(term_selection.ROWS, term_selection.WINDOWS * preset.window))
-    few = WindowRuns(part, preset, some, beat=lambda: report(0, ""))
+    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
+    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
     work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
     if not chosen.saved:
-        report(CHUNK * len(TERMS), "the log is too short to choose terms by")
+        report(CHUNK * len(TERMS), "the log is too short to select terms")
     return chosen
 
 
@@ -202,8 +203,8 @@ def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
     notes += [
         f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
         "terms ignores -> use preset rollout or long_runs"
-        for name, low, usual, high in preset.conditions
-        if not preset.tries_terms and high - low >= min_difference(name, usual)
+        for name, low, nominal, high in preset.conditions
+        if not preset.tries_terms and high - low >= min_difference(name, nominal)
     ]
     return notes
 
@@ -211,7 +212,7 @@ def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
 def _notes_on_identifiability(
     motors: FittedMotors, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
 ) -> list[str]:
-    """Notes on limits and on a scale of torques that the logs do not identify; they go to ``metrics``, too."""
+    """Notes on limits and on a scale of torques that the logs do not identify, also added to ``metrics``."""
 
     def logs(hidden: np.ndarray) -> str:
         named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""

@@ -1,4 +1,4 @@
-"""The usual errors of a log: a bad value in a row, a missing column, time that does not increase."""
+"""Common errors of a log: a bad value in a row, a missing column, time that does not increase."""
 
 from __future__ import annotations
 

@@ -66,8 +66,8 @@ class MotorLog:
         segment: (T,) index of the contiguous recording; None for a single one.
         base_orientation: (T, 2) roll and pitch of the base [rad].
         posture: (T,) how the base was supported, an index of POSTURES.
-        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not see backlash and
-            elasticity of the gear (angles are at the output shaft in both cases).
+        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash
+            and elasticity of the gear (angles are at the output shaft in both cases).
         stated_kp: (T, J) logged proportional gain, constant within a segment.
         stated_kd: (T, J) logged derivative gain, acting on the velocity; only with stated_kp.
         supply_voltage: (T, J) at the motor [V].
@@ -156,16 +156,16 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
 
 
-def stated_gain_rows(log: MotorLog) -> np.ndarray | None:
+def logged_gain_rows(log: MotorLog) -> np.ndarray | None:
     """(2, T, J) logged kp and kd; kd equals kp if it is not logged. None without gains."""
     if log.stated_kp is None:
         return None
     return np.stack([log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd])
 
 
-def stated_gains_of(log: MotorLog) -> np.ndarray | None:
-    """(2, J) medians of `stated_gain_rows` over segments, or None without gains."""
-    rows = stated_gain_rows(log)
+def logged_gains_of(log: MotorLog) -> np.ndarray | None:
+    """(2, J) medians of `logged_gain_rows` over segments, or None without gains."""
+    rows = logged_gain_rows(log)
     return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
 
 

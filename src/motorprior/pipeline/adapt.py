@@ -17,7 +17,7 @@ from motorprior.bench.recording import BENCH
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
 from motorprior.logs.validity import checked
 from motorprior.pipeline.log_errors import log_warnings, replay_errors
 from motorprior.pipeline.prior_file import prior_and_robot, recipe_of, require_same_robot, trained_on
@@ -173,8 +173,7 @@ def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> 
         LogError: the log lacks a channel, has another period, or is shorter than a window.
         ArtifactError: a prior without latents or without the metrics of its own errors.
     """
-    from motorprior.identification.latents.latent_fit import SAME_JOINT_STD, LatentPrior
-    from motorprior.identification.latents.latent_fit import adapt as fit_posterior
+    from motorprior.identification.latents.latent_fit import SAME_JOINT_STD, LatentPrior, fit_posterior
 
     preset, data, temperature, _ = _prepared(prior, path, log, where)
     std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
@@ -227,7 +226,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
     """
     if prior.network.motor is None:
         return {}
-    values, gains = prior.network.constants(latents), stated_gains_of(log)
+    values, gains = prior.network.constants(latents), logged_gains_of(log)
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_logged_gains(values, *gains)
     return named_multiples(values) if prior.network.gain_unit else values
@@ -251,9 +250,9 @@ def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress:
 
 
 def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:
-    surprise = tuple(float(value) for value in outliers.p_value)
-    gains = stated_gains_of(log) if prior.network.gain_unit else None
-    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, surprise, gains)
+    outlier_p_value = tuple(float(value) for value in outliers.p_value)
+    gains = logged_gains_of(log) if prior.network.gain_unit else None
+    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, outlier_p_value, gains)
 
 
 def _require_no_outliers(log: MotorLog, outliers: OutlierTest, path: str | Path) -> None:

@@ -18,7 +18,7 @@ from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, stated_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, logged_gains_of
 from motorprior.logs.validity import checked
 from motorprior.pipeline.log_errors import MAX_UNEXPLAINED, log_warnings, replay_errors
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
@@ -158,7 +158,7 @@ def _data(job: _Job) -> TrainingData:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.training_data.windows import training_data
 
-    gains = stated_gains_of(job.log)
+    gains = logged_gains_of(job.log)
     if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(gains, job.where)
     return training_data(job.log, job.recipe, job.where)
@@ -181,9 +181,9 @@ def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress)
 def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Checkpoint | None) -> MotorPrior:
     """Fit the prior and its metrics."""
     from motorprior.identification.evaluation.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, scaled
+    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
     from motorprior.identification.train import identify, work_of
-    from motorprior.identification.training_data.windows import used_seconds
+    from motorprior.identification.training_data.windows import used_seconds_text
 
     log, recipe, origin = job.log, job.recipe, job.origin
     if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
@@ -193,7 +193,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
             f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
             f"{RELIABLE_MOTORS} or more)"
         )
-    progress.note(used_seconds(data, recipe))
+    progress.note(used_seconds_text(data, recipe))
     for line in log_warnings(log, recipe):
         progress.note(line)
     latest = ""
@@ -217,14 +217,14 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # samples are spread wider where the model lacks physics: by 1 up to MAX_UNEXPLAINED, by 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
-        network, mean, log_var = scaled(network, mean, log_var, factor)
+        network, mean, log_var = with_scaled_spread(network, mean, log_var, factor)
         if network.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": job.seed}, metrics, names,
-        stated_gains_of(log) if network.gain_unit else None,
+        logged_gains_of(log) if network.gain_unit else None,
     )  # fmt: skip
 
 

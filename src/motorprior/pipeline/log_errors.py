@@ -16,7 +16,7 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import listed
 from motorprior.identification.presets import Preset
-from motorprior.logs.doctor.excitation import excited_joints, joints_at_rest
+from motorprior.logs.doctor.excitation import excited_joints, static_joints
 from motorprior.logs.motor_log import MotorLog, segment_means
 from motorprior.logs.settings_text import range_text
 from motorprior.pipeline.progress import Progress
@@ -127,7 +127,7 @@ def replay_errors(motors: LatentActuator, log: MotorLog, recipe: Preset, progres
     from motorprior.identification.evaluation.fit_quality import fit_quality
 
     with progress.start("tune a PD to compare with", TUNING) as task:
-        found = fit_quality(motors, log, task.advance, recipe.usual_conditions)
+        found = fit_quality(motors, log, task.advance, recipe.nominal_conditions)
     errors = {
         name: np.where(np.isfinite(values), values, BROKEN)[None]
         for name, values in zip((PRIOR, TUNED_PD), found, strict=True)
@@ -144,18 +144,18 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 
     found = []
-    if static := joints_at_rest(log):
+    if static := static_joints(log):
         found.append(
             f"warning: did not move: {', '.join(static)}; their constants and errors mean nothing -> exclude these "
             "joints, or record them in motion"
         )
-    for name, lowest, usual, highest in recipe.conditions:
+    for name, lowest, nominal, highest in recipe.conditions:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
             if modelled:
-                found.append(f"note: the log has no {name}: {range_text(name, usual, usual)} is assumed")
+                found.append(f"note: the log has no {name}: {range_text(name, nominal, nominal)} is assumed")
             continue
-        means, margin = segment_means(log, name), min_difference(name, usual)
+        means, margin = segment_means(log, name), min_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
             found.append(

@@ -17,7 +17,7 @@ from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import MotorLog, stated_gains_of
+from motorprior.logs.motor_log import MotorLog, logged_gains_of
 from motorprior.pipeline.prior_file import load_prior, robot_gains
 from motorprior.pipeline.stage import fleet_files
 from motorprior.robots.robot import Robot
@@ -76,7 +76,7 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
 
 def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
     """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
-    logged = stated_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
+    logged = logged_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
     return robot_gains(prior, robot) if logged is None else logged
 
 
@@ -274,6 +274,6 @@ def _in_joint_order(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
     order = [names.index(name) for name in robot.joint_names]
     return replace(
         posterior, mean=posterior.mean[order], covariance=posterior.covariance[order], joint_names=robot.joint_names,
-        surprise=tuple(posterior.surprise[index] for index in order),
+        outlier_p_value=tuple(posterior.outlier_p_value[index] for index in order),
         gains=None if posterior.gains is None else posterior.gains[:, order],
     )  # fmt: skip

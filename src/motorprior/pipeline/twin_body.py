@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import Fleet
 from motorprior.hardware.sign_conventions import servo_current
 from motorprior.hardware.virtual.firmware import Drive, Sensors
@@ -21,7 +21,7 @@ def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
     Raises:
         ConfigError: a fleet of another family than the geared motors.
     """
-    return geared(fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed])))
+    return require_geared(fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed])))
 
 
 class TwinBody:

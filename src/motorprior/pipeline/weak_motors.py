@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.motor_posterior import kp_share
+from motorprior.actuator.motor_posterior import kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import listed
 
@@ -20,7 +20,7 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
     if prior.network.motor is None:
         return ""
-    share, (motor_bound, robot_bound) = kp_share(prior.network, latents), weak_below(prior.network)
+    share, (motor_bound, robot_bound) = kp_ratio(prior.network, latents), weak_below(prior.network)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:
         return ""
@@ -34,6 +34,6 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
 def weak_below(network: LatentNetwork) -> tuple[float, float]:
     """Shares of the central motor's kp below which a motor, and the median of a robot's motors, is weak [-]."""
     samples = np.random.default_rng(0).standard_normal((1000, network.num_latents))
-    deviation = float(np.std(np.log(kp_share(network, samples))))
+    deviation = float(np.std(np.log(kp_ratio(network, samples))))
     bounds = np.exp(-_FAR_MOTOR * deviation), np.exp(-_FAR_ROBOT * deviation)
     return min(WEAK_MOTOR, float(bounds[0])), min(WEAK_ROBOT, float(bounds[1]))

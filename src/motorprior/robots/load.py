@@ -1,6 +1,6 @@
 """Load a robot by name, or from a short TOML next to its MJCF or URDF.
 
-    name = "go2"                     # priors, policies and logs carry it
+    name = "go2"                     # stored in priors, policies and logs
     motor = "Unitree GO2 joint motor"
     model = "go2.xml"                # MJCF or URDF next to this file
     actuators = "remove"             # remove the model's own actuators; otherwise they are an error
@@ -112,7 +112,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     name = table["name"]
     if name in {shipped.name for shipped in SHIPPED} or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         problem = f"name {name!r} is a shipped robot's, or has characters other than letters, digits, '_' and '-'"
-        raise ArtifactError(problem, where=path, remedy="give it another name; priors, logs and policies carry it")
+        raise ArtifactError(problem, where=path, remedy="give it another name; priors, logs and policies store it")
     return _from_table(table, path)
 
 
@@ -193,17 +193,17 @@ def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], where: str) -> Gait | None:
-    """The gait of the robot's size with the entries of the table; None without legs."""
+    """The default gait for the robot's size, overridden by the table; None without legs."""
     _GAIT.check(table, where)
     if not legs:
         return None
-    usual = Gait.of_size(float(np.mean([leg.drop(np.array(pose)) for leg in legs])))
-    forward = tuple(map(float, table.get("forward", usual.forward)))
+    default = Gait.of_size(float(np.mean([leg.hip_height(np.array(pose)) for leg in legs])))
+    forward = tuple(map(float, table.get("forward", default.forward)))
     if not forward[0] <= 0.0 < forward[1]:
         problem = f"forward {list(forward)} m/s does not include standing and walking forward"
         raise ArtifactError(problem, where=where, remedy="give [min, max] with min <= 0 < max")
     numbers = {key: float(value) for key, value in table.items() if key != "forward"}
-    return replace(usual, forward=(forward[0], forward[1]), **numbers)
+    return replace(default, forward=(forward[0], forward[1]), **numbers)
 
 
 def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:

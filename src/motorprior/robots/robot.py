@@ -77,7 +77,7 @@ class Leg:
         forward = -(self.thigh * math.sin(hip) + self.shank * math.sin(both))
         return forward, self.thigh * math.cos(hip) + self.shank * math.cos(both)
 
-    def drop(self, joint_pos: np.ndarray) -> float:
+    def hip_height(self, joint_pos: np.ndarray) -> float:
         """Distance of the foot's lowest point below the hip axis, body upright [m]: below·cos(abduction) + foot_radius.
 
         Args:
@@ -114,7 +114,7 @@ class Gait:
             hip_height: h, of the hip axes above the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
-        # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps rock it
+        # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite this
         frequency = max(3.0, 0.32 * math.sqrt(GRAVITY / hip_height))
         return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
 
@@ -124,7 +124,7 @@ class Robot:
     """A robot. Array properties are new copies in the order of ``joints``.
 
     Attributes:
-        name: short; priors, policies and logs carry it.
+        name: short name, stored in priors, policies and logs.
         motor: name of the motors.
         joints: in the order of the model; they are the model's last coordinates.
         base: "free" or "fixed".
@@ -133,15 +133,21 @@ class Robot:
         nominal: joint angles of the standing or resting pose [rad].
         legs: none for an arm.
         gait: None without legs.
-        leg_mismatch: how a leg differs from the conventions of `Leg`, so that the robot cannot walk; empty if none
-        does. weight: of the whole robot [N]; 0 if unknown. standing_height: of the base above the ground in the nominal
-        pose [m]. min_base_height: below it a walking robot has fallen [m]. max_base_height: above it the simulation has
-        failed [m]. suspended_height: of the base of a suspended robot [m]. reference_torque: joint torque with penalty
-        1 in the walking reward [N·m]. foot_friction: sliding friction of the feet [-]. load_inertia: minimum and
-        maximum load inertia of one motor [kg·m²]; a bench samples between them. files: the description and model files
-        of a user's robot. fleets: (name, path) of the shipped fleets of its motors, the default first. physics_dt:
-        MuJoCo's step in training [s]. control_dt: period of the policy [s]. twin_physics_dt: MuJoCo's step with
-        physical motors [s]. wire: protocol constants of the real robot; None if not supported.
+        leg_mismatch: how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does.
+        weight: weight of the whole robot [N]; 0 if unknown.
+        standing_height: height of the base above the ground in the nominal pose [m].
+        min_base_height: base height below which a walking robot has fallen [m].
+        max_base_height: base height above which the simulation has failed [m].
+        suspended_height: base height of a suspended robot [m].
+        reference_torque: joint torque with penalty 1 in the walking reward [N·m].
+        foot_friction: sliding friction of the feet [-].
+        load_inertia: minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them.
+        files: description and model files of a user's robot.
+        fleets: (name, path) of the shipped fleets of its motors, the default first.
+        physics_dt: MuJoCo's step in training [s].
+        control_dt: period of the policy [s].
+        twin_physics_dt: MuJoCo's step with physical motors [s].
+        wire: protocol constants of the real robot; None if not supported.
     """
 
     name: str
@@ -206,7 +212,7 @@ class Robot:
 
     @property
     def encoder(self) -> Encoder:
-        """Place of the encoders."""
+        """Where the encoders are: "joint" or "rotor"."""
         return self.joints[0].encoder
 
     @property

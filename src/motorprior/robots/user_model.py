@@ -1,4 +1,4 @@
-"""Facts from a user's MJCF or URDF: joints, limits, legs, mass, loads."""
+"""Properties of a user's MJCF or URDF: joints, limits, legs, mass, loads."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.

@@ -62,7 +62,7 @@ class SimulatedRobot:
         folded = self._wire.folded_pose
         self._arrays = self._world.reset(PhysicalActuator(motors), folded)
         if not suspended:
-            self._world.data.qpos[2] = max(leg.drop(folded) for leg in robot.legs)
+            self._world.data.qpos[2] = max(leg.hip_height(folded) for leg in robot.legs)
         self.advance(0, folded)  # compile, or load compiled code, before real time starts
 
     def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:

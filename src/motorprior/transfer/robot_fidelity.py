@@ -14,7 +14,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import SimulationFault
-from motorprior.identification.evaluation.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, Prediction
+from motorprior.identification.evaluation.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, PredictorOfMotors
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.robot import Robot
@@ -58,7 +58,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 
 
 def robot_fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], suspended: bool, seed: int
+    robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], suspended: bool, seed: int
 ) -> RobotFidelity:
     """Compare every model, and the floor, over DRAWS samples of one motor per joint."""
     fast = World(WorldConfig.of(robot, suspended=suspended))

@@ -26,7 +26,7 @@ DT, ROWS = 0.002, 3000
 PRESET = PRESETS["rollout"]
 LINEAR = {"delay": 0.012, "rate": 30.0, "damping": 0.8, "offset": 0.03}
 SERVO = LINEAR | {
-    "speed": 1.5, "acceleration": 40.0, "band": 0.02, "gain": 0.97, "sag": 0.04,
+    "speed": 1.5, "acceleration": 40.0, "band": 0.02, "gain": 0.97, "compliance": 0.04,
 }  # fmt: skip
 
 
@@ -62,7 +62,7 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
 def test_limits_of_speed_and_acceleration_and_a_dead_band():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
-    limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, sag=-0.2)
+    limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, compliance=-0.2)
     answer = ResponseMotors("servo_limits", limited).errors(runs)[0, 0]
     speed = np.diff(answer) / DT
     assert np.max(np.abs(speed)) == pytest.approx(1.5, abs=1e-9)

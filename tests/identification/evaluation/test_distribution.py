@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.behaviour import behaviours
-from motorprior.bench.families import geared
+from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.evaluation.distribution import (
     aggregate_posterior_kl,
@@ -29,7 +29,7 @@ def auc_spread(n: int, m: int) -> float:
 @pytest.fixture(scope="module")
 def fleet():
     """(256, F) features of motors of one fleet."""
-    motors = geared(load_fleet("mixed").sample(4 * COUNT, np.random.default_rng(21)))
+    motors = require_geared(load_fleet("mixed").sample(4 * COUNT, np.random.default_rng(21)))
     return behaviours(PhysicalActuator(motors)).values
 
 
@@ -77,7 +77,7 @@ def test_p_values_of_one_fleet_are_uniform(fleet):
 
 def test_a_fifth_more_kp_is_detected():
     source = load_fleet("pupper_v2")
-    ours, theirs = (geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2))
+    ours, theirs = (require_geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2))
     stiff = replace(theirs, kp=1.2 * theirs.kp)
     a, b = (behaviours(PhysicalActuator(motors)).values for motors in (ours, stiff))
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(2 * COUNT, 2 * COUNT)

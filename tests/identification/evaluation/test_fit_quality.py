@@ -14,7 +14,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.evaluation.fit_quality import fit_quality
-from motorprior.identification.latents.standardise import scaled, standardised
+from motorprior.identification.latents.standardise import standardised, with_scaled_spread
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
 
@@ -77,7 +77,7 @@ def test_the_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
 def test_a_scaled_prior_has_the_same_motors_and_a_larger_standard_deviation(grey_network):
     rng = np.random.default_rng(0)
     network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))
-    wide, moved, log_var = scaled(network, mean, np.zeros_like(mean), 1.5)
+    wide, moved, log_var = with_scaled_spread(network, mean, np.zeros_like(mean), 1.5)
     np.testing.assert_allclose(log_var, -2.0 * np.log(1.5))
     np.testing.assert_allclose(wide.decoder_latents(moved), network.decoder_latents(mean), atol=1e-9)
     draws = rng.standard_normal((2000, 3))

@@ -10,14 +10,14 @@ from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.evaluation.reference import (
     LEVELS,
     SPEEDS,
-    draw_residuals,
     has_reference_metrics,
     loss_metrics,
     loss_p_value,
     num_blocks,
     reference_metrics,
+    sample_residuals,
 )
-from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.latents.standardise import standard_posterior
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
 from motorprior.identification.physics.initial_motor import with_motor
@@ -51,7 +51,7 @@ def p_values():
     for seconds in (2, 5, 10, 30):
         log = record(new, PRESETS["adapt"], round(seconds / recipe.period), 70 + seconds, FLEET)
         data = training_data(log, recipe, "log")
-        posterior = adapt(network, data, recipe, metrics["loss_mean"])
+        posterior = fit_posterior(network, data, recipe, metrics["loss_mean"])
         found[seconds] = loss_p_value(metrics, posterior.loss, num_blocks(posterior.windows, recipe))
     return found
 
@@ -99,4 +99,4 @@ def test_metrics_of_a_prior_are_complete_or_not():
     for name in METRICS | residuals:
         others = {key: value for key, value in (METRICS | residuals).items() if key != name}
         assert not has_reference_metrics(others, closed_loop=True), name
-    assert np.isfinite(draw_residuals(residuals, np.random.default_rng(0), np.linspace(-9, 9, 99))).all()
+    assert np.isfinite(sample_residuals(residuals, np.random.default_rng(0), np.linspace(-9, 9, 99))).all()

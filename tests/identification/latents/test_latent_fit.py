@@ -7,7 +7,7 @@ import pytest
 from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import adapt, laplace_covariance
+from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance
 from motorprior.identification.latents.network_fit import tiled_windows
 from motorprior.identification.networks.network import export, initial_parameters
 from motorprior.identification.presets import PRESETS
@@ -36,7 +36,7 @@ def log_of(network: LatentNetwork, rows: int) -> TrainingData:
 
 
 def test_the_latents_that_made_a_log_are_recovered(network: LatentNetwork):
-    found = adapt(network, log_of(network, 200), RECIPE, temperature=1e-3)
+    found = fit_posterior(network, log_of(network, 200), RECIPE, temperature=1e-3)
     np.testing.assert_allclose(found.mean, Z, atol=0.05)
     assert found.loss.max() < 1e-4
 

@@ -45,7 +45,7 @@ def found_outliers(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: in
     network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
     network, z = standardised(network, mean)
     monkeypatch.setattr(latent_fit, "WindowRuns", lambda *_: LinearRuns(truth))
-    found = latent_fit.adapt(network, NOTHING, NOTHING, 0.05).mean
+    found = latent_fit.fit_posterior(network, NOTHING, NOTHING, 0.05).mean
     found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
     return outliers(network, z, found, NOTHING, NOTHING, 0.05)
 

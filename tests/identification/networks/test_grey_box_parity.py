@@ -167,8 +167,8 @@ def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
     rng, network = np.random.default_rng(7), grey_network(spread=0.3, terms=terms, asymmetry=0.2, dead_zone=0.02)
     z, seconds = rng.standard_normal((MOTORS, 3)), rng.uniform(0.0, 20.0, MOTORS)
     _, drawn = states(LatentActuator(network, z))
-    supply, warmer = rng.uniform(0.7, 1.3, MOTORS), rng.uniform(-30.0, 30.0, MOTORS)
-    values = network.motor.decode(z, Conditions(network.warmth(z, seconds), supply, warmer))
+    supply, temperature_rise = rng.uniform(0.7, 1.3, MOTORS), rng.uniform(-30.0, 30.0, MOTORS)
+    values = network.motor.decode(z, Conditions(network.warmth(z, seconds), supply, temperature_rise))
     drawn |= {"reference": drawn["target"] + 0.1, "reference_vel": rng.standard_normal(MOTORS)}
     drawn |= {name: 0.1 * rng.standard_normal(MOTORS) for name in ("integral", "current")}
     drawn["bristle"] = 0.005 * rng.uniform(-1.0, 1.0, MOTORS)
@@ -177,7 +177,7 @@ def test_one_step_of_a_servo_is_one_in_jax(grey_network, terms):
         step_constants(values, DT, np, terms), MotorState(*(drawn[name] for name in names)), drawn["target"],
         drawn["q"], drawn["dq"], DT, array_arithmetic(np), terms,
     )  # fmt: skip
-    under = (jnp.asarray(each, jnp.float32) for each in (seconds, supply, warmer))
+    under = (jnp.asarray(each, jnp.float32) for each in (seconds, supply, temperature_rise))
     constants = objectives.decode(import_parameters(network), jnp.asarray(z, jnp.float32), False, terms, *under)
     for name, value in values.items():
         np.testing.assert_allclose(constants[name], value, rtol=1e-5, atol=1e-7, err_msg=name)

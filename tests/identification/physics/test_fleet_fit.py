@@ -74,7 +74,7 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, li
     column, motors = PARAMETERS.index("torque_limit"), truth()
     motors[:, column] = np.log(limit / 1.5)
     runs = WindowRuns(decoder_data(bare(), motors, segments=5, rows=400), PRESET)
-    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.largest_request
+    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.max_request
     fit = fit_fleet(bare(), runs, (), True, 0, start=initial_center(()) + motors, turns=())
     found = np.exp((fit.center + fit.offsets)[:, column])
     if identifiable:

@@ -45,6 +45,6 @@ def test_pieces_too_short_to_use_are_left_out_and_counted(make_log: Make):
 
 def test_rows_that_came_in_bursts_are_refused_with_a_remedy(make_log: Make):
     time = np.arange(200) * 1e-4 + 0.05 * (np.arange(200) // 3)
-    with pytest.raises(LogError, match="nowhere 4 rows without a gap") as refusal:
+    with pytest.raises(LogError, match="no run of 4 rows without a gap") as refusal:
         begin_at_gaps(make_log(time=time))
     assert refusal.value.remedy is not None and "rate" in refusal.value.remedy

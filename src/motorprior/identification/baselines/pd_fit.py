@@ -1,9 +1,9 @@
 """Fit of PDs, the same for all motors of a log: gains alone, with armature and delay, or with friction as well.
 
 `fit_pd` restarts Nelder-Mead until a restart improves nothing. `tuned_pd` needs no starting point. A log may not
-separate a large armature from a long delay, and a search does not get from one to the other, nor from no torque limit
-to one. So on a part of the log, searches start from several armatures and delays, each at its best gains, first without
-a torque limit, then with the best one; the best of both kinds continue on the whole log.
+separate a large armature from a long delay, and a local search does not move from one to the other, or find a torque
+limit from none. Searches on part of the log therefore start from several armatures and delays, each at its best gains:
+first without a torque limit, then with the best one. The best search of each kind continues on the whole log.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
 WITH_ROTOR = (*GAINS, "armature", "delay")  # for the tuned PD
 WITH_FRICTION = (*WITH_ROTOR, "coulomb")
 START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}  # of constants that a nominal PD lacks [kg·m²], [s], [N·m]
-_DELAY = 0.01  # unit of the delay in a search [s]; a logarithm could not leave 0
+_DELAY = 0.01  # unit of the delay in a search [s]; a logarithmic variable could not leave 0
 # kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives
 _TRIED_GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
 _NO_LIMIT, _TRIED_LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())  # [N·m]
@@ -38,7 +38,7 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Budget:
-    """Maximum numbers of evaluations: of each first search, and of each restart."""
+    """Limits of a fit: evaluations of each first search, number of restarts, evaluations of each restart."""
 
     first: int = 100
     restarts: int = 6
@@ -85,10 +85,10 @@ def fit_pd(
 ) -> PdFit:
     """One PD for all motors of a log with known loads, with the smallest closed-loop error.
 
-    Nelder-Mead over the ``free`` constants: the delay in units of 10 ms, the logarithms of the others. A search from
-    each start, then restarts from the best with a new simplex, until one lowers the error by less than 0.2 %. The other
-    constants are those of the first start. ``progress`` is called after every evaluation; ``at_gains`` gives the PD the
-    gains of each segment.
+    Nelder-Mead over the ``free`` constants: the delay in units of 10 ms, the logarithms of the others. It
+    searches from each start, then restarts from the best with a new simplex, until a restart lowers the error by less
+    than 0.2 %. The other constants are those of the first start. ``progress`` is called after every evaluation;
+    ``at_gains`` gives the PD the gains of each segment.
     """
     error_of = closed_loop_error(log, progress, at_gains)
     fixed, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
@@ -119,7 +119,7 @@ def fit_pd(
 def starting_points(
     start: Mapping[str, float], free: tuple[str, ...], lags: Mapping[str, Iterable[float]]
 ) -> list[dict[str, float]]:
-    """``start`` with every combination of the free ``lags``; free constants that it lacks are those of START."""
+    """``start`` with every combination of the free ``lags``; missing free constants are those of START."""
     names = [name for name in lags if name in free]
     common = {name: START[name] for name in free if name in START} | dict(start)
     return [common | dict(zip(names, values, strict=True)) for values in product(*(lags[name] for name in names))]
@@ -150,7 +150,7 @@ def tuned_pd(log: MotorLog, progress: Progress | None = None, at_gains: AtGains 
 
 
 def _part(log: MotorLog) -> MotorLog:
-    """Windows from all over a log, each a segment; the whole log if it is short."""
+    """Windows spread over a log, each as a segment; the whole log if it is short."""
     if log.num_rows <= _MAX_ROWS:
         return log
     segments = log.segment_slices()

@@ -1,4 +1,4 @@
-"""Error of motors that replay a log with known loads in closed loop: commands and loads go in, motion comes out."""
+"""Error of motors that replay a log with known loads in closed loop, from commands and loads to motion."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.logs.motor_log import MotorLog, stated_gain_rows, stated_gains_of
+from motorprior.logs.motor_log import MotorLog, logged_gain_rows, logged_gains_of
 from motorprior.signals import rmse
 
-# function from the motors of a log and one of its segments to the motors at the gains of that segment
+# (motors of a log, one of its segments) -> the motors at the gains of that segment
 AtGains = Callable[[Actuator, MotorLog], Actuator]
 
 
@@ -37,18 +37,18 @@ def trials(log: MotorLog) -> list[tuple[Trial, np.ndarray]]:
 
 
 def unchanged(motors: Actuator, part: MotorLog) -> Actuator:
-    """The motors, whatever the gains of the segment."""
+    """The motors themselves, for models that ignore gains."""
     return motors
 
 
 def scaled_gains(log: MotorLog) -> AtGains:
-    """Scales a PD for the whole log to the gains of a segment (`GainScaledPd`); `unchanged` if the log has no gains."""
+    """Function that scales a log's PD to a segment's gains (`GainScaledPd`); `unchanged` for a log without gains."""
     medians = _median_gains(log)
     if medians is None:
         return unchanged
 
     def at_gains(motors: Actuator, part: MotorLog) -> Actuator:
-        gains = stated_gains_of(part)
+        gains = logged_gains_of(part)
         if gains is None or not isinstance(motors, IdealPd):
             return motors
         return GainScaledPd(motors, medians).at(gains)
@@ -63,7 +63,7 @@ def with_scaled_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
 
 
 def _median_gains(log: MotorLog) -> np.ndarray | None:
-    rows = stated_gain_rows(log)
+    rows = logged_gain_rows(log)
     return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
 
 

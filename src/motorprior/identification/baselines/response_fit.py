@@ -2,10 +2,10 @@
 
     minimise  Σ (simulated - recorded angle)²   over free runs of whole segments
 
-Every model also starts at the optimum of the simpler one. Each optional part of servo_limits is dropped if the error
-without it is less than PRICE larger: a limit that the log hardly reaches would bind in other motions. Logged firmware
-registers are not searched. Positive constants are searched as logarithms. Jacobians are central differences, wide and
-then narrow, since dead bands and limits have corners.
+Every model also starts at the optimum of the simpler one. Each optional part of servo_limits is dropped if it saves
+less than MIN_SAVING of the squared error: a limit that the log hardly reaches would bind in other motions. Logged
+firmware registers are not searched. Positive constants are searched as logarithms. Jacobians are central differences,
+first with a wide step, then with a narrow one, since dead bands and limits have corners.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ BOUNDS = {
     "acceleration": (0.5, 1e5), "band": (1e-5, 0.3),
 }  # fmt: skip
 # units of constants that are searched linearly, within REACHABLE units of their neutral values
-UNITS = {"gain": 0.15, "offset": 0.1, "sag": 0.1, "sine": 0.1, "cosine": 0.1}
+UNITS = {"gain": 0.15, "offset": 0.1, "compliance": 0.1, "sine": 0.1, "cosine": 0.1}
 REACHABLE = 3.0
 OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())  # dropped in this order
 # constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
 REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
 GENERATIONS, POPULATION = 60, 8  # of the differential evolution; the latter per constant
 EVALUATIONS = 60  # maximum number of steps of a polish
-REACHES = (0.05, 0.005)  # steps of the differences, one after the other
-PRICE = 0.04  # share of the squared error that an optional part must save
-MAX_SAMPLES = 40_000  # approximate number of residuals of a joint; of more samples, every n-th is used
+DIFF_STEPS = (0.05, 0.005)  # difference steps, in the order of their use
+MIN_SAVING = 0.04  # share of the squared error that an optional part must save
+MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
 
 
 def fit_responses(
@@ -46,9 +46,9 @@ def fit_responses(
     report: Callable[[], None] = lambda: None,
     firmware: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, ResponseMotors]:
-    """All of MODELS, fitted to every joint of the logs, with one of GRAVITY.
+    """Fit all MODELS to every joint of the logs; ``gravity`` is a key of GRAVITY.
 
-    ``runs`` are free runs, one per segment; ``seed`` is of the global search, ``report`` is called after every joint;
+    ``runs`` are free runs, one per segment; ``seed`` is of the global search; ``report`` is called after each joint;
     ``firmware`` are logged registers, used by servo_limits; 0 is off.
     """
     given = {name: firmware[each] or CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}
@@ -69,7 +69,7 @@ def fit_responses(
                     continue
                 fit = _JointFit(runs, joint, fewer, base)
                 cost_without, without = fit.polished(fit.encoded(constants))
-                if cost_without * (1.0 - PRICE) < cost:
+                if cost_without * (1.0 - MIN_SAVING) < cost:
                     cost, constants, free = cost_without, without, fewer
             found[name][joint] = simpler = constants
         report()
@@ -100,9 +100,9 @@ class _JointFit:
     def polished(self, start: np.ndarray) -> tuple[float, np.ndarray]:
         """Cost and constants of a fit from these `encoded` constants."""
         x, cost = start, np.inf
-        for reach in REACHES:
+        for diff_step in DIFF_STEPS:
             inside = np.clip(x, self.low + 1e-6, self.high - 1e-6)
-            slopes: Any = partial(self._slopes, reach=reach)
+            slopes: Any = partial(self._slopes, diff_step=diff_step)
             found = least_squares(
                 self._residuals, inside, slopes, (self.low, self.high), x_scale="jac", max_nfev=EVALUATIONS,
                 ftol=1e-6, xtol=1e-7,
@@ -115,9 +115,9 @@ class _JointFit:
         found = [runs.errors(constants).ravel() for runs in self._runs]
         return np.concatenate(found)[:: self._every]
 
-    def _slopes(self, x: np.ndarray, reach: float) -> np.ndarray:
-        shifts = reach * np.eye(len(x))
-        return np.stack([(self._residuals(x + s) - self._residuals(x - s)) / (2 * reach) for s in shifts], axis=1)
+    def _slopes(self, x: np.ndarray, diff_step: float) -> np.ndarray:
+        shifts = diff_step * np.eye(len(x))
+        return np.stack([(self._residuals(x + s) - self._residuals(x - s)) / (2 * diff_step) for s in shifts], axis=1)
 
     def encoded(self, constants: np.ndarray) -> np.ndarray:
         """Search variables of these constants."""

@@ -2,12 +2,12 @@
 
     pure_delay     q(t) = u(t - delay)
     second_order   q̈ = rate²·(u(t - delay) + offset - q) - 2·damping·rate·q̇
-    servo_limits   e = gain·u(t - delay) + offset + sag·τ + sine·sin q + cosine·cos q - q
+    servo_limits   e = gain·u(t - delay) + offset + compliance·τ + sine·sin q + cosine·cos q - q
                    q̈ = rate²·(e less the dead band) - 2·damping·rate·q̇,   |q̈| <= acceleration,  |q̇| <= speed
 
 u [rad] is the command, linear in time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m]
-is the log's external torque; ``sag`` [rad/(N·m)] is the compliance of a proportional law. Where a log has no load,
-``sine`` and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load only.
+is the log's external torque; ``compliance`` [rad/(N·m)] is that of a proportional law. If a log has no load, ``sine``
+and ``cosine`` [rad] of the joint's own angle replace it. The models hold for these gains and this load only.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
 
-AT_ONCE = 1e9  # rate from which on the joint follows without lag
+INFINITE_RATE = 1e9  # rate from which the joint follows without lag
 # constants in SI units with their neutral values
 CONSTANTS = {
-    "delay": 0.0, "rate": AT_ONCE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
-    "offset": 0.0, "sag": 0.0, "sine": 0.0, "cosine": 0.0,
+    "delay": 0.0, "rate": INFINITE_RATE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
+    "offset": 0.0, "compliance": 0.0, "sine": 0.0, "cosine": 0.0,
 }  # fmt: skip
 # constants of each model; servo_limits also has those of one of GRAVITY
 MODELS = {
@@ -33,7 +33,7 @@ MODELS = {
     "servo_limits": ("delay", "rate", "damping", "speed", "acceleration", "band", "gain", "offset"),
 }
 # model of gravity: by the log's external torque, or by the joint's angle
-GRAVITY = {"torque": ("sag",), "angle": ("sine", "cosine")}
+GRAVITY = {"torque": ("compliance",), "angle": ("sine", "cosine")}
 
 
 @njit(cache=True, nogil=True)
@@ -43,8 +43,8 @@ def _respond(target, external, starts, pos, vel, constants, dt, out):
     target [rad] and external [N·m] are (rows,); runs start at rows ``starts`` (runs,) from ``pos`` [rad] and ``vel``,
     half a period before [rad/s]; constants are in the order of CONSTANTS, dt [s].
     """
-    delay, rate, damping, speed, acceleration, band, gain, offset, sag, sine, cosine = constants
-    late, at_once, turned = delay / dt, rate >= AT_ONCE, sine != 0.0 or cosine != 0.0
+    delay, rate, damping, speed, acceleration, band, gain, offset, compliance, sine, cosine = constants
+    late, at_once, turned = delay / dt, rate >= INFINITE_RATE, sine != 0.0 or cosine != 0.0
     for run in range(out.shape[0]):
         q, dq = pos[run], vel[run]
         for step in range(out.shape[1]):
@@ -52,7 +52,7 @@ def _respond(target, external, starts, pos, vel, constants, dt, out):
             age = max(0.0, row + at_once - late)  # without lag, the end of the step has the command of that time
             before = min(int(age), target.shape[0] - 2)
             command = target[before] + (age - before) * (target[before + 1] - target[before])
-            aim = gain * command + offset + sag * external[row]
+            aim = gain * command + offset + compliance * external[row]
             if turned:
                 aim += sine * np.sin(q) + cosine * np.cos(q)
             if at_once:
@@ -75,7 +75,7 @@ class ResponseMotors:
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
-        """(M, N, W) simulated minus recorded angles [rad] of the free runs that other models have in the same log."""
+        """(M, N, W) simulated minus recorded angles [rad] of the same free runs as for other models."""
         joints = zip(range(runs.num_motors), self.constants, strict=True)
         return np.stack([JointRuns(runs, joint).errors(constants) for joint, constants in joints])
 

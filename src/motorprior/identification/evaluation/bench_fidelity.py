@@ -26,9 +26,9 @@ class Ensemble:
     members: tuple[Actuator, ...]
 
 
-# functions from indices of motors to a model of them
+# indices of motors -> a model of these motors
 ModelOfMotors = Callable[[np.ndarray], Actuator]
-Prediction = Callable[[np.ndarray], Actuator | Ensemble]
+PredictorOfMotors = Callable[[np.ndarray], Actuator | Ensemble]
 
 # held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
@@ -54,7 +54,7 @@ def seconds_of_work(kind: str, seed: int, preset: BenchPreset = HELD_OUT) -> np.
 
 
 def bench_errors(
-    motors: TrueMotors, models: Mapping[str, Prediction], seed: int, preset: BenchPreset = HELD_OUT
+    motors: TrueMotors, models: Mapping[str, PredictorOfMotors], seed: int, preset: BenchPreset = HELD_OUT
 ) -> dict[str, dict[str, np.ndarray]]:
     """Joint RMSE [rad] per excitation, model and motor: errors[kind][model] of shape (motors,).
 
@@ -90,8 +90,8 @@ def teacher_forced_torque(network: LatentNetwork, z: np.ndarray, case: Trial, an
     """(steps, n) torque on the joint [N·m] of motors z (n, Z) on the true history, one step ahead, as in the paper.
 
     It is averaged over the following step: the actuator's torque minus its damping and minus armature(z)·acceleration.
-    NaN until the history is full. A grey box gets velocities of half a step earlier, as in an engine, and its forces
-    belong to the time of the positions; so the average is over two rows and the last row is NaN. ``answer`` is the
+    NaN until the history is full. A grey box gets velocities of half a step earlier, as in an engine. Its forces are
+    those at the time of the positions, so the average is over two rows and the last row is NaN. ``answer`` is the
     physical motors' response to the trial, whose period is that of the network.
     """
     actuator, velocity = LatentActuator(network, z), answer.joint_vel

@@ -11,7 +11,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, held_out_trials, seconds_of_work
-from motorprior.identification.evaluation.reference import draw_residuals
+from motorprior.identification.evaluation.reference import sample_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.results import Result, Results
 
@@ -21,7 +21,7 @@ LEVELS = (50, 90)  # of the prediction intervals [%]
 COVERAGE_STREAM = 23
 
 
-def latent_draws(posterior: Posterior, rng: np.random.Generator, count: int) -> Iterator[np.ndarray]:
+def latent_samples(posterior: Posterior, rng: np.random.Generator, count: int) -> Iterator[np.ndarray]:
     """``count`` samples (M, Z) of the posteriors of M motors."""
     factors = np.linalg.cholesky(posterior.covariance)
     for _ in range(count):
@@ -29,23 +29,23 @@ def latent_draws(posterior: Posterior, rng: np.random.Generator, count: int) -> 
         yield posterior.mean + np.einsum("mij,mj->mi", factors, noise)
 
 
-def predictive_draws(
+def predictive_samples(
     network: LatentNetwork, metrics: dict[str, float], posterior: Posterior, case: Trial, rng: np.random.Generator
 ) -> np.ndarray:
     """(DRAWS, steps, M) joint angles [rad]: z from the posterior, simulated in closed loop, plus a residual."""
-    draws = []
-    for z in latent_draws(posterior, rng, DRAWS):
+    samples = []
+    for z in latent_samples(posterior, rng, DRAWS):
         simulated = run(LatentActuator(network, z), case)
-        draws.append(simulated.joint_pos + draw_residuals(metrics, rng, simulated.joint_vel))
-    return np.stack(draws)
+        samples.append(simulated.joint_pos + sample_residuals(metrics, rng, simulated.joint_vel))
+    return np.stack(samples)
 
 
-def band(draws: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper edge (...,) of the central ``level`` % prediction interval of samples (D, ...).
 
     Weibull's plotting positions p·(D + 1) make it exact. The usual positions p·(D - 1) + 1 cover 86 %, not 90 %.
     """
-    low, high = np.percentile(draws, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
+    low, high = np.percentile(samples, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
     return low, high
 
 
@@ -67,8 +67,8 @@ def coverage(
         cases, work = held_out_trials(kind, len(motors), seed, preset), seconds_of_work(kind, seed, preset)
         for case, seconds in zip(cases[:REPEATS], work[:REPEATS], strict=True):
             answer = run(motors.after(seconds).actuator(), case).joint_pos
-            draws = predictive_draws(network, metrics, posterior, case, rng)
-            bands = [band(draws, level) for level in LEVELS]
+            samples = predictive_samples(network, metrics, posterior, case, rng)
+            bands = [band(samples, level) for level in LEVELS]
             shares[kind] += [np.mean((answer >= low) & (answer <= high)) / REPEATS for low, high in bands]
     everything = {None: np.mean(list(shares.values()), axis=0), **shares}
     return Results.of(

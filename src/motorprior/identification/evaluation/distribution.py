@@ -1,8 +1,8 @@
 """Whether a motor prior matches a fleet: two-sample tests of behaviour features, and moments of the posteriors.
 
 Features are standardised by the median and the interquartile range of the pooled samples, x' = (x - median) / (IQR /
-1.349), so that results do not depend on units and the permutation test is exact. The standard deviation replaces a
-scale of 0, and 1 a standard deviation of 0.
+1.349), so that results do not depend on units and the permutation test is exact. If the interquartile range is 0,
+the standard deviation is used, or 1 if that is 0 as well.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.identification.baselines.pd_fit import tuned_pd
 from motorprior.identification.baselines.replay_error import scaled_gains
 from motorprior.identification.evaluation.reference import at_log_conditions, replay_errors
-from motorprior.identification.training_data.windows import seconds_of_work
+from motorprior.identification.training_data.windows import seconds_since_cold
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
@@ -26,7 +26,7 @@ def fit_quality(
     motors: Actuator,
     log: MotorLog,
     report: Callable[[int], None] = lambda count: None,
-    usual: Mapping[str, float] = MappingProxyType({}),
+    nominal: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[np.ndarray, np.ndarray]:
     """(M,) root mean square errors [rad] of a log's motors, and of one PD tuned to it, in replays of the log.
 
@@ -34,13 +34,13 @@ def fit_quality(
         motors: one per joint of the log.
         log: with known loads.
         report: called after every evaluation of the tuning.
-        usual: conditions of the motors' recipe.
+        nominal: conditions of the motors' recipe.
     """
-    work, segment = seconds_of_work(log), np.zeros(len(log.time)) if log.segment is None else log.segment
+    work, segment = seconds_since_cold(log), np.zeros(len(log.time)) if log.segment is None else log.segment
 
     def at_segment(motors: Actuator, part: MotorLog) -> Actuator:
         # as in the fit: the temperature rise of the middle of the segment
-        motors = at_log_conditions(motors, part, usual)
+        motors = at_log_conditions(motors, part, nominal)
         if not isinstance(motors, LatentActuator):
             return motors
         here = segment == (0 if part.segment is None else part.segment[0])

@@ -19,8 +19,8 @@ from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.baselines.response_models import ResponseMotors
-from motorprior.identification.evaluation.coverage import DRAWS, LEVELS, band, latent_draws
-from motorprior.identification.evaluation.reference import draw_residuals
+from motorprior.identification.evaluation.coverage import DRAWS, LEVELS, band, latent_samples
+from motorprior.identification.evaluation.reference import sample_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.presets import Preset
@@ -34,7 +34,7 @@ _STREAM = 53
 
 
 def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    """A log in two: cut at the start of the segment that is nearest to the middle row, or there if it has only one."""
+    """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
     starts = [part.start for part in log.segment_slices()[1:]]
     cut = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
     return log.rows(slice(0, cut)), log.rows(slice(cut, log.num_rows))
@@ -68,7 +68,7 @@ def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) 
 
 
 def within_a_turn(errors: np.ndarray | float) -> np.ndarray:
-    """The errors [rad], with a whole turn in place of larger ones and NaN, those of diverged simulations."""
+    """The errors [rad], at most one turn; NaN, the error of a diverged simulation, becomes one turn."""
     return np.minimum(np.nan_to_num(errors, nan=math.tau), math.tau)
 
 
@@ -85,7 +85,7 @@ def zero_shot(prior: MotorPrior, num_motors: int) -> Posterior:
 
 
 def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
-    """Share of the recorded angles inside the central bands of samples of the posterior, by the band's level [%]."""
+    """Share of the recorded angles inside the central bands of posterior samples, by level of the band [%]."""
     rng = np.random.default_rng(_STREAM)
     inside = {level: [] for level in LEVELS}
     for one in runs:
@@ -99,16 +99,16 @@ def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowR
 def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng: np.random.Generator) -> np.ndarray:
     """(DRAWS, M, N, W) errors [rad] of samples of the posterior, each with residuals of its prior."""
     recorded, errors = runs.recorded(VEL), []
-    for z in latent_draws(posterior, rng, DRAWS):
+    for z in latent_samples(posterior, rng, DRAWS):
         found = runs.errors(LatentActuator(prior.network, z))
         velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
-        errors.append(POSITION_SCALE * found[:, :, 0] + draw_residuals(prior.metrics, rng, velocity))
+        errors.append(POSITION_SCALE * found[:, :, 0] + sample_residuals(prior.metrics, rng, velocity))
     return np.stack(errors)
 
 
 @dataclass(frozen=True)
 class LogTraces:
-    """The longest segment of a log with a model of its M motors, and bands of samples."""
+    """The longest segment of a log, recorded and simulated with a model of its M motors, and bands of samples."""
 
     time: np.ndarray  # (T,) since the log began [s]
     position_target: np.ndarray  # (T, M) [rad]
@@ -118,7 +118,7 @@ class LogTraces:
 
 
 def log_traces(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> LogTraces:
-    """Whole free runs of the posterior's mean and of samples of it, of the longest of ``runs``."""
+    """Free runs of the posterior's mean and of its samples over the longest of ``runs``."""
     longest = max(runs, key=lambda one: one.preset.window)
     time, target, recorded = (longest.recorded(channel)[:, 0].T for channel in (SECONDS, TARGET, POS))
     model = recorded + angle_errors(longest, LatentActuator(prior.network, posterior.mean))[:, 0].T

@@ -17,7 +17,7 @@ from motorprior.identification.baselines.replay_error import AtGains, trials
 from motorprior.identification.latents.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, relative_conditions
-from motorprior.logs.motor_log import MotorLog, stated_gains_of
+from motorprior.logs.motor_log import MotorLog, logged_gains_of
 
 LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
@@ -54,7 +54,7 @@ def metric_suffix(has_torque: bool) -> str:
 
 
 def num_blocks(windows: int, preset: Preset) -> float:
-    """Number of blocks, not necessarily whole, in a log of so many ``windows``."""
+    """Number of blocks in a log with this number of ``windows``; it may be a fraction."""
     return windows / _windows_per_block(preset)
 
 
@@ -92,20 +92,20 @@ def replay_errors(motors: Actuator, log: MotorLog, at_gains: AtGains) -> tuple[n
     return np.concatenate(errors), np.concatenate(velocities)
 
 
-def at_log_conditions(motors: Actuator, log: MotorLog, usual: Mapping[str, float]) -> Actuator:
+def at_log_conditions(motors: Actuator, log: MotorLog, nominal: Mapping[str, float]) -> Actuator:
     """Learned motors with the gains of a log or segment, if they need any, and under its conditions.
 
-    ``usual`` are the conditions of the motors' recipe; other actuators are returned as they are.
+    ``nominal`` are the conditions of the motors' recipe; other actuators are returned as they are.
     """
     if not isinstance(motors, LatentActuator):
         return motors
-    supply, warmer = relative_conditions(log, usual)
-    motors = replace(motors, conditions=motors.conditions._replace(supply=supply, warmer=warmer))
-    return replace(motors, gains=stated_gains_of(log)) if motors.network.gain_unit else motors
+    supply, temperature_rise = relative_conditions(log, nominal)
+    motors = replace(motors, conditions=motors.conditions._replace(supply=supply, temperature_rise=temperature_rise))
+    return replace(motors, gains=logged_gains_of(log)) if motors.network.gain_unit else motors
 
 
 def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
-    errors, velocity = replay_errors(motors, log, partial(at_log_conditions, usual=preset.usual_conditions))
+    errors, velocity = replay_errors(motors, log, partial(at_log_conditions, nominal=preset.nominal_conditions))
     pool, metrics = _pool(velocity), {}
     for index, name in enumerate(SPEEDS):
         chosen = errors[pool == index]
@@ -125,7 +125,7 @@ def _pool(joint_vel: np.ndarray) -> np.ndarray:
 
 
 def has_reference_metrics(metrics: dict[str, float], closed_loop: bool) -> bool:
-    """Whether a prior has the metrics for `loss_p_value` and, if trained in closed loop, for `draw_residuals`."""
+    """Whether a prior has the metrics for `loss_p_value` and, if trained in closed loop, for `sample_residuals`."""
     required = {f"loss_{name}" for name in _LOSS_METRICS}
     if closed_loop:
         required.update(name for pool in SPEEDS for name in _percentiles(pool))
@@ -151,8 +151,8 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
     return student_t.sf((np.log(losses) - m + added / 2) / std, max(motors - 1, 1))
 
 
-def draw_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
-    """Draw residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
+def sample_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
+    """Sample residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
 
     The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
     """

@@ -25,9 +25,9 @@ from motorprior.identification.training_data.windows import TrainingData
 ADAM_STEPS = 300  # of a network without physics
 SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64  # standard deviations of the random search; samples each
 STEPS, MAX_RESTARTS = 8, 20  # Gauss-Newton steps from one start
-PATIENCE, MIN_GAIN = 4, 2e-3  # the search ends after so many restarts that lower the energies by a smaller share
-REDRAWN = 96  # samples of which each restart is the best: the motor so far, with a random half of z resampled
-# assumed standard deviation from the training motor of a joint of the same name, in those of the prior; frictions of
+PATIENCE, MIN_GAIN = 4, 2e-3  # the search ends after PATIENCE restarts in a row with relative gains of at most MIN_GAIN
+RESAMPLED = 96  # candidates per restart: the best z so far, with a random half of it resampled
+# assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
@@ -52,7 +52,7 @@ class Posterior:
     windows: int  # N, windows per motor
 
 
-def adapt(
+def fit_posterior(
     network: LatentNetwork,
     data: TrainingData,
     preset: Preset,
@@ -98,11 +98,11 @@ def _search(fit: MotorFit, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
     found = fit.polish(fit.search(rng, prior.mean, gaussian, SEARCH_RADII, SEARCH_DRAWS), gaussian, STEPS, WIDE)
     idle = 0
     for _ in range(MAX_RESTARTS):
-        redrawn = rng.random((shape[0], REDRAWN, shape[1])) < 0.5
+        redrawn = rng.random((shape[0], RESAMPLED, shape[1])) < 0.5
         others = prior.mean[:, None] + prior.std[:, None, None] * rng.standard_normal(redrawn.shape)
         starts = np.where(redrawn, others, found.z[:, None])
         before, found = found, found.better(fit.polish(fit.best_of(starts, gaussian), gaussian, STEPS, WIDE))
-        # shares, or a motor that nothing fits would end the search for all others
+        # relative gains: otherwise a motor that no constants fit would end the search for all others
         gains = 1.0 - found.energy / np.maximum(before.energy, 1e-12)
         idle = 0 if gains.mean() > MIN_GAIN else idle + 1
         if idle == PATIENCE:

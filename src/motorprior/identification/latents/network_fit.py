@@ -112,7 +112,7 @@ class NetworkFit:
         return np.asarray(function(self._parameters, jnp.asarray(z, jnp.float32), self._windows), np.float64)
 
     def mode(self, steps: int, start: np.ndarray | None) -> np.ndarray:
-        """(M, Z) minimum of U, from ``start`` or a random search, with so many ``steps`` of Adam; float32."""
+        """(M, Z) minimum of U, from ``start`` or a random search, with ``steps`` steps of Adam; float32."""
         first = self._best_starts() if start is None else jnp.asarray(start, jnp.float32)
         return np.asarray(self._polish(first, self._descend(first, steps)))
 
@@ -120,7 +120,7 @@ class NetworkFit:
         return self._functions.energies(self._parameters, z, self._windows, self._temperature, float(self.count))
 
     def _best_starts(self) -> jnp.ndarray:
-        """(M, Z) best of a random search on evenly spaced windows, with samples around the best so far, ever closer."""
+        """(M, Z) best of a random search on evenly spaced windows, around the best so far with decreasing radii."""
         rng, motors = np.random.default_rng(0), self._windows.shape[0]
         picked = np.linspace(0, self.count - 1, min(SCREENED_WINDOWS, self.count)).astype(int)
         best, screened = jnp.zeros((motors, self._latents), jnp.float32), self._windows[:, picked]

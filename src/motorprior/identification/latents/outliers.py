@@ -1,8 +1,8 @@
 """Outlier tests by latents: whether motors lie inside the prediction interval of the training motors.
 
-`outliers` tests new motors. Every motor is fitted a second time, by `adapt`, with a prior WIDER times as wide as the
-training motors, which hardly shrinks the estimate (the loss of a fit alone has little power). The result, in decoder
-latents, is compared with the M training motors, of mean m and standard deviation s,
+`outliers` tests new motors. The loss of a fit alone has little power, so every motor is fitted a second time, by
+`fit_posterior`, with a prior PRIOR_SCALE times as wide as the training motors, which hardly shrinks the estimate. The
+result, in decoder latents, is compared with the M training motors, of mean m and standard deviation s,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
@@ -22,12 +22,12 @@ from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.identification.latents.latent_fit import adapt
+from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
-WIDER = 3.0  # standard deviation of the second fit's prior, in standard deviations of the training motors
-_SAME = 1e-9  # standard deviation of a latent up to which the training motors only differ by rounding
+PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
+_SAME = 1e-9  # up to this standard deviation of a latent, training motors differ only by rounding
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,17 @@ def outliers(
     """Test each of N motors against the M >= 2 training motors of a prior's network.
 
     ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
-    `adapt`; ``data``, ``preset`` and ``temperature`` are as for `adapt`.
+    `fit_posterior`; ``data``, ``preset`` and ``temperature`` are as for `fit_posterior`.
     """
     latents = network.decoder_latents(trained)
     mean, std = latents.mean(axis=0), np.maximum(latents.std(axis=0, ddof=1), _SAME)
     differ = std > _SAME
-    wide = Copula(np.eye(len(mean)), mean + WIDER * std * SCORES[:, None])
-    start = np.where(differ, (network.decoder_latents(found) - mean) / (WIDER * std), 0.0)
+    wide = Copula(np.eye(len(mean)), mean + PRIOR_SCALE * std * SCORES[:, None])
+    start = np.where(differ, (network.decoder_latents(found) - mean) / (PRIOR_SCALE * std), 0.0)
     start = np.clip(start, -1.0, 1.0)  # farther starts may be out of reach of the steps
-    refit = adapt(replace(network, copula=wide), data, preset, temperature, start=start)
-    variance = WIDER**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
-    t = WIDER * refit.mean / np.sqrt(1.0 + 1.0 / len(latents) + variance)
+    refit = fit_posterior(replace(network, copula=wide), data, preset, temperature, start=start)
+    variance = PRIOR_SCALE**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
+    t = PRIOR_SCALE * refit.mean / np.sqrt(1.0 + 1.0 / len(latents) + variance)
     p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), len(latents) - 1), 1.0)
     return _most_deviating(network, t, p_values, max(1, int(differ.sum())))
 
@@ -82,7 +82,7 @@ def leave_one_out_outliers(prior: MotorPrior) -> Outliers | None:
 
 
 def _most_deviating(network: LatentNetwork, t: np.ndarray, p_values: np.ndarray, tests: int) -> Outliers:
-    """The latent with the smallest p-value of each motor, Bonferroni-corrected for so many ``tests``."""
+    """The latent with the smallest p-value of each motor, Bonferroni-corrected for ``tests`` tests."""
     worst, names = p_values.argmin(axis=1), _latent_names(network)
     rows = np.arange(len(worst))
     p_value = np.minimum(1.0, tests * p_values[rows, worst])

@@ -1,4 +1,4 @@
-"""Latents in which the training motors are distributed as N(0, I), so that samples of N(0, I) are such motors.
+"""Transform latents so that training motors are distributed as N(0, I), and samples of N(0, I) resemble them.
 
 A Gaussian copula (`actuator.copula`) is put before the decoder, which does not change the training motors: each latent
 keeps its quantiles over these motors, and the correlations R of the normal scores are shrunk, since samples of few
@@ -81,7 +81,7 @@ def standard_posterior(
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
     """`standardised` network and means, and log-variances (M, Z).
 
-    The variances are the diagonal of the Laplace approximation of `adapt`, with the motors' mean loss as temperature.
+    The variances are the diagonal of `fit_posterior`'s Laplace approximation; the temperature is the motors' mean loss.
     """
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:
@@ -91,7 +91,7 @@ def standard_posterior(
     return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
 
 
-def scaled(
+def with_scaled_spread(
     network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
     """Network, latents and log-variances with samples scaled around the central motor by ``factor`` >= 1.

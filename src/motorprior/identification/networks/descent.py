@@ -15,7 +15,7 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks.network import Parameters
 from motorprior.identification.networks.objectives import OBJECTIVES, kl_to_standard_normal
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData, draw
+from motorprior.identification.training_data.windows import TrainingData, sample_windows
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 CHECKPOINT_EVERY = 5  # chunks between two checkpoints
@@ -64,7 +64,7 @@ def descend(
         if trained is not None:
             return trained, np.asarray(losses)
         kept, problem = None, f"the loss is {losses[-1]:.3g} by Adam step {CHUNK * len(losses)} at a rate of {rate:.2g}"
-        report(-CHUNK * (len(losses) - 1), f"{problem}: again, slower")
+        report(-CHUNK * (len(losses) - 1), f"{problem}: restarted at a lower rate")
     raise DivergedError(
         f"training diverged: {problem}, and at larger ones",
         remedy="check the log with `motorprior logs check`, or try another seed",
@@ -92,7 +92,7 @@ def _attempt(
         losses, before = kept["losses"].tolist(), float(kept["before"])
     for first in range(CHUNK * len(losses), preset.steps, CHUNK):
         count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
-        rows = draw(np.random.default_rng([seed, 1, chunk]), data, preset, count)
+        rows = sample_windows(np.random.default_rng([seed, 1, chunk]), data, preset, count)
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
         state, loss, first_loss = advance(state, (*rows, keys))
         before = before if losses else float(first_loss)

@@ -32,7 +32,7 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         "w3": dense(neurons, 1)[:, 0], "b3": jnp.zeros(()),
         "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32), "armature_slope": jnp.zeros(latents),
     }  # fmt: skip
-    if preset.grey_box:  # the network starts at zero torque, so that the physics explain what they can
+    if preset.grey_box:  # the network starts at zero torque, so that the physics explain as much as they can
         center = initial_center(preset.terms)
         slope = MIXED_STD * rng.standard_normal((latents, len(center)))
         if preset.own_latents:

@@ -36,8 +36,8 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data import windows as channel
 from motorprior.identification.training_data.windows import Measured
 
-# bound on the norm of a window's gradient by the logarithms of its motor's constants [-]: contact in the gear one step
-# earlier or later gives huge gradients, which would dominate the batch
+# bound on the norm of a window's gradient with respect to the logarithms of the motor's constants [-]: gear contact one
+# step earlier or later gives huge gradients, which would dominate the batch
 MAX_SENSITIVITY = 3.0
 _ARITHMETIC = array_arithmetic(jnp)
 
@@ -69,19 +69,19 @@ def decode(
     terms: tuple[str, ...] = (),
     seconds: jnp.ndarray | float = 0.0,
     supply: jnp.ndarray | float = 1.0,
-    warmer: jnp.ndarray | float = 0.0,
+    temperature_rise: jnp.ndarray | float = 0.0,
 ) -> dict[str, jnp.ndarray]:
     """(B,) constants by name for latents z (B, Z).
 
     ``bounded`` limits the gradient of each row (reverse mode only); ``seconds`` since a cold start, ``supply`` voltage
-    over the usual one [-] and ``warmer``, temperature above the usual one [K], are (B,).
+    over the nominal one [-] and ``temperature_rise``, temperature above the nominal one [K], are (B,).
     """
     slope = parameters["motor_slope"]  # (P,) if each constant has a latent of its own
     raw = parameters["motor_center"] + jnp.clip(z @ slope if slope.ndim == 2 else z * slope, -LOG_REACH, LOG_REACH)
     raw, warmth = _bounded_gradient(raw) if bounded else raw, 0.0
     if "heat" in terms:
         warmth = 1.0 - jnp.exp(-seconds / jnp.exp(raw[:, parameters_of(terms).index("heat_time")]))
-    return geared_motor_constants.decode(raw, jnp, terms, Conditions(warmth, supply, warmer))
+    return geared_motor_constants.decode(raw, jnp, terms, Conditions(warmth, supply, temperature_rise))
 
 
 def initial_state(target: jnp.ndarray, joint_pos: jnp.ndarray, joint_vel: jnp.ndarray, has_terms: bool) -> MotorState:

@@ -23,7 +23,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.initial_motor import sized_center, states_kd, with_motor
+from motorprior.identification.physics.initial_motor import logs_kd, sized_center, with_motor
 from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns
 from motorprior.identification.presets import Preset
@@ -36,10 +36,10 @@ FIRST_STEPS, RESTART_STEPS = 10, 8
 TURNS = (*[(WIDE, 5)] * 6, *[(NARROW, 5)] * 10)  # of empirical Bayes: step of the differences, and Gauss-Newton steps
 STAGES = 1 + RESTARTS + len(TURNS)  # number of reports of a fit
 _WEAK = 1e-4  # precision of the prior around the initial motor, per unit of the loss
-# value of a limit that is not identifiable, over the largest request or speed; loss ratio of equally good limits
-BEYOND, SAME_LOSS = 4.0, 1.001
+# value of an unidentifiable limit over the largest request or speed; loss ratio of equal fits
+UNIDENTIFIED_FACTOR, SAME_LOSS = 4.0, 1.001
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
-LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # steps, windows and lost share of rows of `longer_runs`
+LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
 REFINEMENT = ((WIDE, 10), (NARROW, 10), (0.01, 10))
 _STREAM = 41
@@ -97,25 +97,25 @@ def fit_fleet(
         other = restart(rng, fit, found, prior, together)
         found = found.better(fit.polish(other, prior, RESTART_STEPS))
         report()
-    for turn, (reach, steps) in enumerate(turns):
-        # recentre, so that the decoder reaches what it did not from the initial motor
-        z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder has them
+    for turn, (diff_step, steps) in enumerate(turns):
+        # recentre, so that the decoder reaches constants beyond its range around the initial motor
+        z = np.clip(found.z, -LOG_REACH, LOG_REACH)  # as the decoder clips them
         middle = np.where(fixed, 0.0, np.median(z, axis=0))
         center, z = center + middle, np.clip(z - middle, -LOG_REACH, LOG_REACH)
         fit = fit_around(center)
         loss = fit.losses(z)
         found = Fit(z, loss, loss)
         if together:
-            prior = fleet_prior(found, fit.windows, open_variance(fit, found, prior) if turn else 0.0)
+            prior = fleet_prior(found, fit.windows, posterior_variance(fit, found, prior) if turn else 0.0)
         else:
             prior = replace(prior, mean=initial - center)
         prior = prior.fixing(fixed)
         found = replace(found, energy=found.loss + prior.energy(found.z))
-        again = fit.polish(found.z, prior, steps, reach)
+        again = fit.polish(found.z, prior, steps, diff_step)
         other = restart(rng, fit, again, prior, together)
-        found = again.better(fit.polish(other, prior, steps, reach))
+        found = again.better(fit.polish(other, prior, steps, diff_step))
         report()
-    z = np.where(fixed, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder has them
+    z = np.where(fixed, 0.0, np.clip(found.z, -LOG_REACH, LOG_REACH))  # as the decoder clips them
     z = _without_unidentified_limits(fit, z, fixed, together)
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(z, axis=0), z.max(axis=0) - LOG_REACH, z.min(axis=0) + LOG_REACH)
@@ -129,34 +129,34 @@ def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -
     A limit far below the motor's own keeps a search in a poor optimum. An impact can drive a joint faster than its
     motor for 0.1 s, so Gauss-Newton steps may go below the bound. -inf for other and for fixed constants.
     """
-    lower = np.full((len(runs.held_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
+    lower = np.full((len(runs.sustained_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
     for row, name in enumerate(parameters_of(terms)):
         if name in SPEED_LIMITS:
             with np.errstate(divide="ignore"):
-                lower[:, row] = np.minimum(np.log(1.02 * runs.held_speeds[name]) - center[row], LOG_REACH)
+                lower[:, row] = np.minimum(np.log(1.02 * runs.sustained_speeds[name]) - center[row], LOG_REACH)
     lower[:, fixed_constants(terms, runs)] = -np.inf
     return lower
 
 
 def _without_unidentified_limits(fit: MotorFit, z: np.ndarray, fixed: np.ndarray, together: bool) -> np.ndarray:
-    """(M, Z) latents in which limits that a log does not identify are BEYOND times the largest request or speed.
+    """(M, Z) latents whose unidentified limits are UNIDENTIFIED_FACTOR times the largest request or speed.
 
-    Otherwise the motor could saturate in other motions. Motors that are fitted together keep a limit if half of them
-    identify it.
+    With lower limits the motor could saturate in other motions. Motors that are fitted together keep a limit if half of
+    them identify it.
     """
     motor = fit.network.motor
     assert motor is not None
     center, names = motor.center, parameters_of(motor.terms)
     kp = names.index("kp")
-    asked = np.exp(center[kp] + z[:, kp]) * fit.runs.largest_request
-    reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.fastest))
+    asked = np.exp(center[kp] + z[:, kp]) * fit.runs.max_request
+    reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(z), fit.runs.max_speed))
     losses = fit.losses(z)
     for name, largest in reached.items():
         if name not in names or not largest.max() or fixed[names.index(name)]:
             continue
         row, free = names.index(name), z.copy()
-        farthest = z[:, row].min() + 2.0 * LOG_REACH  # from another centre the decoder reaches both
-        free[:, row] = np.clip(np.log(BEYOND * largest.max()) - center[row], z[:, row], farthest)
+        farthest = z[:, row].min() + 2.0 * LOG_REACH  # the decoder reaches both from a centre between them
+        free[:, row] = np.clip(np.log(UNIDENTIFIED_FACTOR * largest.max()) - center[row], z[:, row], farthest)
         unidentified = fit.losses(free) <= SAME_LOSS * losses
         if unidentified.mean() > 0.5 or not together:
             z = np.where(unidentified[:, None], free, z)
@@ -167,7 +167,7 @@ def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(P,) constants that are not fitted: absent or logged ones, and those that the encoders do not identify."""
     fixed = (*runs.preset.lacks, *runs.preset.logged_values, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
     if runs.gain_unit == PHYSICAL_GAINS:
-        fixed += ("kp", "kd_over_kp") if states_kd(runs) else ("kp",)
+        fixed += ("kp", "kd_over_kp") if logs_kd(runs) else ("kp",)
     return np.array([name in fixed for name in parameters_of(terms)])
 
 
@@ -176,14 +176,14 @@ def weak_prior(size: int) -> GaussianPrior:
     return GaussianPrior(np.zeros(size), np.full(size, _WEAK))
 
 
-def open_variance(fit: MotorFit, found: Fit, prior: GaussianPrior) -> np.ndarray:
+def posterior_variance(fit: MotorFit, found: Fit, prior: GaussianPrior) -> np.ndarray:
     """(Z,) posterior variance of a motor's z, mean over the motors."""
     precision = (fit.curvatures(found.z) + np.diag(prior.precision)) * fit.windows / found.loss.mean()
     return np.einsum("mzz->mz", np.linalg.inv(precision)).mean(axis=0)
 
 
 def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> GaussianPrior:
-    """Gaussian of one more motor; ``variance`` (Z,) is that of `open_variance`."""
+    """Gaussian of one more motor; ``variance`` (Z,) is that of `posterior_variance`."""
     mean = np.median(found.z, axis=0)
     motors = len(found.z)
     spread = (motors + 1) / (motors - 1) * np.mean((found.z - mean) ** 2, axis=0)
@@ -192,7 +192,7 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> Gauss
 
 
 def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: GaussianPrior, together: bool) -> np.ndarray:
-    """(M, Z) of each motor the best of RESTART_DRAWS other starts.
+    """(M, Z) best of RESTART_DRAWS other starts for each motor.
 
     A random half of the constants is resampled: together, around the median of the better motors; alone, around the
     motor's own. Together, other motors' fits are starts, too.
@@ -216,14 +216,14 @@ def restart(rng: np.random.Generator, fit: MotorFit, found: Fit, prior: Gaussian
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
     """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe, if they are as long.
 
-    Also the latter if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
+    Returns ``runs``, too, if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
     """
     lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
     length = int(np.median(lengths[lengths >= preset.window]))
     window = length // max(1, round(length / LONGER_WINDOW))
     if window <= preset.window:
         return runs
-    longer = WindowRuns(data, replace(preset, window=window), beat=runs.beat)
+    longer = WindowRuns(data, replace(preset, window=window), heartbeat=runs.heartbeat)
     enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * preset.window
     return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
 
@@ -244,8 +244,8 @@ def refined(
         loss = fit.losses(z)
         found = Fit(z, loss, loss)
         first = fleet_prior(found, fit.windows, 0.0).fixing(fixed)
-        prior = fleet_prior(found, fit.windows, open_variance(fit, found, first)).fixing(fixed)
+        prior = fleet_prior(found, fit.windows, posterior_variance(fit, found, first)).fixing(fixed)
     prior, refined_z = replace(prior, mean=np.where(fixed, z, prior.mean)), z
-    for reach, steps in REFINEMENT:
-        refined_z = fit.polish(refined_z, prior, steps, reach).z
+    for diff_step, steps in REFINEMENT:
+        refined_z = fit.polish(refined_z, prior, steps, diff_step).z
     return np.where(fixed, z, np.clip(refined_z, -LOG_REACH, LOG_REACH))

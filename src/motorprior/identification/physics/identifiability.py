@@ -19,13 +19,13 @@ from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
-THRESHOLD = 1.02  # loss with half or double of an identifiable constant, over the loss with it
+THRESHOLD = 1.02  # a constant is identifiable if half and double of it both raise the loss by more than this factor
 
 
 def identifiable_constants(
     network: LatentNetwork, runs: WindowRuns, z: np.ndarray, names: Iterable[str]
 ) -> frozenset[str]:
-    """Those of the positive constants ``names`` that half of M motors or more identify.
+    """The positive constants among ``names`` that at least half of the M motors identify.
 
     ``network`` has a geared motor; ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
@@ -45,7 +45,7 @@ def unidentifiable_limits(network: LatentNetwork, runs: WindowRuns, z: np.ndarra
 
 
 def unknown_torque_scale(network: LatentNetwork, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
-    """(M,) whether a motor's log leaves the scale of its torques open; never where gains are logged in N·m/rad."""
+    """(M,) whether a motor's log does not identify the scale of its torques; False if gains are logged in N·m/rad."""
     if runs.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
     motor = network.motor

@@ -42,10 +42,10 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     if runs is None:
         return encoded(INITIAL_MOTOR, terms)
     motor = INITIAL_MOTOR | dict.fromkeys(runs.preset.lacks, 1e-9)
-    if runs.fastest:
+    if runs.max_speed:
         # a little above the logged speeds: a limit that is too low rises in the fit, one that is too high has no effect
-        profile = 1.1 * float(np.median(runs.held_speeds["profile_speed"])) or runs.fastest
-        motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.fastest}
+        profile = 1.1 * float(np.median(runs.sustained_speeds["profile_speed"])) or runs.max_speed
+        motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.max_speed}
     motor = motor | runs.preset.logged_values
     if not runs.gain_unit:
         return encoded(motor, terms)
@@ -53,9 +53,9 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     if runs.gain_unit == PHYSICAL_GAINS:
         factor = kp / INITIAL_MOTOR["kp"]
         motor = motor | {name: factor * motor[name] for name in TORQUES if name in motor}
-        needed = float(np.median(runs.largest_request))
+        needed = float(np.median(runs.max_request))
         limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
-        motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if states_kd(runs) else {})
+        motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if logs_kd(runs) else {})
     else:
         motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
     return encoded(motor, terms)
@@ -78,7 +78,7 @@ def sized_center(
     return sizes[best] if middle[best] < 0.5 * middle[0] else center
 
 
-def states_kd(runs: WindowRuns) -> bool:
+def logs_kd(runs: WindowRuns) -> bool:
     """Whether the logs have kd: where they do not, it is set to kp (`windows`)."""
     return bool(np.any(runs.gains[1] != runs.gains[0]))
 

@@ -19,8 +19,8 @@ from motorprior.identification.physics.window_runs import WindowRuns, huber, hub
 
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in latents: logarithms of constants, or N(0, 1)
 MAX_STEP = 0.5  # of a latent, in one Gauss-Newton step
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping that are tried in every step
-_MIN_GAIN = 1e-4  # share of U; a step that lowers it by less is a motor's last
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
+_MIN_GAIN = 1e-4  # share of U; a motor stops after a step that lowers it by less
 _LANES = 768  # motors simulated at a time; bounds the memory
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 _FIXED = 1e6  # precision of a fixed latent
@@ -28,7 +28,7 @@ _FIXED = 1e6  # precision of a fixed latent
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
 def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in an order that no number of threads changes."""
+    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in the same order for any number of threads."""
     size, count = slopes.shape
     gradient, matrix = np.zeros(size), np.zeros((size, size))
     for i in range(size):
@@ -68,14 +68,14 @@ def _broadcast(values: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Fit:
-    """Where M motors are: z (M, Z), energy U (M,) and loss (M,)."""
+    """Current point of M motors: z (M, Z), energy U (M,) and loss (M,)."""
 
     z: np.ndarray
     energy: np.ndarray
     loss: np.ndarray
 
     def better(self, other: Fit) -> Fit:
-        """Of every motor the fit with less energy."""
+        """The fit with less energy, for every motor."""
         chosen = other.energy < self.energy
         both = zip(vars(self).values(), vars(other).values(), strict=True)
         return Fit(*(select(chosen, others, values) for values, others in both))
@@ -139,7 +139,7 @@ class MotorFit:
         return np.where(np.isfinite(loss), loss, _DIVERGED_LOSS)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior) -> np.ndarray:
-        """(M, Z) of each motor the candidate (M, K, Z), raised to the bounds, with the lowest energy."""
+        """(M, Z) candidate with the lowest energy for each motor; candidates (M, K, Z) are raised to the bounds."""
         if self._lower is not None:
             candidates = np.maximum(candidates, _broadcast(self._lower, candidates))
         energy = self.losses(candidates) + prior.energy(candidates)
@@ -148,23 +148,23 @@ class MotorFit:
     def search(
         self, rng: np.random.Generator, start: np.ndarray, prior: GaussianPrior, radii: tuple[float, ...], count: int
     ) -> np.ndarray:
-        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` draws per radius, ever closer."""
+        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` samples per radius."""
         best = start
         for radius in radii:
-            draws = radius * rng.standard_normal((count, start.shape[-1]))
-            draws[0] = 0.0
-            best = self.best_of(best[:, None] + draws, prior)
+            samples = radius * rng.standard_normal((count, start.shape[-1]))
+            samples[0] = 0.0
+            best = self.best_of(best[:, None] + samples, prior)
         return best
 
-    def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, reach: float = NARROW) -> Fit:
-        """Damped Gauss-Newton steps from ``start`` (M, Z), of each motor until one lowers U by less than _MIN_GAIN.
+    def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float = NARROW) -> Fit:
+        """Damped Gauss-Newton steps from ``start`` (M, Z); a motor stops when one lowers U by less than _MIN_GAIN.
 
-        At most ``steps``, with derivatives over ``reach``, WIDE or NARROW.
+        At most ``steps``, with derivatives over ``diff_step``, WIDE or NARROW.
         """
         z, damping = start, np.full(len(start), 1e-2)
         loss = self.losses(z)
         energy = loss + prior.energy(z)
-        slope, curvature = self._derivatives(z, reach)
+        slope, curvature = self._derivatives(z, diff_step)
         left = self._everyone
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
@@ -183,12 +183,12 @@ class MotorFit:
             if not len(left):
                 break
             if step + 1 < steps and len(moved := left[lower[left]]):
-                slope[moved], curvature[moved] = self._derivatives(z, reach, moved)
+                slope[moved], curvature[moved] = self._derivatives(z, diff_step, moved)
         return Fit(z, energy, loss)
 
-    def curvatures(self, z: np.ndarray, reach: float = NARROW) -> np.ndarray:
+    def curvatures(self, z: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
         """(M, Z, Z) Gauss-Newton matrices of the loss: channels·mean of huber''(r)·∇r·∇rᵀ."""
-        return self._derivatives(z, reach, bend=huber_curvature)[1]
+        return self._derivatives(z, diff_step, bend=huber_curvature)[1]
 
     def _moves(
         self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, prior: GaussianPrior, damping: np.ndarray
@@ -202,7 +202,7 @@ class MotorFit:
         return np.clip(moves, -MAX_STEP, MAX_STEP)
 
     def _derivatives(
-        self, z: np.ndarray, reach: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
+        self, z: np.ndarray, diff_step: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (M, Z) and Gauss-Newton matrix (M, Z, Z) of the loss, of these ``motors``.
 
@@ -210,7 +210,7 @@ class MotorFit:
         """
         motors, size = self._everyone if motors is None else motors, z.shape[1]
         slope, curvature = np.zeros((len(motors), size)), np.zeros((len(motors), size, size))
-        shifts = reach * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
+        shifts = diff_step * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
         together = max(1, _LANES // len(shifts))
         for first in range(0, len(motors), together):
             some = motors[first : first + together]
@@ -218,7 +218,7 @@ class MotorFit:
             found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
             for row, values in enumerate(found, first):
                 with np.errstate(over="ignore", invalid="ignore"):
-                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * reach)
+                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * diff_step)
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
                 here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
                 gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))

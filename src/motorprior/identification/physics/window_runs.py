@@ -32,7 +32,7 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data import windows as channel
 from motorprior.identification.training_data.windows import TrainingData
 
-# errors at which the rollout loss turns from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
+# errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
 LANES_PER_TASK = 256  # motors that one thread simulates at a time; their state then stays in a core's cache
@@ -58,7 +58,7 @@ def huber_curvature(x: Any) -> Any:
     return (1.0 + x * x) ** -1.5
 
 
-def held_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
+def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
     """(M,) largest speed [rad/s] that each joint kept for 0.1 s towards its target, 0 if none; inputs are (M, R)."""
     rows, lowest = max(1, round(0.1 / period)), []
     for sign in (1.0, -1.0):
@@ -138,20 +138,21 @@ class Segment:
 
     @property
     def conditions(self) -> np.ndarray:
-        """(2, M) supply voltage over the usual one [-], and temperature above it [K]."""
+        """(2, M) supply voltage over the nominal one [-], and temperature above it [K]."""
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
 class WindowRuns:
     """Free runs over all windows of M motors' logs, or of those with the indices ``motors``.
 
-    ``beat`` is called several times a second during `residuals`; an exception that it raises ends them.
+        ``heartbeat`` is called several times a second during `residuals`; an exception that it raises ends them.
 
     Attributes:
-        at_rotor: whether the log's encoders are on the rotors.
+            at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample.
-        fastest: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
-        held_speeds: for each of SPEED_LIMITS the (M,) `held_speed` in the log; for no_load_speed, at the usual voltage.
+        max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+        sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
+            voltage.
     """
 
     def __init__(
@@ -159,7 +160,7 @@ class WindowRuns:
         data: TrainingData,
         preset: Preset,
         motors: np.ndarray | None = None,
-        beat: Callable[[], None] = lambda: None,
+        heartbeat: Callable[[], None] = lambda: None,
     ):
         series = data.series if motors is None else data.series[motors]
         self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
@@ -171,12 +172,12 @@ class WindowRuns:
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
         velocity, error = series[..., channel.VEL], series[..., channel.TARGET] - series[..., channel.POS]
-        self.fastest = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
+        self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         speeds = (velocity, velocity / series[..., channel.SUPPLY])
-        self.held_speeds = {
-            name: held_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
+        self.sustained_speeds = {
+            name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self._threads, self.beat = ThreadPoolExecutor(os.cpu_count() or 1), beat
+        self._threads, self.heartbeat = ThreadPoolExecutor(os.cpu_count() or 1), heartbeat
 
     @property
     def windows(self) -> int:
@@ -189,7 +190,7 @@ class WindowRuns:
         return np.median([segment.gains for segment in self.segments], axis=0)
 
     @property
-    def largest_request(self) -> np.ndarray:
+    def max_request(self) -> np.ndarray:
         """(M,) 99.9 % quantile of logged kp times position error [rad]."""
         errors = [np.abs(one.rows[:, channel.TARGET] - one.rows[:, channel.POS]) for one in self.segments]
         requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
@@ -214,9 +215,9 @@ class WindowRuns:
             some, inside, segment = task
             out[some, inside] = self._run(network, z[some], motor[some], segment)
 
-        self.beat()
+        self.heartbeat()
         for _ in self._threads.map(simulate, tasks):
-            self.beat()
+            self.heartbeat()
         return out
 
     def recorded(self, index: int) -> np.ndarray:
@@ -231,8 +232,8 @@ class WindowRuns:
     def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes run as in `residuals`; for all others the joint is compared, wherever the log's encoders are. A
-        `GainScaledPd` has the gains of each segment.
+        Grey boxes run as in `residuals`; for other models joint angles are compared, wherever the log's encoders are. A
+        `GainScaledPd` gets the gains of each segment.
         """
         everyone = np.arange(self.num_motors)
         if isinstance(motors, LatentActuator) and motors.network.motor is not None:

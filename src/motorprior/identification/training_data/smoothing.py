@@ -1,12 +1,12 @@
-"""Positions and velocities of a log without the noise of its readings, for the states in which free runs begin.
+"""Positions and velocities of a log without the noise of its readings, for the initial states of free runs.
 
 A Kalman filter and the Rauch-Tung-Striebel smoother, with the joint's acceleration as a random walk,
 
     x = (q, dq, ddq),   x' = F·x + w,   w ~ N(0, d²·Q(dt)),   reading = q + n,   n ~ N(0, r²)
 
-per motor, forwards and backwards over each segment. Noise r and density d [rad/s²/√s] of the random walk have the
-maximum likelihood on a grid; r is at least an encoder's quantum/√12, since a static joint repeats its reading and seems
-free of noise. With r below MIN_NOISE the log stays as it is. Recorded velocities, often filtered differences of the
+per motor, forwards and backwards over each segment. Noise r and density d [rad/s²/√s] of the random walk maximise the
+likelihood on a grid; r is at least an encoder's quantum/√12, since a static joint repeats its reading and seems free of
+noise. With r below MIN_NOISE the log stays as it is. Recorded velocities, often filtered differences of the
 same readings, are not used.
 """
 
@@ -20,7 +20,7 @@ MIN_NOISE = 4e-5  # standard deviation of a reading below which a log counts as 
 NOISES = np.geomspace(1e-5, 3e-3, 11)  # r that are tried [rad]
 DENSITIES = np.geomspace(1.0, 3e4, 10)  # d that are tried [rad/s²/√s]
 _WIDE = 1e2  # initial standard deviation of acceleration over 100 [rad/s²], of velocity times 10 [rad/s]
-_MAX_ROWS, _MAX_MOTORS = 2000, 6  # on which noise and density are chosen
+_MAX_ROWS, _MAX_MOTORS = 2000, 6  # used to choose noise and density
 _BLOCK, _FIRST_STATES = 500, 10  # rows that are tried together; rows until the filter has converged
 
 
@@ -92,7 +92,7 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
 
 
 def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
-    # half where the motor moves fastest, half from all over its log: in slow or steady motion any density fits
+    # half where the motor moves fastest, half spread over its log: in slow or steady motion any density fits
     starts = [(first, part.stop) for part in parts for first in range(part.start, part.stop, _BLOCK)]
     cut = [slice(first, min(first + _BLOCK, stop)) for first, stop in starts if stop - first > 2 * _FIRST_STATES]
     if not cut:

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.smoothing import smoothed
-from motorprior.logs.motor_log import MotorLog, other_firmware, stated_gain_rows
+from motorprior.logs.motor_log import MotorLog, logged_gain_rows, other_firmware
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     _require(log, preset, where)
     if other := other_firmware(log.firmware, dict(preset.firmware)):
         raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
-    zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_of_work(log)[:, None], log.joint_pos.shape)
+    zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
     channels = (
         log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
         seconds, *_gains(log, preset, where), *_conditions(log, preset), log.load_stiffness,
@@ -97,7 +97,7 @@ def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     if not preset.gain_unit:
         return np.ones((2, *log.joint_pos.shape))
-    rows = stated_gain_rows(log)
+    rows = logged_gain_rows(log)
     if rows is None or log.gain_unit != preset.gain_unit:
         has = "no stated_kp" if rows is None else f"gains in {log.gain_unit}"
         raise LogError(
@@ -107,24 +107,24 @@ def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     return rows
 
 
-def relative_conditions(part: MotorLog, usual: Mapping[str, float]) -> np.ndarray:
-    """(2, M) mean supply voltage over the usual one [-], motor temperature above it [K]; 1 and 0 if missing."""
-    supply, warmer = np.ones(part.num_joints), np.zeros(part.num_joints)
-    if part.supply_voltage is not None and "supply_voltage" in usual:
-        supply = part.supply_voltage.mean(axis=0) / usual["supply_voltage"]
-    if part.motor_temperature is not None and "motor_temperature" in usual:
-        warmer = part.motor_temperature.mean(axis=0) - usual["motor_temperature"]
-    return np.stack([supply, warmer])
+def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndarray:
+    """(2, M) mean supply voltage over the nominal one [-], motor temperature above it [K]; 1 and 0 if missing."""
+    supply, temperature_rise = np.ones(part.num_joints), np.zeros(part.num_joints)
+    if part.supply_voltage is not None and "supply_voltage" in nominal:
+        supply = part.supply_voltage.mean(axis=0) / nominal["supply_voltage"]
+    if part.motor_temperature is not None and "motor_temperature" in nominal:
+        temperature_rise = part.motor_temperature.mean(axis=0) - nominal["motor_temperature"]
+    return np.stack([supply, temperature_rise])
 
 
 def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
-    """(2, R, M) of `relative_conditions`, the same throughout a segment, as a motor's constants are."""
-    usual = preset.usual_conditions
-    parts = [(relative_conditions(part, usual)[:, None], part.joint_pos.shape) for part in log.segments()]
+    """(2, R, M) of `relative_conditions`, constant in a segment, like a motor's constants."""
+    nominal = preset.nominal_conditions
+    parts = [(relative_conditions(part, nominal)[:, None], part.joint_pos.shape) for part in log.segments()]
     return np.concatenate([np.broadcast_to(values, (2, *shape)) for values, shape in parts], axis=1)
 
 
-def seconds_of_work(log: MotorLog) -> np.ndarray:
+def seconds_since_cold(log: MotorLog) -> np.ndarray:
     """(R,) time since the motors were cold [s]: at the start, after a PAUSE, and where the clock restarts."""
     seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
     for part in log.segment_slices():
@@ -196,7 +196,7 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
 
 
 def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
-    """About so many ``rows`` of the data: parts of two to eight windows, spread evenly over the long segments."""
+    """About ``rows`` rows of the data, in parts of two to eight windows spread evenly over the long segments."""
     windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
     length = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
@@ -208,8 +208,8 @@ def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
     return replace(data, parts=tuple(parts[index] for index in chosen))
 
 
-def used_seconds(data: TrainingData, preset: Preset) -> str:
-    """A note on the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
+def used_seconds_text(data: TrainingData, preset: Preset) -> str:
+    """Text with the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
     total = sum(part.stop - part.start for part in data.parts)
     free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
     step = preset.window if preset.physics_first else 1  # windows then lie end to end
@@ -217,7 +217,9 @@ def used_seconds(data: TrainingData, preset: Preset) -> str:
     return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"
 
 
-def draw(rng: np.random.Generator, data: TrainingData, preset: Preset, count: int) -> tuple[np.ndarray, np.ndarray]:
+def sample_windows(
+    rng: np.random.Generator, data: TrainingData, preset: Preset, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
     motors = rng.integers(len(data.series), size=(count, preset.batch))
     starts = data.starts[rng.integers(len(data.starts), size=(count, preset.batch))]

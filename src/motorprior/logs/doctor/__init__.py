@@ -1,1 +1,1 @@
-"""The log doctor: checks of a log, and what stands in the way of identifying motors from it."""
+"""The log doctor: checks of a log, and findings that prevent the identification of motors."""

@@ -15,8 +15,8 @@ from motorprior.logs.validity import checked
 # The checks of jumps and motion need a correct clock and correct units; the checks of motion need angles without jumps.
 BASIC = (clock.rate, clock.gaps, clock.repeats, units.speeds, units.ranges)
 MOTION = (excitation.excitation, saturation.dead, response.copied, response.velocity, load.load)
-# In the window in which the command of a joint travels farthest.
-OF_A_JOINT = (response.tracking, response.proportion, saturation.saturation, excitation.coverage, load.torque_sign)
+# Checks of the window in which a joint's command travels farthest.
+PER_JOINT = (response.tracking, response.proportion, saturation.saturation, excitation.coverage, load.torque_sign)
 
 
 def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gravity | None = None) -> LogReport:
@@ -42,14 +42,14 @@ def check_log(log: MotorLog, joint_limits: np.ndarray | None = None, gravity: Gr
         findings += jumps.jumps(log)
     if LogReport(tuple(findings)).usable:
         findings += [finding for check in MOTION for finding in check(log)]
-        findings += [finding for column in excitation.excited_joints(log) for finding in _of_a_joint(log, column)]
+        findings += [finding for column in excitation.excited_joints(log) for finding in _joint_findings(log, column)]
     if gravity is not None and LogReport(tuple(findings)).usable:
         findings += gravity_signs(log, gravity)
     order = ("error", "warning", "info")
     return LogReport(tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
 
 
-def _of_a_joint(log: MotorLog, column: int) -> list[Finding]:
+def _joint_findings(log: MotorLog, column: int) -> list[Finding]:
     """Findings in the window of a joint, with their rows in the log."""
     window = excitation.excited_window(log, column)
     if window is None:
@@ -58,7 +58,7 @@ def _of_a_joint(log: MotorLog, column: int) -> list[Finding]:
         remedy = f"record at least {excitation.MIN_ROWS} rows of motion without a gap"
         return [Finding("warning", "tracking", 0.0, message, remedy, joint, 0)]
     rows, grid = window
-    findings = [finding for check in OF_A_JOINT for finding in check(grid)]
+    findings = [finding for check in PER_JOINT for finding in check(grid)]
     times = [grid.time[finding.row or 0] - 1e-6 * grid.period for finding in findings]
     places = rows.start + np.searchsorted(log.time[rows], times)
     return [replace(finding, row=int(row)) for finding, row in zip(findings, places, strict=True)]

@@ -9,7 +9,7 @@ from motorprior.logs.doctor.jumps import encoder_step
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.resampling import repeated_rows
 
-RATES = (5.0, 2e4)  # of motor logs [Hz]; outside them the time has another unit
+RATES = (5.0, 2e4)  # of motor logs [Hz]; other rates mean another unit of time
 GAP_FACTOR = 5.0
 MAX_JITTER = 0.5
 

@@ -10,7 +10,7 @@ from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.resampling import repeated_rows, resample
 
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
-RATIOS = (0.1, 3.0)  # of the motion to its command; outside them it failed, or has another unit
+RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
 MIN_REVERSALS = 4
 OCTAVES = 0.125 * 2.0 ** np.arange(9)  # edges [Hz]
 MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
@@ -21,7 +21,7 @@ def excited_joints(log: MotorLog) -> np.ndarray:
     return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
 
 
-def joints_at_rest(log: MotorLog) -> tuple[str, ...]:
+def static_joints(log: MotorLog) -> tuple[str, ...]:
     """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
     at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
     return tuple(log.joint_names[column] for column in at_rest)

@@ -41,9 +41,9 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
         if not (short and after & {first, last}):
             pieces.append(np.arange(first, last))
     if not pieces:
-        least = f" and {period:g} s" if period else ""
+        duration = f" and {period:g} s" if period else ""
         raise LogError(
-            f"nowhere {MIN_ROWS} rows{least} without a gap of more than {GAP_FACTOR:g} median steps",
+            f"no run of {MIN_ROWS} rows{duration} without a gap of more than {GAP_FACTOR:g} median steps",
             where=log.source,
             remedy=f"record the time at which a row was measured, not received; or state its rate {IN_MAP}",
         )

@@ -1,4 +1,4 @@
-"""Check for jumps: failed reads, encoder wraps, angles that leap."""
+"""Check for jumps: failed reads, encoder wraps, angles that jump and stay."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.resampling import repeated_rows
 
-READINGS = 5  # a failed read lasts no longer
-MAX_LAG = 0.25  # of a servo behind its command [s]
+READINGS = 5  # maximum duration of a failed read
+MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 TURN = 2.0 * np.pi
 _UNWRAP = "unwrap angle and command in the file: numpy.unwrap(column, period=one turn in its unit, such as 4096 ticks)"
 REMEDIES = {
@@ -30,7 +30,7 @@ def encoder_step(angle: np.ndarray) -> float:
 
 
 def jumps(log: MotorLog) -> list[Finding]:
-    """Errors: failed reads (back within five readings), encoders and commands that wrap (by a turn), leaps."""
+    """Errors: failed reads (back within five readings), encoders and commands that wrap (by a turn), lasting jumps."""
     steps = time_steps(log.rows(~repeated_rows(log)))[1]  # a host may poll faster than the robot answers
     period = min(5.0 * log.period, float(np.median(steps))) if steps.size else log.period
     found = []
@@ -83,5 +83,5 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         elif near.any():
             back = int(rows[later[np.argmax(near)]])
             yield from (("joint_pos", "and back (failed read)", each) for each in range(row, back))
-        elif speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size:  # a joint would gather speed
+        elif speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size:  # a joint would accelerate over several rows
             yield "joint_pos", "and stays", row

@@ -15,8 +15,8 @@ from motorprior.signals import rms
 
 Gravity = Callable[[np.ndarray], np.ndarray]
 """Torque of gravity on every joint (N, J) [N·m], at angles (N, J) [rad]."""
-SLOPES = (0.7, 1.4)  # of the load's torque over joint_torque
-MAX_OFFSET = 0.01  # between angle and command [rad]; without it, the offset would replace gravity that hardly changes
+SLOPES = (0.7, 1.4)  # bounds of the load's torque over joint_torque
+MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that hardly changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
 MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
 MIN_ROWS = 20  # of steady motion
@@ -25,7 +25,7 @@ MIN_ROWS = 20  # of steady motion
 def torque_sign(window: MotorLog) -> list[Finding]:
     """Torques that never change sign (|current|), or push away from the command and take work out of the joint.
 
-    A weight that is held does not come down to zero torque. With a known load, `load` finds the sign.
+    A torque that holds a weight keeps its sign, but does not come near 0. With a known load, `load` finds the sign.
     """
     if window.joint_torque is None or np.ptp(window.joint_torque) == 0.0:
         return []
@@ -80,7 +80,7 @@ def load(log: MotorLog) -> list[Finding]:
 def _blocks(part: MotorLog) -> np.ndarray:
     """(5, N) torque [N·m], friction [-], speed [rad/s], needed torque [N·m] and its noise [N·m] of one joint's segment.
 
-    By means over blocks of 0.05 s. Their second differences weigh accelerations nearly as (1, 10, 1)/12 weighs blocks.
+    Means over blocks of 0.05 s. Their second differences weigh accelerations nearly as (1, 10, 1)/12 weighs blocks.
     """
     assert part.joint_torque is not None and part.load_inertia is not None and part.external_torque is not None
     length = max(1, round(0.05 / part.period)) if part.num_rows > 1 else 1
@@ -106,7 +106,7 @@ def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
 
         position_target - joint_pos = -gravity/kp + friction·sign(speed) + lag·speed + offset,    kp >= 0
 
-    is fitted for the signs as given, and with one or two joints reversed. Vertical axes show no gravity.
+    is fitted for the signs as given, and with one or two joints reversed. Gravity does not act about vertical axes.
 
     Args:
         log: of a robot whose base is fixed or suspended.
@@ -163,7 +163,7 @@ def _residual(torque: np.ndarray, error: np.ndarray, speed: np.ndarray, steady: 
     for column in np.flatnonzero(steady.sum(axis=0) >= MIN_ROWS):
         rows = steady[:, column]
         e, v, pull = error[rows, column], speed[rows, column], -torque[rows, column]
-        kept = np.abs(e) <= np.percentile(np.abs(e), 98)  # the largest come from transients
+        kept = np.abs(e) <= np.percentile(np.abs(e), 98)  # the largest are transients
         terms = np.stack([pull, np.ones(len(e)), np.sign(v), v], axis=1)[kept]
         bounds = [0.0, -MAX_OFFSET, -np.inf, -np.inf], [np.inf, MAX_OFFSET, np.inf, np.inf]
         squares += 2.0 * float(lsq_linear(terms, e[kept], bounds, method="bvls").cost)

@@ -10,8 +10,11 @@ from motorprior.logs.doctor.jumps import MAX_LAG
 from motorprior.logs.motor_log import MotorLog
 
 MIN_CORRELATION = 0.5
-SLOPES = (0.6, 1.5)  # of slow angle per command; outside them other units
-STRAIGHT = (0.9975, 0.95)  # correlation above which units explain a small, a large slope: loads and dead bands bend it
+SLOPES = (0.6, 1.5)  # bounds of slow angle per command; otherwise the units differ
+STRAIGHT = (
+    0.9975,
+    0.95,
+)  # correlation above which units explain a small, a large slope: loads and dead bands lower it
 VELOCITY_SLOPES = (0.7, 1.4)
 
 
@@ -36,7 +39,7 @@ def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
 def _first_peak(r: np.ndarray) -> int:
     """Index of the first peak of r[1:] above 95 % of the highest; equal peaks of a sine are one period apart.
 
-    Ripple on one hill is no peak: r must fall by 0.1 before the highest.
+    Ripple is no peak: r must fall by 0.1 between a peak and the highest.
     """
     best = 1 + int(np.argmax(r[1:]))
     for here in range(1, best):
@@ -56,7 +59,7 @@ def lag_rows(window: MotorLog) -> int | None:
 def tracking(window: MotorLog) -> list[Finding]:
     """Sign, joint order and lag of the angle against the command, by the first peak of their correlation.
 
-    An angle opposes its command if the correlation goes further below zero than above within the lag of a servo.
+    An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
     """
     (r, lead, late, opposed), joint, period = correlation_peaks(window), window.joint_names[0], window.period
     seconds, follows, opposes = late * period, float(r[lead + late]), float(r[lead + opposed])
@@ -91,9 +94,9 @@ def proportion(window: MotorLog) -> list[Finding]:
     if late is None:
         return []
     offset = float(np.median(window.joint_pos - window.position_target))
-    if abs(offset) > 1.2:  # loads bend servos less
+    if abs(offset) > 1.2:  # loads deflect servos less
         message = f"{joint} is {offset:+.2f} rad off its command (median), more than 1.2"
-        remedy = f"if no load bends it so far, correct the zero of command or angle in the file, or {IN_MAP}"
+        remedy = f"if no load deflects it so far, correct the zero of command or angle in the file, or {IN_MAP}"
         found.append(Finding("warning", "offset", offset, message, remedy, joint))
     length = max(1, round(0.5 / window.period))
     count = (window.num_rows - late) // length

@@ -1,4 +1,4 @@
-"""Checks for channels that stop while the command goes on: end stops and limits, dead channels."""
+"""Checks for channels that stop while the command continues: end stops and limits, dead channels."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from motorprior.logs.doctor.response import lag_rows
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
 from motorprior.signals import runs_of_true
 
-TRAVEL = 0.1  # share of its range by which the command goes on
+TRAVEL = 0.1  # share of its range by which the command continues
 
 
 def saturation(window: MotorLog) -> list[Finding]:
-    """Angle, velocity or torque of a joint that stays at its extreme for 0.1 s while the command goes on.
+    """Angle, velocity or torque of a joint that stays at its extreme for 0.1 s while the command continues.
 
     Angle: see `_at_end_stop`. Velocity: the angle is behind its command by 0.25 s of that velocity. Torque: the command
     moves by 10 % of its range, and the torque has 20 or more values.
@@ -41,7 +41,7 @@ def saturation(window: MotorLog) -> list[Finding]:
                 time = window.period * sum(run.stop - run.start - 1 for run in runs)
                 message = (
                     f"{channel}/{joint} stays at its extreme {sign * top:.4g} {JOINT_SERIES[channel]} for {time:.2f} s "
-                    "in total while its command goes on"
+                    "in total while its command continues"
                 )
                 remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
                 found.append(Finding("warning", "saturation", time, message, remedy, joint, runs[0].start))
@@ -49,7 +49,7 @@ def saturation(window: MotorLog) -> list[Finding]:
 
 
 def _at_end_stop(command: np.ndarray, angle: np.ndarray, run: slice, late: int | None) -> bool:
-    """Whether the command goes on beyond the highest angle, reached in ``run``, by 10 % of the command's range.
+    """Whether the command continues beyond the highest angle, reached in ``run``, by 10 % of the command's range.
 
     Friction and dead band hold a joint after a reversal, too. So either the command is 2.5 times as far away as the RMS
     of other errors; or the command ``late`` rows before rises by 0.03 rad after the joint stopped.

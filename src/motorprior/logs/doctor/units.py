@@ -1,4 +1,4 @@
-"""Checks of units: sizes and speeds that no joint has, joint limits, and ranges to compare with the robot."""
+"""Checks of units: implausible angles and speeds, joint limits, and ranges to compare with the robot."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def speeds(log: MotorLog) -> list[Finding]:
     The speed of an angle counts where the next one is as high in the same direction, so jumps and segment ends do not.
     """
     found = []
-    width = max(1, round(0.01 / log.period))  # over one row, encoder steps look fast
+    width = max(1, round(0.01 / log.period))  # over a single row an encoder step would look fast
     rows = np.arange(0, log.num_rows, width)
     lengths = np.maximum(np.diff(log.time[rows]), width * log.period)
     for column, joint in enumerate(log.joint_names):
@@ -106,5 +106,5 @@ def ranges(log: MotorLog) -> list[Finding]:
     gains = settings_text(log) or "no gain, register or posture"
     return [
         Finding("info", "angles", max(map(abs, low + high)), f"angles in degrees: {', '.join(spans)}", row=0),
-        Finding("info", "stated", 0.0, f"the log states {gains}", row=0),
+        Finding("info", "settings", 0.0, f"the log states {gains}", row=0),
     ]

@@ -125,7 +125,7 @@ class ColumnMap:
         time: column of the time, or None with ``rate``.
         time_scale: seconds per unit of that column.
         rate: of the rows [Hz], or None.
-        segment: column of the index of the recording, or None.
+        segment: column with the index of the recording, or None.
         posture: one of POSTURES for all rows, or the name of a column, or None.
         conditions: CONDITIONS that hold for all rows and joints.
         gain_unit: of the joints' gains (`MotorLog`).

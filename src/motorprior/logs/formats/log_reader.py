@@ -24,7 +24,7 @@ class LogReader:
         endings: of its file names, each with its dot, or FOLDER.
         recognises: (path) whether a file with such an ending has this format; LogError if it cannot be read.
         read: (path, robot or None) the log; LogError if it is damaged.
-        assumption: a sentence for the user about facts that the format does not contain; empty if none.
+        assumption: a sentence for the user about what is assumed because the format lacks it; empty if none.
     """
 
     name: str
@@ -33,7 +33,7 @@ class LogReader:
     read: Callable[[Path, Robot | None], MotorLog]
     assumption: str = ""
 
-    def takes(self, path: Path) -> bool:
+    def matches(self, path: Path) -> bool:
         """Whether a path has this format.
 
         Raises:
@@ -47,7 +47,7 @@ class LogReader:
         return self.recognises(path)
 
 
-def require_given(robot: Robot | None, path: Path) -> Robot:
+def require_robot(robot: Robot | None, path: Path) -> Robot:
     """The robot of a format that does not name its joints.
 
     Raises:

@@ -16,7 +16,7 @@ from motorprior.exceptions import LogError, listed
 from motorprior.files import load_pickle, numpy_names, read_bytes
 from motorprior.logs.doctor.units import require_plausible_angles
 from motorprior.logs.formats.csv_table import csv_head, read_number_table
-from motorprior.logs.formats.log_reader import GIVE_COLUMNS, LogReader, require_given
+from motorprior.logs.formats.log_reader import GIVE_COLUMNS, LogReader, require_robot
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
@@ -133,7 +133,7 @@ def _read(path: Path, robot: Robot | None) -> MotorLog:
                 raise LogError(f"no header: its first line is {found}", where=path, remedy="begin it with names")
             problem = f"a table of unknown format; its first line is {found}"
             raise LogError(problem, where=path, remedy=f"read it {GIVE_COLUMNS}", argument="columns")
-    return read_puppersim_log(path, require_given(robot, path))
+    return read_puppersim_log(path, require_robot(robot, path))
 
 
 PUPPERSIM = LogReader("log of jietan/puppersim", (*CSV_SUFFIXES, PICKLE_SUFFIX), lambda path: True, _read)

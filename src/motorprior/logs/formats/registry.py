@@ -24,14 +24,14 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
 READERS: tuple[LogReader, ...] = (PARQUET, ROBOT_RUN, PUPPERSIM, BAM, SAGE, LEROBOT, ROS_BAG)  # tried in this order
-TABLES = (".csv", ".csv.gz", ".parquet", ".pt", ".mcap")  # endings of files that a column map can be for
+TABLES = (".csv", ".csv.gz", ".parquet", ".pt", ".mcap")  # endings of files that can be read with a column map
 
 
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
     """Read a log in any format of docs/logs.md, or any table by a map of its columns.
 
     Args:
-        path: the file, or the folder of a format that is one.
+        path: the file, or the folder for formats that are folders.
         robot: the recorded robot; not needed for formats that name their joints.
         columns: a column map, the name of a shipped one, or its file (docs/your-motors.md): for a table (.csv, .csv.gz,
             .parquet), the folder of a LeRobot dataset, the tensors of a .pt or the topics of a ROS 2 bag.
@@ -54,7 +54,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
             )  # fmt: skip
         return read_mapped_log(path, column_map, _source(path, column_map), robot)
     for reader in READERS:
-        if reader.takes(path):
+        if reader.matches(path):
             return reader.read(path, robot)
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
@@ -82,7 +82,7 @@ def unit_assumption(path: Path, columns: ColumnMap | str | Path | None = None) -
     Raises:
         LogError: the log cannot be read.
     """
-    reader = next((reader for reader in READERS if reader.takes(path)), None) if columns is None else None
+    reader = next((reader for reader in READERS if reader.matches(path)), None) if columns is None else None
     return reader.assumption if reader else ""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.csv_table import read_number_table
-from motorprior.logs.formats.log_reader import LogReader, require_given
+from motorprior.logs.formats.log_reader import LogReader, require_robot
 from motorprior.logs.log_errors import require_finite, require_increasing
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
@@ -112,7 +112,7 @@ def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.nda
     targets, angles = slice(3, 3 + joints), slice(3 + joints, 3 + 2 * joints)
     spline = CubicSpline(time, part[:, 3 + joints :], axis=0)
     since = np.maximum.accumulate(part[:, 2])
-    since[0] = min(since[0], time[0])  # the first target also holds before it is known
+    since[0] = min(since[0], time[0])  # the first target is assumed to hold before, too
     in_force = np.maximum(0, np.searchsorted(since, grid, side="right") - 1)
     means = _means_of_steps(since, part[:, targets], grid, period)
     out = np.column_stack([grid, part[in_force, 1:3], means, spline(grid)])
@@ -133,5 +133,5 @@ ROBOT_RUN = LogReader(
     "recording of a robot",
     (".csv",),
     lambda path: re.match(r"time([,;\t])mode\1", _first_line(path)) is not None,
-    lambda path, robot: read_robot_run(path, require_given(robot, path)),
+    lambda path, robot: read_robot_run(path, require_robot(robot, path)),
 )

@@ -20,7 +20,7 @@ from motorprior.logs.formats.column_map import ColumnMap, MappedJoint, load_colu
 from motorprior.logs.formats.csv_table import COPY_AGAIN, csv_head, csv_table
 from motorprior.logs.formats.log_reader import FOLDER, LogReader
 from motorprior.logs.formats.mapped_table import read_mapped_log, robot_of_joints
-from motorprior.logs.formats.table_columns import present, unreadable
+from motorprior.logs.formats.table_columns import required_columns, unreadable
 from motorprior.logs.log_errors import require_finite, require_increasing
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
@@ -84,7 +84,7 @@ def _table(path: Path, lists: list[str], width: int) -> tuple[np.ndarray, list[n
     """Times (T,) [µs] and each column of lists (T, width) of one file."""
     import pyarrow as pa
 
-    wanted = present(list(csv_head(path).names), ["timestamp", *lists], path)
+    wanted = required_columns(list(csv_head(path).names), ["timestamp", *lists], path)
     try:
         table = csv_table(path, wanted, texts=lists).combine_chunks()
         if not table.num_rows:

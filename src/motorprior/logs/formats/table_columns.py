@@ -76,7 +76,7 @@ def element_of(name: str) -> tuple[str, int | None]:
     return (found[1], int(found[2])) if found else (name, None)
 
 
-def present(have: list[str], names: list[str], path: Path, posture: str | None = None) -> list[str]:
+def required_columns(have: list[str], names: list[str], path: Path, posture: str | None = None) -> list[str]:
     """The columns of the file that hold these names, each once.
 
     Raises:
@@ -101,8 +101,8 @@ def present(have: list[str], names: list[str], path: Path, posture: str | None =
 
 def _table(path: Path, names: list[str], time: str | None, posture: str | None) -> Any:
     if path.suffix == ".parquet":
-        return parquet_table(path, lambda have: present(have, names, path, posture))
-    wanted = present(list(csv_head(path).names), names, path, posture)
+        return parquet_table(path, lambda have: required_columns(have, names, path, posture))
+    wanted = required_columns(list(csv_head(path).names), names, path, posture)
     texts = [posture] if posture else []
     if time in wanted:
         cells = csv_table(path, [time], texts=[time]).column(time)

@@ -51,7 +51,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         ArtifactError: a bad column map.
     """
     column_map = None if columns is None else load_column_map(columns)
-    if path.is_file() or (path.is_dir() and any(reader.takes(path) for reader in READERS)):
+    if path.is_file() or (path.is_dir() and any(reader.matches(path) for reader in READERS)):
         return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
     entries = sorted(path.iterdir()) if path.is_dir() else []
     if column_map is not None and entries:
@@ -60,7 +60,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         return LogFolder({recording_name(entry): read_log(entry, robot) for entry in found}, tuple(found))
     if robot is not None and (found := [entry for entry in entries if short_name(entry)]):
         return LogFolder(read_puppersim_logs(path, robot), tuple(found))
-    if found := [entry for entry in entries if any(reader.takes(entry) for reader in READERS)]:
+    if found := [entry for entry in entries if any(reader.matches(entry) for reader in READERS)]:
         return _readable(path, found, robot, None)
     if tensors := [entry for entry in entries if entry.suffix == ".pt"]:
         read_log(tensors[0], robot)  # its error lists the tensors and the shipped maps

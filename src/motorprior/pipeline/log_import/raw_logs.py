@@ -163,7 +163,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
         ConfigError: the log already has loads, its posture rules them out, or several gains without an order.
         LogError: it cannot be read.
     """
-    if config.columns is None and ROBOT_RUN.takes(path):
+    if config.columns is None and ROBOT_RUN.matches(path):
         return _with_given(_robot_run(path, robot, config), robot, config, progress)
     by_map = config.robot is None and config.columns is not None and not config.suspended
     log = _with_given(read_log(path, None if by_map else robot, config.columns), robot, config, progress)
@@ -184,9 +184,9 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     if config.suspended:
         return with_loads_on_grid(log, robot, period)
     if config.fit_load:
-        from motorprior.identification.load_fit import require_torque
+        from motorprior.identification.load_fit import require_physical_kp
 
-        require_torque(log)
+        require_physical_kp(log)
         return smooth_on_grid(log, period)
     return resample(log, period)
 

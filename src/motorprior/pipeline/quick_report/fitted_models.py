@@ -13,7 +13,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, stated_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
 from motorprior.pipeline.adapt import motor_constants
 from motorprior.pipeline.identify import PRIOR, fit_prior
 from motorprior.pipeline.log_errors import LogErrors, free_run_spans, model_errors
@@ -124,7 +124,7 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, LogModel]:
     joints = [] if robot is None else [robot.joint_names.index(name) for name in log.joint_names]
     limit = np.full(log.num_joints, 1e9) if described is None else described.torque_limit[joints]
     zero = np.zeros(log.num_joints)
-    if log.stated_kd is not None and log.gain_unit == PHYSICAL_GAINS and (gains := stated_gains_of(log)) is not None:
+    if log.stated_kd is not None and log.gain_unit == PHYSICAL_GAINS and (gains := logged_gains_of(log)) is not None:
         return {"ideal_pd": IdealPd(gains[0], gains[1], limit, zero, zero)}
     if described is None or log.stated_kp is not None:
         return {}

@@ -20,7 +20,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.evaluation.bench_fidelity import (
     HELD_OUT,
     ModelOfMotors,
-    Prediction,
+    PredictorOfMotors,
     bench_errors,
 )
 from motorprior.pipeline.motor_choice import nominal_pd
@@ -174,7 +174,7 @@ def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchSet
 
 
 def fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, Prediction], motor_set: str, seed: int, task: Task
+    robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], motor_set: str, seed: int, task: Task
 ) -> Results:
     """Medians and means of `COLUMNS` and the displacement error of the base; three advances of ``task``."""
     rows: list[Result] = []

@@ -14,7 +14,7 @@ from typing import Any
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.pipeline.motor_choice import ACTUATORS, MotorChoice
 from motorprior.pipeline.stage import digest
-from motorprior.schema import TEXT, TRUTH, Schema, maybe, number, one_of
+from motorprior.schema import BOOLEAN, TEXT, Schema, maybe, number, one_of
 
 _FILES = ("prior", "posterior", "fleet")
 _KEYS = tuple(f"{name}{ending}" for name in _FILES for ending in ("", "_beside", "_sha256"))
@@ -24,7 +24,7 @@ _CHOICE = Schema(
         **dict.fromkeys(_KEYS, maybe(TEXT)),
         **dict.fromkeys(("kp", "kd", "torque_limit"), maybe(number(-1e9, 1e9))),
         **dict.fromkeys(("armature", "delay", "coulomb", "spread", "latent_spread"), number(-1e9, 1e9)),
-        "limit_follows_gain": TRUTH,
+        "limit_follows_gain": BOOLEAN,
         "name": maybe(TEXT),
     },
     "train it again",

@@ -59,7 +59,7 @@ PUPPER_V2 = Robot(
     legs=_LEGS,
     gait=Gait(frequency=2.1, swing_height=0.03, forward=(-0.2, 0.5)),
     weight=round(GRAVITY * spec.MASS, 9),
-    standing_height=round(_LEGS[0].drop(spec.NOMINAL_POSE), 9),
+    standing_height=round(_LEGS[0].hip_height(spec.NOMINAL_POSE), 9),
     min_base_height=0.05,
     max_base_height=0.6,
     suspended_height=0.4,

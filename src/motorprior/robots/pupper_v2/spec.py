@@ -28,14 +28,14 @@ CONTROL_DT = 0.01  # policy period [s] (puppersim: 100 Hz)
 PHYSICS_DT = 0.002  # MuJoCo step in training [s]
 TWIN_PHYSICS_DT = 0.001  # MuJoCo step of the twin [s]: rate of the firmware's current loop (Nate711/DJIPupperTests)
 
-WIRE_KP, WIRE_KD = 50.0, 5.0  # [A/rad], [A·s/rad] (2022 deployment); also in the logs behind the fleets
+WIRE_KP, WIRE_KD = 50.0, 5.0  # [A/rad], [A·s/rad] (2022 deployment); also in the logs that the fleets are fitted to
 MAX_CURRENT = 7.0  # [A] (2022 deployment)
 TORQUE_CONSTANT = 0.18  # at the output [N·m/A]
 TORQUE_LIMIT = MAX_CURRENT * TORQUE_CONSTANT
 ENCODER = "rotor"
 ENCODER_COUNTS = 8192 * 36  # per turn of the output: 8192 per turn of the rotor, gear 36:1 (DJI M2006 with C610)
 # Robot's own angle = sign × angle here: the abduction axes of FR and RR are reversed (puppersim deployment). Assumed:
-# abduction angles here have the signs of puppersim's simulation; docs/hardware.md has the check that every owner makes.
+# abduction angles here have the signs of puppersim's simulation; docs/hardware.md describes how to check them.
 JOINT_SIGNS = np.tile([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0], 2)
 
 FOOT_FRICTION = 0.45  # of the rubber foot [-]; push-up logs of the real robot identify 0.23-0.45
