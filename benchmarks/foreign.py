@@ -78,21 +78,21 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
     from motorprior.identification.evaluation.coverage import coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
-    facts = read_bench(settings.out / family / "bench")[1]
+    bench = read_bench(settings.out / family / "bench")[1]
     pd = tuned_pd(settings, family)
     with PROGRESS.start(f"{family}: train, new, coverage, draws", 4) as task:
         train: dict[str, ModelOfMotors] = {name: prior.training_motors for name, prior in priors.items()}
-        found = errors(settings, family, "train", facts.physical_motors(), train | pd)
+        found = errors(settings, family, "train", bench.physical_motors(), train | pd)
         task.advance()
-        new = held_out_motors(facts)
-        known = adapt_all(robot, priors, paths, new, facts)
+        new = held_out_motors(bench)
+        known = adapt_all(robot, priors, paths, new, bench)
         found |= errors(settings, family, "new", new, adapted_models(priors, known, len(new)) | pd)
         task.advance()
         prior, preset = priors["rollout"], HELD_OUT.for_robot(robot)
         covered = coverage(prior.network, prior.metrics, known["rollout"], new, settings.seed, preset)
         found[f"{family}/coverage90"] = covered.value(quantity="coverage90", part=None)
         task.advance()
-        drawn = distribution(prior, facts, settings.out / family / "measured" / "behaviour_quantiles.png")
+        drawn = distribution(prior, bench, settings.out / family / "measured" / "behaviour_quantiles.png")
         found[f"{family}/two_sample_auc"] = drawn.value(quantity="two_sample_auc", statistic="median")
         task.advance()
     return found

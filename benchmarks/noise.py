@@ -45,7 +45,7 @@ ROBOTS = 8
 
 
 @dataclass(frozen=True)
-class Walk:
+class NoisyWalk:
     """Outcome of a walk."""
 
     seconds: float  # duration
@@ -54,7 +54,7 @@ class Walk:
     other_gains: bool  # the robot did not get the gains that were sent
 
 
-def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
+def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> NoisyWalk:
     """One walk of so many seconds, or until a fault."""
     loaded, timing, fault = Policy.load(policy), Timing(), None
     robot = load_robot(loaded.robot)
@@ -67,10 +67,10 @@ def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
             fault = error.kind
     sent = np.array([gains.kp, gains.kd, gains.max_current], dtype=np.float32)
     other = not np.array_equal(np.array(port.firmware.gains, dtype=np.float32), sent)
-    return Walk(len(timing.sent) * loaded.control_dt, port.path, fault, other)
+    return NoisyWalk(len(timing.sent) * loaded.control_dt, port.path, fault, other)
 
 
-def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
+def figures(long: list[NoisyWalk], short: list[NoisyWalk]) -> dict[str, float]:
     """Figures of one noise level."""
     hours = sum(one.seconds for one in long) / 3600.0
     kinds = Counter(one.fault for one in (*long, *short) if one.fault is not None)

@@ -31,7 +31,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 _LOG = "run.csv"
-_FAST, _GENTLE = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
+_FAST_TARGETS, _SLOW_TARGETS = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
 
 
 def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> Results:
@@ -62,7 +62,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
-    out = settings.out or _dated("deploy")
+    out = settings.out or _dated_folder("deploy")
     with _recorded_run(robot, port, out) as (link, stop, files):
 
         def confirm() -> None:
@@ -97,7 +97,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     teleop.require_terminal(settings.yes)
-    out = settings.out or _dated("record")
+    out = settings.out or _dated_folder("record")
     limits = replace(safety, target_speed=speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
@@ -155,7 +155,7 @@ def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
     speed = settings.speed
     if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
         fast = excitation in ("steps", "varied") and not standing
-        speed = min(robot.require_wire().safety.target_speed, _FAST if fast else _GENTLE)
+        speed = min(robot.require_wire().safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
     return replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
 
 
@@ -166,5 +166,5 @@ def _require(name: str, value: float | None, low: float, high: float, or_equal: 
     raise ConfigError(f"{name} {value:g} is out of range", remedy=f"give {bounds}", argument=name)
 
 
-def _dated(command: str) -> Path:
+def _dated_folder(command: str) -> Path:
     return Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")

@@ -14,9 +14,9 @@ from motorprior.hardware.control_loop import ControlLoop, Motion, Timing
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import StopRequest, check_and_confirm, check_before_arming, run_armed
-from motorprior.hardware.sign_conventions import backend_state
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
+from motorprior.hardware.wire_conversion import backend_state
 from motorprior.locomotion.body import YAW_RATE, action_size
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import Policy, act

@@ -70,7 +70,7 @@ def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np
     """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
     if kind == "gait":
         body = body_of(robot)
-        forward, frequency = _SLOW * body.fastest, _SLOW * body.frequency
+        forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
         gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
         away = gait - robot.nominal_pose
     else:

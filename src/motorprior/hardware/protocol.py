@@ -1,7 +1,7 @@
 """Messages between host and robot, and their msgpack payloads, with numbers as float32.
 
 Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`sign_conventions`. ``temp`` and ``bat`` are not in that firmware: a robot that measures them may send them so.
+`wire_conversion`. ``temp`` and ``bat`` are not in that firmware: a robot that measures them may send them so.
 """
 
 from __future__ import annotations

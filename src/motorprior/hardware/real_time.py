@@ -14,7 +14,7 @@ _SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
 
 
-def permitted() -> dict[str, bool]:
+def real_time_permissions() -> dict[str, bool]:
     """Whether this process may have real-time priority and lock its memory."""
     normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     if normal is not None:

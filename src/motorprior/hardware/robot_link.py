@@ -15,9 +15,9 @@ from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.sign_conventions import from_wire
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
+from motorprior.hardware.wire_conversion import from_wire
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits

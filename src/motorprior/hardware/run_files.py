@@ -13,7 +13,7 @@ from typing import Any
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.real_time import permitted
+from motorprior.hardware.real_time import real_time_permissions
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import fault_of
@@ -33,23 +33,23 @@ class RunFiles:
 
     def __init__(self, folder: Path, link: RobotLink):
         self._folder, self._link = folder, link
-        self._facts: dict[str, Any] = {}
+        self._record: dict[str, Any] = {}
         self.timing, self.outcome = Timing(), ""
 
     def begin(self, command: str, port: str, settings: Any, gains: Gains, **more: Any) -> None:
         """Before the first command, write the settings (a dataclass), gains, limits and ``more``."""
-        self._facts = {
+        self._record = {
             "command": command,
             "port": port,
             "robot": self._link.robot.name,
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
             "gains": asdict(gains),
-            "machine": permitted(),
+            "machine": real_time_permissions(),
             "safety": {name: v if math.isfinite(v) else None for name, v in asdict(self._link.limits).items()},
             **more,
         }
-        write_json(self._folder / "run.json", self._facts)
+        write_json(self._folder / "run.json", self._record)
 
     @contextlib.contextmanager
     def written_at_end(self) -> Iterator[None]:
@@ -64,7 +64,7 @@ class RunFiles:
         self._end(self.outcome, None)
 
     def _end(self, outcome: str, message: str | None) -> None:
-        if not self._facts:
+        if not self._record:
             return
         link, stream = self._link, self._link.stream
         ending = {
@@ -81,7 +81,7 @@ class RunFiles:
                 "damaged": link.rejected,
             },
         }
-        write_json(self._folder / "run.json", self._facts | ending)
+        write_json(self._folder / "run.json", self._record | ending)
         figures = clock_results([self.timing], link.robot.control_dt).to_figures()
         write_json(self._folder / "figures.json", figures)
 

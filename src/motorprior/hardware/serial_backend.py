@@ -12,8 +12,8 @@ from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import check_before_arming, ramp_to
-from motorprior.hardware.sign_conventions import backend_state, servo_current
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.wire_conversion import backend_state, servo_current
 from motorprior.logs.formats.robot_run import Mode
 
 

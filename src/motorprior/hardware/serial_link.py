@@ -115,9 +115,9 @@ def _usb_ports() -> list[str]:
 
 def _explanation(error: Exception) -> tuple[str, str]:
     """Why a port cannot be opened, and the remedy."""
-    number, behind = getattr(error, "errno", None), error.__context__
-    if not number and isinstance(behind, termios.error):
-        number = behind.args[0]
+    number, cause = getattr(error, "errno", None), error.__context__
+    if not number and isinstance(cause, termios.error):
+        number = cause.args[0]
     remedy = "close every other program that uses the port"
     if number == errno.ENOTTY:
         remedy = "this is no serial port; give one such as /dev/ttyACM0"

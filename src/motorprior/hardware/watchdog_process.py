@@ -41,7 +41,7 @@ def main(arguments: list[str]) -> None:
     if wait_for_silence(heartbeats, timeout):
         with contextlib.suppress(OSError):  # the host is dead
             os.write(report, b"t")
-        hold_idle(port, heartbeats, idle)
+        repeat_idle(port, heartbeats, idle)
 
 
 def wait_for_silence(heartbeats: int, timeout: float) -> bool:
@@ -57,7 +57,7 @@ def wait_for_silence(heartbeats: int, timeout: float) -> bool:
         first = False
 
 
-def hold_idle(port: int, heartbeats: int, idle: bytes) -> None:
+def repeat_idle(port: int, heartbeats: int, idle: bytes) -> None:
     """Send idle until the host has been dead for a second; a host that hangs may wake and write targets."""
     with contextlib.suppress(termios.error, OSError):
         termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands

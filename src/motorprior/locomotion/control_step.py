@@ -2,11 +2,11 @@
 
 The Gymnasium env (through `GaitController`) and the compiled rollout both call these, so they agree bit for bit:
 
-    reset: begin_gait, observe, sense, follow_command
+    reset: begin_gait, observe, apply_sensor_errors, follow_command
     step:  command_step(action)        targets of the present phase; the phase advances
            physics until the next control step
            evaluate_step               readings, reward, end of the episode
-           sense, follow_command       errors of the sensors; then command, heading and phase join the observation
+           apply_sensor_errors, follow_command   then command, heading and phase join the observation
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.locomotion.body import FOLLOWED, MAX_COMMAND, Body, action_size
+from motorprior.locomotion.body import MAX_COMMAND, NUM_COMMAND_OBSERVATIONS, Body, action_size
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -38,7 +38,7 @@ MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does 
 # Largest observed drift, as a share of the distance in a second at the largest speed: 2.3 standard deviations of
 # trainings of 5 s. With 0.3, walks of 20 s reached seven, which a linear policy multiplied until the robot fell.
 MAX_DRIFT = 0.1
-_PHASE, _HEADING, _DRIFT, _GOAL, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
+_PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
 
 
 class GaitState(NamedTuple):
@@ -102,20 +102,20 @@ def follow_command(
         observation: shape (observations,), its last six are overwritten.
     """
     step = control_dt / RAMP
-    forward = min(MAX_COMMAND * body.fastest, max(body.slowest, forward))
-    yaw_rate = min(body.yaw_rate, max(-body.yaw_rate, yaw_rate))
-    gait.twist[0] += min(step * body.fastest, max(-step * body.fastest, forward - gait.twist[0]))
-    gait.twist[1] += min(step * body.yaw_rate, max(-step * body.yaw_rate, yaw_rate - gait.twist[1]))
+    forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
+    yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
+    gait.twist[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - gait.twist[0]))
+    gait.twist[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - gait.twist[1]))
     share, angle = gait_share(body, gait.twist[0], gait.twist[1]), 2.0 * math.pi * gait.scalars[_PHASE]
-    gait.scalars[_GOAL] += control_dt * gait.twist[1]
+    gait.scalars[_COMMANDED_HEADING] += control_dt * gait.twist[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
         gait.scalars[_HEADING] += control_dt * (heading_rate(observation) - gait.twist[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
     drift = gait.scalars[_DRIFT] + control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
     # The drift fades out below a tenth of the highest speed: after a turn on the spot the path is another one.
-    max_drift, along = MAX_DRIFT * body.fastest, gait_share(body, gait.twist[0], 0.0)
+    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, gait.twist[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
-    first = observation.shape[0] - FOLLOWED
+    first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
     # Observed to the left of the direction of motion: the same turn then corrects it forward and backward.
     observation[first] = math.copysign(1.0, gait.twist[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
@@ -131,7 +131,7 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
-    return body.level * forward, body.level * left
+    return body.levelling_gain * forward, body.levelling_gain * left
 
 
 @njit(cache=True)
@@ -215,7 +215,7 @@ def evaluate_step(
         return 0.0, True
     observe(base_quat, base_ang_vel, measured_joint_pos, body.nominal_pose, observation)
     roll, pitch, yaw = roll_pitch_yaw(base_quat)
-    down = fallen(roll, pitch, base_pos[2], body.lowest, body.highest)
+    down = fallen(roll, pitch, base_pos[2], body.min_height, body.max_height)
     cosine, sine = math.cos(yaw), math.sin(yaw)
     share, scalars = 1.0 - math.exp(-control_dt / SPEED_FILTER), gait.scalars
     scalars[_FORWARD] += share * (cosine * base_lin_vel[0] + sine * base_lin_vel[1] - scalars[_FORWARD])
@@ -225,7 +225,7 @@ def evaluate_step(
     slip = sliding(body, gait.feet, foot_pos, measured_joint_pos, pitch, yaw, control_dt)
     effort = sum_torque_squared / (body.reference_torque * body.reference_torque)
     earned = reward(
-        speed_error, scalars[_LEFT], wrapped(yaw - scalars[_GOAL]),
+        speed_error, scalars[_LEFT], wrapped(yaw - scalars[_COMMANDED_HEADING]),
         base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, control_dt, weights,
     )  # fmt: skip
     return earned, down

@@ -19,7 +19,7 @@ _TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] betw
 
 
 @dataclass(frozen=True, eq=False)
-class Swap:
+class SignedPermutation:
     """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
 
     index: np.ndarray
@@ -31,7 +31,7 @@ class Swap:
         out[:, self.index] = matrix * self.sign
         return out
 
-    def of(self, vectors: np.ndarray) -> np.ndarray:
+    def mirrored(self, vectors: np.ndarray) -> np.ndarray:
         """Mirrored (..., n) vectors."""
         return self.sign * vectors[..., self.index]
 
@@ -40,14 +40,14 @@ class Swap:
 class Mirror:
     """Attributes: observation and action, how each is mirrored; ``inputs`` is observation with the bias at its end."""
 
-    observation: Swap
-    action: Swap
+    observation: SignedPermutation
+    action: SignedPermutation
 
     @property
-    def inputs(self) -> Swap:
+    def inputs(self) -> SignedPermutation:
         """Of a policy."""
         last = len(self.observation.index)
-        return Swap(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
+        return SignedPermutation(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
 
     def symmetric(self, weights: np.ndarray) -> np.ndarray:
         """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
@@ -74,7 +74,8 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
     actions = np.arange(action_size(robot.num_joints))
     actions[: len(joints)] = joints
     return Mirror(
-        Swap(observed, np.concatenate([tilt, sign, followed])), Swap(actions, np.concatenate([sign, modulation]))
+        SignedPermutation(observed, np.concatenate([tilt, sign, followed])),
+        SignedPermutation(actions, np.concatenate([sign, modulation])),
     )
 
 

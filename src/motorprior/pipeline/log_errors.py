@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # they import JAX
 PRIOR, TUNED_PD = "prior", "tuned_pd"
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
-BROKEN = 1.0  # error of a motor whose replay is not finite [rad]
+DIVERGED_ERROR = 1.0  # error of a motor whose replay is not finite [rad]
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def replay_errors(motors: LatentActuator, log: MotorLog, recipe: Preset, progres
     with progress.start("tune a PD to compare with", TUNING) as task:
         found = fit_quality(motors, log, task.advance, recipe.usual_conditions)
     errors = {
-        name: np.where(np.isfinite(values), values, BROKEN)[None]
+        name: np.where(np.isfinite(values), values, DIVERGED_ERROR)[None]
         for name, values in zip((PRIOR, TUNED_PD), found, strict=True)
     }
     replayed = LogErrors((log.source,), log.joint_names, errors)

@@ -19,7 +19,7 @@ from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import as_robot, load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.playback import Replay, replay
+from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.suspended_load import with_loads
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
@@ -78,7 +78,7 @@ def simulate(
     *,
     seed: int | np.random.Generator = 0,
     suspended: bool = False,
-) -> Replay:
+) -> Playback:
     """Simulate a robot that starts at rest in its nominal pose; each row of ``targets`` lasts one control step.
 
     Args:

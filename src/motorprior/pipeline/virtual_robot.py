@@ -107,9 +107,9 @@ def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection
     except MotorPriorError as error:
         connection.send(error)
         return
-    start = body.live.position()
+    start = body.simulated.position()
     connection.send(virtual.port)
     with real_time():
         virtual.run(connection.poll)
-    forward, left = body.live.position() - start
+    forward, left = body.simulated.position() - start
     print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)

@@ -113,7 +113,7 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
 
 
 @njit(cache=True, nogil=True)
-def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
+def has_diverged(qpos: np.ndarray, qvel: np.ndarray) -> bool:
     """Whether a state (qpos, qvel of MuJoCo) is not finite or beyond the limits: fault 1, in every engine."""
     free = qpos.shape[0] > qvel.shape[0]
     for index in range(qpos.shape[0]):
@@ -134,7 +134,7 @@ def find_fault(world: WorldArrays) -> int:
     for kind in _BAD:
         if world.warnings[kind] > 0:
             return 1
-    if has_broken_down(world.qpos, world.qvel):
+    if has_diverged(world.qpos, world.qvel):
         return 1
     return 3 if world.warnings[_SINGULAR] > 0 else 0  # a diverged state makes it singular too
 

@@ -126,7 +126,7 @@ def prior_path(config: Study, preset: str) -> Path:
     return config.out / "priors" / preset / PRIOR
 
 
-def learn(config: Study, threads: int, progress: Progress) -> None:
+def fit_models(config: Study, threads: int, progress: Progress) -> None:
     """Record the benches; identify the priors and fit the PDs that the conditions need."""
     presets = dict.fromkeys(PRESETS[name] for name in ("prior", "paper", "paper_wide", "one_network"))
     presets = [preset for preset in presets if any(PRESETS.get(name) == preset for name in config.conditions)]
