@@ -89,9 +89,9 @@ def record(robot: RobotCase, folder: Path, seconds: float, excitation: Excitatio
     return log
 
 
-def deploy(robot: RobotCase, policy: Path, life: int, speed: float) -> Outcome:
+def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> Outcome:
     """One walk on the ground, straight at this speed [m/s]."""
-    port, fault = SimulatedPort(ROBOT, robot.number, life, wear=WEAR[robot.wear]), None
+    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=WEAR[robot.wear]), None
     start = port.body.simulated.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
@@ -221,7 +221,7 @@ def main() -> None:
             if given.current:
                 policies["current"] = training.policy(folder, "current", posterior, before, current=True)
             found = {
-                name: [deploy(robot, policy, life, given.max_speed) for life in range(given.walks)]
+                name: [deploy(robot, policy, noise_seed, given.max_speed) for noise_seed in range(given.walks)]
                 for name, policy in policies.items()
             }
             if given.current:

@@ -5,9 +5,9 @@
 For each out-of-family fleet: a bench, three models of its motors, and their errors on held-out excitation for the
 motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new). References are
 ``floor``, the true motors with an initial error of 4 mrad; ``floor_warmth``, the true motors after 10 s of operation,
-whatever their warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad] as
-FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc. Finished
-stages are reused.
+regardless of their actual warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad]
+as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc.
+Finished stages are reused.
 """
 
 from __future__ import annotations

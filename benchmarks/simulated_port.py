@@ -76,7 +76,7 @@ class SimulatedPort(SerialLink):
     Args:
         robot: kind of robot; its motors are sampled from its first fleet.
         number: seed of the motors.
-        life: seed of the sensor noise and of the line.
+        noise_seed: seed of the sensor noise and of the line.
         suspended: the robot hangs in the air.
         period: telemetry period [ms].
         drop: fraction of lost frames, in both directions.
@@ -89,7 +89,7 @@ class SimulatedPort(SerialLink):
         self,
         robot: Robot,
         number: int,
-        life: int = 0,
+        noise_seed: int = 0,
         *,
         suspended: bool = False,
         period: int = 10,
@@ -101,12 +101,12 @@ class SimulatedPort(SerialLink):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
-        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), suspended, life)
+        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
         config = FirmwareConfig(self._period, with_currents=currents, homes=False)
         self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
         self._to_host, self._to_robot = (
-            NoisyLine(drop, corrupt, delay, np.random.default_rng([number, life, way]))
+            NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
         self._reader = telemetry_reader(self._joints)

@@ -4,7 +4,7 @@
     env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
 
 Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors are the physical
-ones of the robot's fleet, and there is no randomization besides the motors.
+ones of the robot's fleet, and there is no randomization in addition to the motors.
 
 A fatal error of MuJoCo (out of memory, a broken model) ends the process, since compiled code cannot raise: save your
 training from time to time.
@@ -58,7 +58,7 @@ def make_scene(
             from a generator.
         engine: "mujoco" or "pybullet".
         task: reward.
-        randomization: of each episode, besides the motors.
+        randomization: of each episode, in addition to the motors.
         commands: speed and yaw rate, drawn for every episode; the robot's whole range if not given.
         gait: trot, walk, pace, bound or pronk.
         roughness: height of bumps [m], up to 4 m from the start; PyBullet only.

@@ -214,7 +214,7 @@ def test_what_a_model_includes_is_part_of_it(tmp_path: Path):
     assert [file.name for file in arm.files] == ["arm.toml", "arm.xml", "upper.xml"]
     build_model(arm)
     (tmp_path / "parts" / "upper.xml").write_text(part.replace('mass="0.4"', 'mass="4"'))
-    with pytest.raises(ArtifactError, match=r"arm\.xml: the model is gone or has changed -> load the robot again"):
+    with pytest.raises(ArtifactError, match=r"arm\.xml: the model is missing or has changed -> load the robot again"):
         build_model(arm)
     assert load_robot(path).weight > 2.0 * arm.weight
 

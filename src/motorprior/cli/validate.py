@@ -1,4 +1,4 @@
-"""``motorprior validate``: closed-loop fidelity of motor priors against the physical motors they learned from."""
+"""``motorprior validate``: closed-loop fidelity of motor priors, compared with their physical motors."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
 
     Raises:
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
-        RobotFault: what ended the walk early.
+        RobotFault: a fault ended the walk early.
     """
     _require("seconds", settings.seconds, 0.0, 1e6)
     policy = Policy.load(path)
@@ -83,7 +83,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a folder in use.
-        RobotFault: what ended it early; the recording is kept.
+        RobotFault: a fault ended it early; the recording is kept.
     """
     safety, settings = robot.require_wire().safety, _with_defaults(robot, settings)
     excitation, amplitude, speed = settings.excitation, settings.amplitude, settings.speed
@@ -120,7 +120,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
 def _recorded_run(
     robot: Robot, port: str, out: Path, limits: SafetyLimits | None = None
 ) -> Iterator[tuple[RobotLink, StopRequest, RunFiles]]:
-    """A link that records to ``out``, idle at the end; the files of the run are written then."""
+    """Open a link that records to ``out``; at the end the robot is idle and the files of the run are written."""
     recorder = Recorder(robot, out / _LOG)
     link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
     files = RunFiles(out, link)
@@ -133,7 +133,7 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Chec
     _require("seconds", seconds, 1.0, 3600.0, or_equal=True)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
-            check_telemetry(link, 0.3)  # an unknown device at the port is sent nothing
+            check_telemetry(link, 0.3)  # an error for a device that is not a robot, before anything is sent
             link.relax()
         return check_telemetry(link, seconds)
 

@@ -97,8 +97,8 @@ def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control
 
 
 def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
-    """The same targets (steps, joints), but each of these joints moves in its own part of the time only."""
-    # A joint's load depends on the motion of all. Where all jump at once, its estimate is so poor that gears seem
+    """The same targets (steps, joints), but these joints move one after the other."""
+    # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
     # better damped than they are.
     alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
     for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):

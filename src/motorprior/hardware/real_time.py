@@ -24,7 +24,7 @@ def real_time_permissions() -> dict[str, bool]:
 
 @contextmanager
 def real_time() -> Iterator[None]:
-    """Real-time priority, locked memory and no garbage collection while this is open."""
+    """Real-time priority, locked memory and no garbage collection within this context."""
     normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     libc = ctypes.CDLL(None) if _may_lock_memory() else None
     if libc is not None:
@@ -42,7 +42,7 @@ def real_time() -> Iterator[None]:
 
 
 def _may_lock_memory() -> bool:
-    """Only without any limit: within one, a later allocation would fail in the middle of a motion."""
+    """Whether locked memory is unlimited: with a limit, a later allocation would fail in the middle of a motion."""
     return sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
 
 

@@ -1,4 +1,4 @@
-"""Files of a run besides its recording: run.json and figures.json, however it ends."""
+"""run.json and figures.json of a run, also written if it ends with a fault."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class RunFiles:
     """Settings, gains, limits, outcome and timing of a run.
 
     run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
-    the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine" is what the system
-    permits the control loop.
+    the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine": the real-time
+    permissions of the control loop.
 
     Attributes:
         timing: of the control loop, to be filled.
-        outcome: what ended the run, unless an error did.
+        outcome: reason for the end of the run, if not an error.
     """
 
     def __init__(self, folder: Path, link: RobotLink):
@@ -53,12 +53,12 @@ class RunFiles:
 
     @contextlib.contextmanager
     def written_at_end(self) -> Iterator[None]:
-        """Write how the run ended when this is closed, if it had begun; the robot is idle by then."""
+        """On exit, when the robot is idle, write how the run ended, if it had begun."""
         try:
             yield
         except BaseException as error:
             kind = fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
-            with contextlib.suppress(ArtifactError):  # what ended the run matters more
+            with contextlib.suppress(ArtifactError):  # the error that ended the run is more important
                 self._end(kind, str(error))
             raise
         self._end(self.outcome, None)

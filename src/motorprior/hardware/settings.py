@@ -1,4 +1,4 @@
-"""Settings of the commands deploy and record, and the libraries that talking to a robot needs."""
+"""Settings of the commands deploy and record, and a check of the libraries for a serial port."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ MAX_COMMAND = 1.2
 # robot of 15 kg with gains of 30 N·m/rad has 2 and falls; with 5 it walks.
 MIN_PITCH_STIFFNESS = 5.0
 # Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and torque limit; on
-# the fleets of the small robot 0.8 to 1 walk alike.
+# the fleets of the small robot 0.8 to 1 give the same walks.
 LEAD_SHARE = 0.9
 
 
@@ -51,7 +51,7 @@ class Body(NamedTuple):
     max_residual: float  # largest correction of a target [rad]
     min_height: float  # base height of a fallen robot [m]
     max_height: float  # base height of a robot that has taken off [m]
-    reference_torque: float  # torque that the reward's penalty counts as 1 [N·m]
+    reference_torque: float  # unit of torque in the reward's penalty [N·m]
 
 
 def body_of(robot: Robot, gait: str = "trot") -> Body:

@@ -31,12 +31,12 @@ from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, obser
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.rotations import roll_pitch_yaw
 
-MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 walk alike
+MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 are equal
 LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
-RAMP = 0.5  # [s] in which the command in force goes from standing to the largest speed or yaw rate
+RAMP = 0.5  # [s] ramp of the command in force from standing to the largest speed or yaw rate
 MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
 # Largest observed drift, as a share of the distance in a second at the largest speed: 2.3 standard deviations of
-# trainings of 5 s. With 0.3, walks of 20 s reached seven, which a linear policy multiplied until the robot fell.
+# trainings of 5 s. With 0.3, walks of 20 s reached seven, and a linear policy amplified this until the robot fell.
 MAX_DRIFT = 0.1
 _PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
 
@@ -91,7 +91,7 @@ def follow_command(
 
     The command in force follows the given one at a bounded rate. The heading error ψ integrates the observed heading
     rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a robot that pulls to
-    one side would walk on at a small constant error. All but the command fade out as the robot comes to a stand.
+    one side would walk on at a small constant error. All except the command fade out as the robot stops.
 
     Args:
         body: of the robot.
@@ -112,11 +112,11 @@ def follow_command(
         gait.scalars[_HEADING] += control_dt * (heading_rate(observation) - gait.twist[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
     drift = gait.scalars[_DRIFT] + control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
-    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path is another one.
+    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has changed.
     max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, gait.twist[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
-    # Observed to the left of the direction of motion: the same turn then corrects it forward and backward.
+    # Positive to the left of the direction of motion, so that the same turn corrects it forward and backward.
     observation[first] = math.copysign(1.0, gait.twist[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
     observation[first + 2], observation[first + 3] = gait.twist[0], gait.twist[1]
@@ -136,7 +136,7 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
 
 @njit(cache=True)
 def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: GaitState, control_dt: float) -> None:
-    """From an action to the position targets ``gait.target``; the phase advances.
+    """Convert an action to the position targets ``gait.target``, and advance the phase.
 
     Low-pass and scale the action; targets = gait + lead · its rate + support + residual, with a rate up to
     MAX_TARGET_SPEED, within the joint limits. The support compensates the PD's deflection under the weight. The lead
@@ -189,7 +189,7 @@ def evaluate_step(
     weights: np.ndarray,
     observation: np.ndarray,
 ) -> tuple[float, bool]:
-    """From the state after the physics to readings, reward and the end of the episode.
+    """Readings, reward and the end of the episode from the state after the physics.
 
     A fault of the backend ends the episode with reward 0 and leaves ``observation`` as it was: the state is invalid.
 

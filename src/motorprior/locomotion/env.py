@@ -32,7 +32,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
 
     Args:
-        robot: a legged one.
+        robot: with legs.
         backend: simulated or real robot; must hold each target for the robot's control period.
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.

@@ -28,7 +28,7 @@ FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indice
 FREQUENCY_SHARE = 0.4  # ± share of the usual frequency
 INTENSITY_SHARE = 0.75  # ± share of the commanded stride
 HEIGHT_SHARE = 0.5  # [swing heights] ± of the body height
-MAX_RATIO = 2.0  # swing/stance ratio over the usual one, at most; the lowest is the inverse
+MAX_RATIO = 2.0  # maximum swing/stance ratio over the usual one; the minimum is its inverse
 
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
@@ -174,7 +174,7 @@ class Policy:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, where: str | Path | None = None) -> None:
-        """Refuse an invalid policy.
+        """Reject an invalid policy.
 
         Raises:
             ArtifactError: a wrong shape or a value that is not finite.

@@ -38,14 +38,14 @@ class SignedPermutation:
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """Attributes: observation and action, how each is mirrored; ``inputs`` is observation with the bias at its end."""
+    """Attributes: observation and action, the permutation with signs that mirrors each."""
 
     observation: SignedPermutation
     action: SignedPermutation
 
     @property
     def inputs(self) -> SignedPermutation:
-        """Of a policy."""
+        """Of a policy: the observation, and the bias at its end."""
         last = len(self.observation.index)
         return SignedPermutation(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
 
@@ -59,7 +59,7 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
     """Mirror of a robot's observations and actions in a gait.
 
     Raises:
-        ConfigError: legs that are no pairs, or a gait that is not its own mirror image.
+        ConfigError: legs that do not form pairs, or a gait that is not its own mirror image.
     """
     partners = _partners(robot)
     joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)

@@ -1,6 +1,6 @@
 """The walking task: observation, reward, and the end of an episode.
 
-A robot follows a command: a speed along its own heading and a yaw rate. It observes what it can measure itself:
+A robot follows a command: a speed along its own heading and a yaw rate. Its observations are its own measurements:
 attitude and rates of its IMU, its joints, the command, and the heading integrated from its gyroscope.
 """
 

@@ -80,7 +80,7 @@ def run_demo(
     Args:
         config: settings.
         progress: reports to the user.
-        command: that makes the same page, for the page.
+        command: command line that makes the same page, to print on it.
         show: called with the comparison of the motors of real logs.
 
     Returns:

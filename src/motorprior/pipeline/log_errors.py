@@ -61,7 +61,7 @@ class LogErrors:
     def results(
         self, quantity: str, statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] | None = None
     ) -> Results:
-        """Of each model the statistics over all joints and logs, the mean by default; its mean by joint and by log."""
+        """Statistics of each model over all joints and logs, by default the mean; its means by joint and by log."""
         rows = []
         for model, values in self.models.items():
             for statistic, function in (statistics or {None: np.nanmean}).items():
@@ -89,7 +89,7 @@ class LogErrors:
         return np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0)) / np.maximum(baseline, 1e-9)
 
     def warnings(self, model: str) -> list[str]:
-        """A warning that names the joints for which the model keeps too much of the tuned PD's error."""
+        """A warning that names the joints for which too much of the tuned PD's error remains."""
         share = self.unexplained(model)
         large = np.flatnonzero(share > MAX_UNEXPLAINED)
         if not large.size:

@@ -110,7 +110,7 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
         ConfigError: an unknown excitation.
     """
     signal = excitation_named(kind).target
-    rng = np.random.default_rng([seed, 0x51E7])  # another stream than that of the motors
+    rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
     steps = max(2, round(seconds / robot.control_dt))
     away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))

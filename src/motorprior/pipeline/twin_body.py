@@ -19,7 +19,7 @@ def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
     """The motors of virtual robot number ``seed``, sampled independently; its firmware sets their gains.
 
     Raises:
-        ConfigError: a fleet of another family than the geared motors.
+        ConfigError: a fleet that is not of the geared family.
     """
     return geared(fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed])))
 

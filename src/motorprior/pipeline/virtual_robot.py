@@ -92,7 +92,7 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
             time.sleep(_HOMING_TIME)
         yield answer
     finally:
-        connection.close()  # ends it, also if this process is killed
+        connection.close()  # ends the robot, also if this process is killed
         process.join(timeout=10.0)
         process.kill()
 

@@ -22,7 +22,7 @@ class PybulletBackend:
     Args:
         draw_motors: called at every reset with a generator seeded by the reset's seed.
         config: robot and physics; the base must be free.
-        randomization: of each episode, besides the motors.
+        randomization: of each episode, in addition to the motors.
         terrain: the ground; new bumps in every episode.
         episode_steps: control steps for which pushes are drawn.
 

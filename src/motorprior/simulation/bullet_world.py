@@ -10,7 +10,7 @@ which is MuJoCo's Euler step with implicit damping.
 """
 
 # pyright: reportMissingModuleSource=false, reportMissingImports=false
-# An extra.
+# PyBullet is an extra.
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ class BulletWorld:
         conditions: Conditions | None = None,
         seed: int = 0,
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` is of a rough terrain.
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` draws a rough terrain.
 
         The pose and the conditions are the robot's nominal ones if not given.
         """
@@ -158,7 +158,7 @@ class BulletWorld:
         )
 
     def call(self, name: str, *args: Any, **options: Any) -> Any:
-        """A function of PyBullet on this world's client."""
+        """Call a function of PyBullet on this world's client."""
         return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
     def _build(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
@@ -178,7 +178,7 @@ class BulletWorld:
         self._com = np.array(self.call("getDynamicsInfo", self.robot, -1)[3])
 
     def _load_robot(self, text: str) -> int:
-        """Load from a file, as PyBullet reads nothing else, and delete it."""
+        """Load from a temporary file, since PyBullet only reads files."""
         height = self._robot.suspended_height if self.config.suspended else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
         with TemporaryDirectory(prefix="motorprior-") as folder:

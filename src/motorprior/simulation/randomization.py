@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Factors
 from motorprior.bounds import is_number, is_range
-from motorprior.exceptions import ConfigError, shown
+from motorprior.exceptions import ConfigError, quoted
 from motorprior.locomotion.body import NUM_IMU_READINGS, num_readings
 from motorprior.locomotion.sensing import SensorErrors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
@@ -24,7 +24,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Randomization:
-    """Ranges that every episode draws from, uniformly; the defaults change nothing.
+    """Ranges of uniform distributions, sampled in every episode; the defaults change nothing.
 
     Raises:
         ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
@@ -92,7 +92,7 @@ class Randomization:
             if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
                 argument = f"randomization.{field.name}"
                 raise ConfigError(
-                    f"{argument} {shown(value)} is not a "
+                    f"{argument} {quoted(value)} is not a "
                     f"{'range' if ranged else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
                     remedy="give the smaller number first, both within the bounds" if ranged else "give one number",
                     argument=argument,
@@ -174,7 +174,7 @@ class Randomization:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """One draw of the ranges, in the order of the robot's joints and of its model's links."""
+    """One sample of the ranges, in the order of the robot's joints and of its model's links."""
 
     armature: np.ndarray  # (joints,) added [kg·m²]
     damping: np.ndarray  # (joints,) added, passive [N·m·s/rad]
@@ -196,7 +196,7 @@ class Conditions:
 
 
 def nominal_conditions(robot: Robot) -> Conditions:
-    """The robot as it is described."""
+    """Conditions without randomization."""
     return Conditions(
         armature=np.zeros(robot.num_joints),
         damping=np.zeros(robot.num_joints),
@@ -214,7 +214,7 @@ def nominal_conditions(robot: Robot) -> Conditions:
 
 
 _NOMINAL = Randomization()
-# For a robot whose floor, load and sensors are not known well; the ranges are assumptions.
+# For a robot with uncertain floor, load and sensors; the ranges are assumptions.
 ROBUST = Randomization(
     friction=(0.7, 1.6), mass=(0.85, 1.15), com=0.01, gravity_tilt=0.05, joint_noise=0.001, tilt_noise=0.002,
     rate_noise=0.01, gyro_bias=0.002, sensor_delay=(0.0, 0.02), push=0.3, push_interval=1.5,

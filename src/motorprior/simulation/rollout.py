@@ -44,12 +44,12 @@ class WalkConfig:
     Attributes:
         episode_steps: maximum number of control steps.
         task: reward coefficients.
-        randomization: of each episode, besides the motors.
+        randomization: of each episode, in addition to the motors.
         commands: speed and yaw rate.
         gait: see `locomotion.gaits`.
 
     Raises:
-        ConfigError: episode_steps is no whole number of at least 1.
+        ConfigError: episode_steps is not a whole number of at least 1.
     """
 
     episode_steps: int = 500
@@ -93,7 +93,7 @@ class Episode:
 
 
 class WalkState(NamedTuple):
-    """State and scratch memory of one walking robot, besides world and motors."""
+    """State and scratch memory of one walking robot, without world and motors."""
 
     observation: np.ndarray
     action: np.ndarray

@@ -115,7 +115,7 @@ class World:
         model.pair_friction[:, :2] *= conditions.friction
         model.opt.gravity[:] = conditions.gravity
         model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
-        mujoco.mj_setConst(model, self.data)  # what MuJoCo derives from masses
+        mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
 
     def fault(self) -> int:
         """0, or a key of FAULTS."""

@@ -20,7 +20,7 @@ FAULTS = {
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
 }  # by fault number of `BackendState`
-# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains leads far beyond.
+# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains exceeds them by far.
 MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
@@ -38,7 +38,7 @@ class WorldArrays(NamedTuple):
     qvel: np.ndarray
     applied: np.ndarray  # (nv,) generalized force, the joints last
     damping: np.ndarray  # (joints,) implicit damping of the joints in the model [N·m·s/rad], a view
-    passive: np.ndarray  # (joints,) part of the damping that is not of the motors [N·m·s/rad]
+    passive: np.ndarray  # (joints,) damping in addition to that of the motors [N·m·s/rad]
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
     torque: np.ndarray  # (joints,) of the last physics step [N·m]
     encoder_offset: np.ndarray  # (joints,) reading of the encoders at true zero [rad]

@@ -48,9 +48,9 @@ class Summary:
     """Statistics of a table of walks.
 
     Attributes:
-        estimates: (place, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
-        upright: (place, condition) -> share of the policies that are upright for at least 90 % of the time.
-        differences: (place, condition, measure) -> condition compared with the sampled prior.
+        estimates: (environment, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
+        upright: (environment, condition) -> share of the policies that are upright for at least 90 % of the time.
+        differences: (environment, condition, measure) -> condition compared with the sampled prior.
         p: the same keys -> p, corrected for all of these comparisons.
     """
 
@@ -231,8 +231,8 @@ def difference_table(summary: Summary) -> Table:
         cells = []
         for place in places:
             keys = [(place, condition, measure) for measure in COMPARED]
-            known = [(summary.differences[key], summary.p[key]) for key in keys if key in summary.p]
-            forms = zip(known, (1.0, 100.0), ("+.2f", "+.0f"), strict=False)
+            compared = [(summary.differences[key], summary.p[key]) for key in keys if key in summary.p]
+            forms = zip(compared, (1.0, 100.0), ("+.2f", "+.0f"), strict=False)
             texts = [f"{_interval(each.difference, factor, form)} p={p:.2g}" for (each, p), factor, form in forms]
             cells.append("; ".join(texts))
         if any(cells):

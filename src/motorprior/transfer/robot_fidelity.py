@@ -1,4 +1,4 @@
-"""Closed-loop fidelity inside the robot: modelled motors compared with the same physical motors.
+"""Closed-loop fidelity inside the robot: models of motors, compared with the physical motors.
 
 All follow the same trot targets, held at 100 Hz for 2 s, standing and suspended. The physical motors run at the twin's
 physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.

@@ -68,7 +68,7 @@ class FirmwareConfig:
 
 
 class Firmware:
-    """A robot at the other end of the wire, which moves ``body``.
+    """Simulated firmware of a robot, which moves ``body``.
 
     ``on_change`` is called at every change of mode with the mode, and at every target with "target".
 
@@ -123,7 +123,7 @@ class Firmware:
             yield self.advance(min(end - self.now, period - self.now % period))
 
     def _execute(self, command: Command) -> None:
-        if command.pos is not None:  # and no other key of that command
+        if command.pos is not None:  # other keys of that command are ignored
             if self.mode != HOMING:
                 self._target = command.pos.copy()
                 self._enter(POSITION)

@@ -38,8 +38,8 @@ class LogFolder:
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
     """Read a log, or every log of a folder.
 
-    With a column map: all tables that it fits. Without: the folder's motor logs (.parquet); if it has none, its logs of
-    jietan/puppersim, without replays in simulation; if none, all files that a reader takes.
+    With a column map it reads all tables that fit the map. Without one it reads the motor logs (.parquet), else logs
+    of jietan/puppersim except replays in simulation, else all files that a reader accepts.
 
     Args:
         path: file or folder.
@@ -47,7 +47,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         columns: name or file of a column map.
 
     Raises:
-        LogError: no log, or none that can be read; gives the reason for the first.
+        LogError: no log, or none that can be read; the message has the reason for the first.
         ArtifactError: a bad column map.
     """
     column_map = None if columns is None else load_column_map(columns)

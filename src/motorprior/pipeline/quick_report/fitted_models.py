@@ -45,7 +45,7 @@ UNITS = {
 RESPONSE_CONSTANTS = {
     "delay": ("delay", 1e3, "ms"), "bandwidth": ("rate", 0.5 / np.pi, "Hz"), "dead_band": ("band", 1e3, "mrad")
 }  # fmt: skip
-MIN_RATIO = 1.05  # ratio of a constant's maximum and minimum over motors from which on it counts as identifiable
+MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum over the motors exceeds this
 OUTLIER_P_VALUE = 0.05  # p-value of the farthest motor, corrected for the number of motors
 
 

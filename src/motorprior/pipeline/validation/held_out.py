@@ -85,7 +85,7 @@ def adaptation(
         prior: with physics.
         path: its file.
         bench: of its bench.
-        seconds: lengths of log.
+        seconds: lengths of log [s].
         adapted: the prior adapted to ADAPTED_SECONDS of log.
         seed: of the held-out excitation.
         progress: called after every length.
@@ -125,8 +125,8 @@ def adaptation(
 def distribution(prior: MotorPrior, bench: BenchSettings, picture: Path) -> Results:
     """POPULATION samples of the prior against as many held-out physical motors, by their behaviour on a bench.
 
-    COMPARISONS times with other samples and motors, since an AUC of 256 against 256 scatters by some hundredths.
-    Writes the quantiles of every feature of the first as a PNG.
+    Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some hundredths.
+    Writes a PNG with the quantiles of every feature in the first comparison.
 
     Returns:
         ``two_sample_auc`` (0.5 is ideal) with minimum and maximum, and ``energy_distance`` (0 is ideal), medians; of

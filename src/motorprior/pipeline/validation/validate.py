@@ -1,4 +1,4 @@
-"""Closed-loop fidelity of motor priors against the physical motors they learned from."""
+"""Closed-loop fidelity of motor priors, compared with the physical motors that they learned from."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def _held_out(
     baselines: dict[str, ModelOfMotors],
     progress: Progress,
 ) -> Results:
-    """The same quantities on other motors; adaptation and distribution of a prior of physics."""
+    """The same quantities on other motors; adaptation and distribution of a physics-based prior."""
     from motorprior.pipeline.validation import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
