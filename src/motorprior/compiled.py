@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -59,7 +60,7 @@ def kernel_folder() -> str:
     except (OSError, RuntimeError):  # no home
         return ""
     with suppress(OSError):  # another process removes old folders at the same time
-        others = sorted((path for path in root.iterdir() if path != folder), key=lambda path: path.stat().st_mtime)
-        for old in others[:-4]:
+        unused = time.time() - 7 * 24 * 3600  # younger ones may belong to a command that still compiles
+        for old in (path for path in root.iterdir() if path.stat().st_mtime < unused):
             shutil.rmtree(old, ignore_errors=True)
     return str(folder)

@@ -57,17 +57,20 @@ class MotorPriorError(Exception):
         self.remedy = None if remedy is None else cut(remedy, _MAX_REMEDY)
 
     def __str__(self) -> str:
-        return self._message(self.problem)
+        return self._at(self._problem_and_remedy())
 
     def on_command_line(self) -> str:
         """The message with the argument as an option: ``task.max_speed`` becomes ``--task.max-speed``."""
-        if self.argument is None:
-            return str(self)
-        option, name = "--" + self.argument.replace("_", "-"), re.escape(self.argument)
-        return self._message(re.sub(rf"(?<![\w.]){name}(?!\w)", option, self.problem, count=1))
+        text = self._problem_and_remedy()
+        if self.argument is not None:
+            option = "--" + self.argument.replace("_", "-")
+            text = re.sub(rf"(?<![\w.]){re.escape(self.argument)}(?!\w)", option, text, count=1)
+        return self._at(text)
 
-    def _message(self, problem: str) -> str:
-        text = f"{problem} -> {self.remedy}" if self.remedy else problem
+    def _problem_and_remedy(self) -> str:
+        return f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
+
+    def _at(self, text: str) -> str:
         return text if self.where is None else f"{cut(str(self.where)[-_MAX_WHERE:], _MAX_WHERE)}: {text}"
 
 

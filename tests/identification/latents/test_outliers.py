@@ -36,7 +36,7 @@ class LinearRuns:
         return found.reshape(len(z), *self.shape).astype(np.float32)
 
 
-def tested(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: int, shift: float = 0.0) -> Outliers:
+def found_outliers(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: int, shift: float = 0.0) -> Outliers:
     """Test of new motors; ``shift`` is added to the viscous_damping of one."""
     rng = np.random.default_rng(1)
     mean, truth = 0.3 * rng.standard_normal((TRAINED, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
@@ -52,7 +52,7 @@ def tested(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: int, shift
 
 def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
     for shift in (0.0, 3.0):
-        found = tested(monkeypatch, grey_network, fixed=2, shift=shift)
+        found = found_outliers(monkeypatch, grey_network, fixed=2, shift=shift)
         assert not {"kp", "kd_over_kp"} & set(found.latent)
     assert found.latent[2] == "viscous_damping" and found.p_value[2] < 1e-4 and found.deviation[2] > 5.0
     assert np.all(np.delete(found.p_value, 2) > 0.01)

@@ -18,5 +18,5 @@ def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str,
     table, columns = write_table(slow_motion(robot), tmp_path, turned)
     said = io.StringIO()
     import_logs(LogsImport((table,), tmp_path / "out", columns=columns, suspended=suspended, robot=robot), Lines(said))
-    assert ("with the sign of elbow turned" in said.getvalue()) == warns
+    assert ("with elbow reversed" in said.getvalue()) == warns
     assert said.getvalue().startswith("warning: ") == warns
