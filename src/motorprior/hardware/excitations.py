@@ -31,7 +31,7 @@ _STATUS_PERIOD = 500  # control steps
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
-    """Indices of all joints (``all``), of one (FR_knee), or of those with this part in their name (FR, knee)."""
+    """Indices of all joints (``all``), of one (FR_knee), or of a leg or kind of joint (FR, knee)."""
     names = robot.joint_names
     if name in names:
         return (names.index(name),)

@@ -77,7 +77,7 @@ class SerialLink:
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from error
         if len(self._unsent) > _MAX_UNSENT:
-            raise RobotFault("unplugged", f"{self.port}: the robot takes no more bytes", remedy=_UNPLUGGED)
+            raise RobotFault("unplugged", f"{self.port}: the robot accepts no more bytes", remedy=_UNPLUGGED)
         return time.monotonic()
 
     def discard_unsent(self) -> None:

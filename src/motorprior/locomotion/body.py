@@ -15,7 +15,7 @@ NUM_IMU_READINGS = 5  # first entries of an observation: roll, pitch, rates abou
 YAW_RATE = 4  # index of the rate about z in an observation
 # last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and sine of the phase
 NUM_COMMAND_OBSERVATIONS = 6
-# Largest command of a training over the robot's largest: policies fall at the edge of their training range.
+# Largest speed commanded in training over the robot's: policies fall at the edge of their training range.
 MAX_COMMAND = 1.2
 # Stiffness against pitch that a walking body needs [weight · height]. The small robot has 14 by its motors alone; a
 # robot of 15 kg with gains of 30 N·m/rad has 2 and falls; with 5 it walks.

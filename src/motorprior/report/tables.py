@@ -84,8 +84,8 @@ def calibration_errors(results: Results) -> ColumnsAndRows:
 
 
 def calibrated_constants(results: Results) -> ColumnsAndRows:
-    """Columns and rows: each constant of a calibration; errors of a constant fitted by its logarithm are shares."""
-    columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "before", "between motors",
+    """Columns and rows: each constant of a calibration; errors of a constant fitted by its logarithm are in per cent."""
+    columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "prior σ", "σ between motors",
                "identified"]  # fmt: skip
     rows = []
     for part in results.where(quantity="calibrate_center").distinct("part"):
@@ -101,7 +101,7 @@ def calibrated_constants(results: Results) -> ColumnsAndRows:
 
 
 def optima(results: Results) -> ColumnsAndRows:
-    """Columns and rows: the optima of a calibration's searches, the best first."""
+    """Columns and rows: the optima of a calibration's searches, the best one first."""
     costs, found = results.where(quantity="calibrate_cost"), results.where(quantity="calibrate_optimum")
     parts = found.distinct("part")
     rows = [

@@ -22,7 +22,7 @@ class Playback:
         joint_pos: (P, joints) [rad] after each physics step.
         joint_torque: (P, joints) [N·m] during each physics step.
         measured_joint_pos: (C, joints) [rad] at the encoders, before each control step.
-        base: (C, 7) position [m] and quaternion of the base before each control step; empty where it is fixed.
+        base: (C, 7) position [m] and quaternion of the base before each control step; empty if it is fixed.
     """
 
     joint_pos: np.ndarray
