@@ -84,7 +84,7 @@ def calibration_errors(results: Results) -> ColumnsAndRows:
 
 
 def calibrated_constants(results: Results) -> ColumnsAndRows:
-    """Columns and rows: each constant of a calibration; errors of a constant fitted by its logarithm are in per cent."""
+    """Columns and rows: each constant of a calibration; errors of logarithms are in per cent."""
     columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "prior σ", "σ between motors",
                "identified"]  # fmt: skip
     rows = []
