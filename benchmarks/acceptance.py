@@ -88,14 +88,14 @@ def collected(out: Path) -> dict[str, float]:
 def compare(config: Compare) -> int:
     """Print the differences; 1 if there are any."""
     before, after = (json.loads(path.read_text()) for path in (config.before, config.after))
-    moved = [
-        f"{name}: {value:.6g} -> {after[name]:.6g}" if name in after else f"{name}: gone"
+    changed = [
+        f"{name}: {value:.6g} -> {after[name]:.6g}" if name in after else f"{name}: missing"
         for name, value in before.items()
         if name not in after or not np.isclose(after[name], value, config.rtol, config.atol, equal_nan=True)
     ]
-    print("\n".join(moved))
-    print(f"{len(before)} figures, {len(moved)} moved or gone, {len(after.keys() - before.keys())} new")
-    return min(len(moved), 1)
+    print("\n".join(changed))
+    print(f"{len(before)} figures, {len(changed)} changed or missing, {len(after.keys() - before.keys())} new")
+    return min(len(changed), 1)
 
 
 def main() -> int:

@@ -65,7 +65,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class VirtualRobot:
+class RobotCase:
     """A virtual robot."""
 
     number: int
@@ -76,7 +76,7 @@ class VirtualRobot:
         return out / (f"robot_{self.number}" if self.wear == "none" else f"robot_{self.number}_{self.wear}")
 
 
-def record(robot: VirtualRobot, folder: Path, seconds: float, excitation: Excitation) -> Path:
+def record(robot: RobotCase, folder: Path, seconds: float, excitation: Excitation) -> Path:
     """Recording of the suspended robot, as a motor log."""
     log = folder / f"log_{excitation}_{seconds:g}" / "run.parquet"
     if not log.is_file():
@@ -89,17 +89,17 @@ def record(robot: VirtualRobot, folder: Path, seconds: float, excitation: Excita
     return log
 
 
-def deploy(robot: VirtualRobot, policy: Path, life: int, speed: float) -> Outcome:
+def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> Outcome:
     """One walk on the ground, straight at this speed [m/s]."""
-    port, fault = SimulatedPort(ROBOT, robot.number, life, wear=WEAR[robot.wear]), None
-    start = port.body.live.position()
+    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=WEAR[robot.wear]), None
+    start = port.body.simulated.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
             settings = DeploySettings(Path(out), seconds=SECONDS, forward=speed, yes=True)
             commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault as error:
             fault = error.kind
-    return Outcome(port.path, float(np.hypot(*(port.body.live.position() - start))), fault)
+    return Outcome(port.path, float(np.hypot(*(port.body.simulated.position() - start))), fault)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Training:
 
 
 def posterior_of(
-    robot: VirtualRobot, folder: Path, prior: Path, seconds: float, excitation: Excitation = "varied"
+    robot: RobotCase, folder: Path, prior: Path, seconds: float, excitation: Excitation = "varied"
 ) -> tuple[Path, bool]:
     """The posterior of the robot's motors from a recording, and whether a motor is an outlier."""
     posterior = folder / f"posterior_{excitation}_{seconds:g}" / POSTERIOR
@@ -173,7 +173,7 @@ def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
 
 
 def by_wear(
-    pairs: Sequence[tuple[VirtualRobot, Mapping[str, list[Outcome]]]], outliers: Mapping[VirtualRobot, bool]
+    pairs: Sequence[tuple[RobotCase, Mapping[str, list[Outcome]]]], outliers: Mapping[RobotCase, bool]
 ) -> dict[str, float]:
     """Figures of all pairs, and of each kind of wear as WEAR/… if there are several."""
 
@@ -206,7 +206,7 @@ def main() -> None:
     parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="wear of the motors")
     given = parser.parse_args()
     kinds = list(dict.fromkeys(given.wear))
-    robots = [VirtualRobot(number, wear) for wear in kinds for number in range(given.robots)]
+    robots = [RobotCase(number, wear) for wear in kinds for number in range(given.robots)]
     posteriors = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
     weak = [each for each in robots if given.current and has_weak_motors(given.prior, posteriors[each][0])]
     pairs, rows = [], []
@@ -221,7 +221,7 @@ def main() -> None:
             if given.current:
                 policies["current"] = training.policy(folder, "current", posterior, before, current=True)
             found = {
-                name: [deploy(robot, policy, life, given.max_speed) for life in range(given.walks)]
+                name: [deploy(robot, policy, noise_seed, given.max_speed) for noise_seed in range(given.walks)]
                 for name, policy in policies.items()
             }
             if given.current:

@@ -79,25 +79,25 @@ def main() -> None:
     options = parser.parse_args()
     prior = MotorPrior.load(options.prior)
     figures: dict[str, float] = {}
-    shown: dict[str, tuple[Motion, Motion]] = {}
+    motions: dict[str, tuple[Motion, Motion]] = {}
     print("motors, place: joint RMSE [mrad], base distance after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
         for suspended in (True, False):
             config = WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=suspended)
-            here, there = World(config), BulletWorld(config)
+            mujoco, bullet = World(config), BulletWorld(config)
             rows, seconds = [], np.zeros(2)
             for draw in range(DRAWS):
                 rng = np.random.default_rng([draw, 77])
                 motors, targets = motors_of(kind, prior, rng), trot_targets(PUPPER_V2, rng, STEPS)
                 marks = [time.perf_counter()]
-                one = in_mujoco(here, motors, targets)
+                one = in_mujoco(mujoco, motors, targets)
                 marks.append(time.perf_counter())
-                other = in_bullet(there, motors, targets)
+                other = in_bullet(bullet, motors, targets)
                 seconds += np.diff([*marks, time.perf_counter()])
                 apart = 0.0 if suspended else float(np.hypot(*(one[1][-1] - other[1][-1])[:2]))
                 rows.append((1e3 * float(rmse(one[0], other[0])), apart))
-                shown.setdefault(f"{kind} {'suspended' if suspended else 'ground'}", (one, other))
-            there.close()
+                motions.setdefault(f"{kind} {'suspended' if suspended else 'ground'}", (one, other))
+            bullet.close()
             place = "suspended" if suspended else "ground"
             medians = np.median(rows, axis=0)
             figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
@@ -106,7 +106,7 @@ def main() -> None:
     if options.json:
         write_json(options.json, figures)
     if options.figure:
-        draw_figure(options.figure, shown)
+        draw_figure(options.figure, motions)
 
 
 def convergence(prior: MotorPrior) -> dict[str, float]:
@@ -144,14 +144,14 @@ def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     return figures
 
 
-def draw_figure(path: str, shown: dict[str, tuple[Motion, Motion]]) -> None:
+def draw_figure(path: str, motions: dict[str, tuple[Motion, Motion]]) -> None:
     """Knee of the first leg and path of the base, in both engines."""
     import matplotlib.pyplot as plt
 
     time_axis = spec.CONTROL_DT * np.arange(STEPS)
     figure, axes = plt.subplots(2, 2, figsize=(9, 5), constrained_layout=True)
     for row, name in zip(axes, ("physical ground", "learned ground"), strict=True):
-        for motion, label, style in zip(shown[name], ("MuJoCo", "PyBullet"), ("-", "--"), strict=True):
+        for motion, label, style in zip(motions[name], ("MuJoCo", "PyBullet"), ("-", "--"), strict=True):
             row[0].plot(time_axis, motion[0][:, 2], style, label=label)
             row[1].plot(time_axis, motion[1][:, 0], style, label=f"{label}, forward")
             row[1].plot(time_axis, motion[1][:, 1], style, label=f"{label}, left", alpha=0.5)

@@ -27,7 +27,7 @@ from motorprior.pipeline.validation.validate import Validate, fidelity, load_pri
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.metrics import COLUMNS
+from motorprior.transfer.metrics import FIDELITY_METRICS
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -77,15 +77,15 @@ def ensemble(settings: Settings) -> Results:
     """Ensemble of MEMBERS one_network models, which have no latents and so are the same for all motors."""
     robot = load_robot(DEFAULT_ROBOT)
     paths = [identify(settings, "one_network", f"member_{seed}", seed) for seed in range(1, MEMBERS + 1)]
-    members, facts = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
+    members, bench = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
     model: dict[str, PredictorOfMotors] = {
         "ensemble": lambda index: Ensemble(tuple(member.training_motors(index) for member in members))
     }
     results = Results((Result("identify_seconds", "s", sum(seconds_of(path.parent) for path in paths), "ensemble"),))
     with PROGRESS.start("the ensemble: bench, standing robot, suspended robot, twice", 6) as task:
-        for which, motors in (("train", facts.physical_motors()), ("held_out", held_out_motors(facts))):
+        for which, motors in (("train", bench.physical_motors()), ("held_out", held_out_motors(bench))):
             found = fidelity(robot, motors, model, which, settings.seed, task)
-            results += found.where(model="ensemble", quantity=COLUMNS)
+            results += found.where(model="ensemble", quantity=FIDELITY_METRICS)
     return results
 
 

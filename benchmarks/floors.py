@@ -2,7 +2,7 @@
 
     python benchmarks/floors.py --fleet mixed --json floors.json
 
-The errors are those of a step of 2 ms, of a fleet sampled by 32 motors, and of contact. Figures:
+The errors are due to the step of 2 ms, the sample of 32 motors of a fleet, and contact. Figures:
     two_sample_auc                         256 grey boxes against 256 other motors of the fleet on the standard bench
     two_sample_auc/SAMPLER/N               the same for 256 samples of a distribution fitted to the constants of N
                                            motors, a gaussian or the copula of a prior; median of SETS sets of motors
@@ -40,7 +40,7 @@ from motorprior.transfer.robot_fidelity import STEPS, compare, trot_targets
 
 DAMPING_RATIOS = (1.0, 1.5, 2.0, 3.0)
 TROTS, POPULATION, NEURONS, MIN_CONSTANT = 12, 256, 4, 1e-6
-KNOWN, SETS = (32, 128), 7
+NUM_FITTED, SETS = (32, 128), 7
 
 
 def true_grey_box(motors: MotorParameters) -> LatentActuator:
@@ -59,15 +59,15 @@ def true_grey_box(motors: MotorParameters) -> LatentActuator:
     return LatentActuator(network, raw - raw.mean(axis=0))
 
 
-def gaussian(known: LatentActuator, rng: np.random.Generator) -> LatentActuator:
-    """Samples of a Gaussian with mean and covariance of the known motors."""
-    z = rng.multivariate_normal(known.z.mean(axis=0), np.cov(known.z.T), POPULATION)
-    return LatentActuator(known.network, z)
+def gaussian(given: LatentActuator, rng: np.random.Generator) -> LatentActuator:
+    """Samples of a Gaussian with mean and covariance of the given motors."""
+    z = rng.multivariate_normal(given.z.mean(axis=0), np.cov(given.z.T), POPULATION)
+    return LatentActuator(given.network, z)
 
 
-def copula(known: LatentActuator, rng: np.random.Generator) -> LatentActuator:
-    """Samples of the copula that a prior fits to the known motors."""
-    network, _ = standardised(known.network, known.z)
+def copula(given: LatentActuator, rng: np.random.Generator) -> LatentActuator:
+    """Samples of the copula that a prior fits to the given motors."""
+    network, _ = standardised(given.network, given.z)
     return LatentActuator(network, rng.standard_normal((POPULATION, len(PARAMETERS))))
 
 
@@ -80,10 +80,10 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
         return two_sample_auc(behaviours(boxes).values, behaviours(physical).values, 0)
 
     figures = {"two_sample_auc": auc(true_grey_box(require_geared(fleet.sample(POPULATION, rng))))}
-    for count in KNOWN:
-        known = [true_grey_box(require_geared(fleet.sample(count, rng))) for _ in range(SETS)]
+    for count in NUM_FITTED:
+        given = [true_grey_box(require_geared(fleet.sample(count, rng))) for _ in range(SETS)]
         for sampler in (gaussian, copula):
-            areas = [auc(sampler(motors, rng)) for motors in known]
+            areas = [auc(sampler(motors, rng)) for motors in given]
             figures[f"two_sample_auc/{sampler.__name__}/{count}"] = float(np.median(areas))
     return figures
 

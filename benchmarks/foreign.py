@@ -5,9 +5,9 @@
 For each out-of-family fleet: a bench, three models of its motors, and their errors on held-out excitation for the
 motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new). References are
 ``floor``, the true motors with an initial error of 4 mrad; ``floor_warmth``, the true motors after 10 s of operation,
-whatever their warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad] as
-FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc. Finished
-stages are reused.
+regardless of their actual warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad]
+as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc.
+Finished stages are reused.
 """
 
 from __future__ import annotations
@@ -78,21 +78,21 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
     from motorprior.identification.evaluation.coverage import coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
-    facts = read_bench(settings.out / family / "bench")[1]
+    bench = read_bench(settings.out / family / "bench")[1]
     pd = tuned_pd(settings, family)
     with PROGRESS.start(f"{family}: train, new, coverage, draws", 4) as task:
         train: dict[str, ModelOfMotors] = {name: prior.training_motors for name, prior in priors.items()}
-        found = errors(settings, family, "train", facts.physical_motors(), train | pd)
+        found = errors(settings, family, "train", bench.physical_motors(), train | pd)
         task.advance()
-        new = held_out_motors(facts)
-        known = adapt_all(robot, priors, paths, new, facts)
+        new = held_out_motors(bench)
+        known = adapt_all(robot, priors, paths, new, bench)
         found |= errors(settings, family, "new", new, adapted_models(priors, known, len(new)) | pd)
         task.advance()
         prior, preset = priors["rollout"], HELD_OUT.for_robot(robot)
         covered = coverage(prior.network, prior.metrics, known["rollout"], new, settings.seed, preset)
         found[f"{family}/coverage90"] = covered.value(quantity="coverage90", part=None)
         task.advance()
-        drawn = distribution(prior, facts, settings.out / family / "measured" / "behaviour_quantiles.png")
+        drawn = distribution(prior, bench, settings.out / family / "measured" / "behaviour_quantiles.png")
         found[f"{family}/two_sample_auc"] = drawn.value(quantity="two_sample_auc", statistic="median")
         task.advance()
     return found

@@ -45,7 +45,7 @@ ROBOTS = 8
 
 
 @dataclass(frozen=True)
-class Walk:
+class NoisyWalk:
     """Outcome of a walk."""
 
     seconds: float  # duration
@@ -54,12 +54,12 @@ class Walk:
     other_gains: bool  # the robot did not get the gains that were sent
 
 
-def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
+def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> NoisyWalk:
     """One walk of so many seconds, or until a fault."""
     loaded, timing, fault = Policy.load(policy), Timing(), None
     robot = load_robot(loaded.robot)
     gains = gains_for(robot, loaded)
-    port = SimulatedPort(robot, life % ROBOTS, life, drop=share, corrupt=share)
+    port = SimulatedPort(robot, noise_seed % ROBOTS, noise_seed, drop=share, corrupt=share)
     with on_its_clock(port), RobotLink(robot, port) as link:
         try:
             walk(link, loaded, gains, StopRequest(), command=(SPEED, 0.0), seconds=seconds, timing=timing)
@@ -67,10 +67,10 @@ def noisy_walk(policy: Path, share: float, seconds: float, life: int) -> Walk:
             fault = error.kind
     sent = np.array([gains.kp, gains.kd, gains.max_current], dtype=np.float32)
     other = not np.array_equal(np.array(port.firmware.gains, dtype=np.float32), sent)
-    return Walk(len(timing.sent) * loaded.control_dt, port.path, fault, other)
+    return NoisyWalk(len(timing.sent) * loaded.control_dt, port.path, fault, other)
 
 
-def figures(long: list[Walk], short: list[Walk]) -> dict[str, float]:
+def figures(long: list[NoisyWalk], short: list[NoisyWalk]) -> dict[str, float]:
     """Figures of one noise level."""
     hours = sum(one.seconds for one in long) / 3600.0
     kinds = Counter(one.fault for one in (*long, *short) if one.fault is not None)
@@ -100,9 +100,9 @@ def main() -> None:
         policy = arguments.policy or trot_policy(load_robot(DEFAULT_ROBOT), Path(folder))
         for share in SHARES:
             count = max(1, round(3600.0 * arguments.hours / LONG))
-            seconds, lives = 3600.0 * arguments.hours / count, range(count, count + arguments.armings)
+            seconds, seeds = 3600.0 * arguments.hours / count, range(count, count + arguments.armings)
             long = list(pool.map(partial(noisy_walk, policy, share, seconds), range(count)))
-            short = list(pool.map(partial(noisy_walk, policy, share, SHORT), lives))
+            short = list(pool.map(partial(noisy_walk, policy, share, SHORT), seeds))
             found |= {f"{share:g}/{name}": value for name, value in figures(long, short).items()}
             arguments.json.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
     for key, value in found.items():

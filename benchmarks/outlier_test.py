@@ -59,19 +59,19 @@ class Settings:
 
 def measure(path: Path) -> Results:
     """Detection rate and error for every change."""
-    priors, facts = load_priors(load_robot(DEFAULT_ROBOT), (path,))
+    priors, bench = load_priors(load_robot(DEFAULT_ROBOT), (path,))
     (prior,) = priors.values()
-    own = facts.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, facts.seed, STREAM]))
+    own = bench.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM]))
     rows: list[Result] = []
     for seconds in SECONDS:
         for name, change in CHANGES.items():
             motors = scaled(own, change)
             preset = bench_preset("adapt")
-            log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
+            log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
             found = adapt_to(prior, path, log, name)
             p_value = outlier_test(prior, path, log, name, found).p_value
             model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
-            error = bench_errors(motors, model, facts.seed)["impacts"]["model"]
+            error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
             detected, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
             rows.append(Result("noticed", "1", detected, part=name, seconds=seconds))
             rows.append(Result("rmse_mrad", "mrad", rmse, part=name, seconds=seconds))

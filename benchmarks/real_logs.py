@@ -114,14 +114,14 @@ def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[F
 def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
     """Figures of one fold; measured if the file does not exist."""
     folder = settings.out / robot / fold.name
-    wanted = description("validate", _counted(settings), [*fold.train, *fold.test])
+    wanted = description("validate", _fold_settings(settings), [*fold.train, *fold.test])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_json(folder / FIGURES, _figures(settings, robot, fold, folder))
     return read_json(folder / FIGURES)
 
 
-def _counted(settings: Settings) -> dict[str, object]:
+def _fold_settings(settings: Settings) -> dict[str, object]:
     """The settings on which a fold depends."""
     return {name: value for name, value in asdict(settings).items() if name in ("seconds", "adam_steps", "seed")}
 
@@ -163,7 +163,7 @@ def _means(found: Sequence[Figures]) -> Figures:
     }
 
 
-def named(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
+def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
     """Means over all folds of a robot, by their keys in figures.json."""
     means = _means(found)
     errors = (means.get("whole") or means["rest"]) | {
@@ -193,7 +193,7 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
     """The motors of one leg left out, tested on one of the logs; measured if the file does not exist."""
     robot, test = load_robot(str(file)), paths[fold % len(paths)]
     folder = settings.out / robot.name / MOTORS_OUT / str(fold)
-    wanted = description("validate", _counted(settings), [*paths, test, *robot.files])
+    wanted = description("validate", _fold_settings(settings), [*paths, test, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             train, log = spread_windows([read_parquet(path) for path in paths], settings.seconds), read_parquet(test)
@@ -310,7 +310,7 @@ def main() -> None:
             print(f"{name}: skipped, no folder {settings.data / folder}")
             continue
         for test, found in robot(settings):
-            figures |= named(name, test, found)
+            figures |= as_figures(name, test, found)
             texts.append(table(name, test, found))
             write_json(settings.out / FIGURES, figures)
             write_text(settings.out / "tables.md", "\n\n".join(texts) + "\n")

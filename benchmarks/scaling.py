@@ -21,7 +21,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig, Candidate
 from motorprior.search.executor import Executor, make_executor
 from motorprior.search.executor_ray import chunk_size
-from motorprior.search.policy_search import Round, Task, advance, episode_seed, new_search, run_task
+from motorprior.search.policy_search import EpisodeTask, Round, advance, episode_seed, new_search, run_task
 from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
@@ -68,7 +68,7 @@ class Recorded:
 
     def __init__(self, walker: WalkSimulator, episodes: int, workers: int):
         shared, size = Round.of(new_search(ArsConfig(), SHAPE), SHAPE), chunk_size(episodes, workers)
-        tasks = [Task(Candidate(direction, 1), direction) for direction in range(size)]
+        tasks = [EpisodeTask(Candidate(direction, 1), direction) for direction in range(size)]
         chunk = pickle.dumps([run_task(walker, shared, task) for task in tasks])
         self._chunks = [chunk] * -(-episodes // size)
 
@@ -102,7 +102,7 @@ def message_sizes(walker: WalkSimulator, directions: int, workers: int) -> dict[
     search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
     shared, candidates = Round.of(search, SHAPE), search.ask()
     size = chunk_size(len(candidates), workers)
-    tasks = [Task(candidate, episode_seed(0, 0, candidate.direction)) for candidate in candidates[:size]]
+    tasks = [EpisodeTask(candidate, episode_seed(0, 0, candidate.direction)) for candidate in candidates[:size]]
     episodes = [run_task(walker, shared, task) for task in tasks]
     sizes = {"task": len(pickle.dumps(tasks)) / size, "result": len(pickle.dumps(episodes)) / size}
     return {f"bytes_per_{name}/chunks_of_{size}": value for name, value in sizes.items()}

@@ -85,9 +85,9 @@ def measure(settings: Settings, case: Case) -> dict[str, float]:
     return read_json(folder / FIGURES)
 
 
-def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], facts: BenchSettings) -> dict[str, float]:
+def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], bench: BenchSettings) -> dict[str, float]:
     """Errors [rad] on held-out excitation, and correlations of constants with the truth."""
-    motors, preset = facts.physical_motors(), HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
+    motors, preset = bench.physical_motors(), HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
     models = {name: prior.training_motors for name, prior in priors.items()}
     errors = bench_errors(motors, models, settings.seed, preset)
     found = {

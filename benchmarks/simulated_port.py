@@ -20,7 +20,7 @@ from motorprior.hardware import commands, robot_link, run_files, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual.firmware import Body, Firmware, FirmwareConfig
+from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig, RobotBody
 from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.robot import Robot
 
@@ -76,7 +76,7 @@ class SimulatedPort(SerialLink):
     Args:
         robot: kind of robot; its motors are sampled from its first fleet.
         number: seed of the motors.
-        life: seed of the sensor noise and of the line.
+        noise_seed: seed of the sensor noise and of the line.
         suspended: the robot hangs in the air.
         period: telemetry period [ms].
         drop: fraction of lost frames, in both directions.
@@ -89,7 +89,7 @@ class SimulatedPort(SerialLink):
         self,
         robot: Robot,
         number: int,
-        life: int = 0,
+        noise_seed: int = 0,
         *,
         suspended: bool = False,
         period: int = 10,
@@ -101,18 +101,18 @@ class SimulatedPort(SerialLink):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
-        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), suspended, life)
+        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
         config = FirmwareConfig(self._period, with_currents=currents, homes=False)
         self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
         self._to_host, self._to_robot = (
-            NoisyLine(drop, corrupt, delay, np.random.default_rng([number, life, way]))
+            NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
         self._reader = telemetry_reader(self._joints)
-        self.path, self._last_position = 0.0, self.body.live.position()
+        self.path, self._last_position = 0.0, self.body.simulated.position()
 
-    def firmware_body(self, body: TwinBody) -> Body:
+    def firmware_body(self, body: TwinBody) -> RobotBody:
         """The body that the firmware moves; tests override it with a faulty one."""
         return body
 
@@ -163,7 +163,7 @@ class SimulatedPort(SerialLink):
         for frame in self.firmware.frames(milliseconds - self.firmware.now):
             self._to_host.put(frame, self.now)
             if self.firmware.now % 1000 == 0:
-                position = self.body.live.position()
+                position = self.body.simulated.position()
                 self.path += float(np.hypot(*(position - self._last_position)))
                 self._last_position = position
 
@@ -177,6 +177,6 @@ def on_its_clock(port: SimulatedPort) -> Iterator[None]:
         mock.patch.object(time, "sleep", port.sleep),
         mock.patch.object(robot_link, "Watchdog", mock.MagicMock()),
         mock.patch.object(session, "real_time", nullcontext),
-        mock.patch.object(run_files, "permitted", dict),
+        mock.patch.object(run_files, "real_time_permissions", dict),
     ):
         yield

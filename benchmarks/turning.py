@@ -20,7 +20,7 @@ COMMANDS = (
     (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),
 )  # fmt: skip
 STOP_AND_GO = ((0.8, 0.0), (1.0, 0.0, -1.0))  # schedules of commanded speeds over the fastest, straight on
-HOLD = 2.0  # duration of each of these commands [s]
+HOLD = 2.0  # duration of each command in STOP_AND_GO [s]
 UNITS = {"upright": "1", "speed_off": "m/s", "speed": "m/s", "yaw_rate": "rad/s"}
 
 

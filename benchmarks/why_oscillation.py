@@ -250,8 +250,8 @@ def measure(settings: Settings) -> dict[str, Any]:
 
 def picture(results: dict[str, Any]) -> bytes:
     """Growth of a disturbance per step; chatter over load; torque above 20 Hz in the robot."""
-    shown = Figure(figsize=(13.5, 4.3), layout="constrained")
-    left, middle, right = shown.subplots(1, 3, width_ratios=(1.0, 1.0, 1.25))
+    figure = Figure(figsize=(13.5, 4.3), layout="constrained")
+    left, middle, right = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.25))
     _against_load(left, results, "growth")
     left.set_xscale("log")
     left.axhline(1.0, color="k", lw=1)
@@ -264,7 +264,7 @@ def picture(results: dict[str, Any]) -> bytes:
         axes.set_xlabel("load inertia [kg·m²]\n(grey: a Pupper's leg joints)")
         axes.legend(frameon=False, fontsize=7)
     _bars(right, results)
-    return png_bytes(shown)
+    return png_bytes(figure)
 
 
 def _against_load(axes: Axes, results: dict[str, Any], key: str) -> None:

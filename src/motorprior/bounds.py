@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, shown
+from motorprior.exceptions import ConfigError, quoted
 
 MAX_NUMBER = 1e300
 MAX_SEED = 2**31 - 1
@@ -52,7 +52,7 @@ def require_count(name: str, value: Any, minimum: int = 1, maximum: int | None =
 
 def _reject(name: str, value: Any, kind: str, minimum: str, maximum: str | None) -> None:
     bounds = f"a {kind} of at least {minimum}" if maximum is None else f"a {kind} from {minimum} to {maximum}"
-    raise ConfigError(f"{name} {shown(value)} is not {bounds}", remedy=f"give {bounds}", argument=name)
+    raise ConfigError(f"{name} {quoted(value)} is not {bounds}", remedy=f"give {bounds}", argument=name)
 
 
 def require_seed(seed: Any) -> None:

@@ -18,8 +18,8 @@ def cut(text: str, max_bytes: int) -> str:
     return data.decode() if len(data) <= max_bytes else data[: max_bytes - 3].decode(errors="ignore") + "…"
 
 
-def shown(value: Any, max_bytes: int = 40) -> str:
-    """Text of a value for a message: its truncated ``repr``; containers are reduced to a few entries."""
+def quoted(value: Any, max_bytes: int = 40) -> str:
+    """A value from a file in a message: its ``repr``, cut; containers to a few entries."""
     printer = Repr()
     printer.maxstring = printer.maxother = printer.maxlong = max_bytes
     try:

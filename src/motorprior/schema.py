@@ -15,7 +15,7 @@ import numpy as np
 
 from motorprior.artifacts import first_not_finite, read_tensors, require_keys
 from motorprior.bounds import MAX_NUMBER, is_number
-from motorprior.exceptions import ArtifactError, cut, shown
+from motorprior.exceptions import ArtifactError, cut, quoted
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def require(key: str, value: Any, field: Field, where: str | Path | None, remedy
         ArtifactError: it is not as declared.
     """
     if not field.accepts(value):
-        text = f"{value:.6g}" if isinstance(value, float) else shown(value)
+        text = f"{value:.6g}" if isinstance(value, float) else quoted(value)
         owner = f"{name}: " if name else ""
         raise ArtifactError(f"{owner}{key} = {text} is not {field.meaning}", where=where, remedy=remedy)
 

@@ -150,7 +150,7 @@ def pupper_logs(tmp_path: Path) -> Path:
 
 def tiny_prior(bench: Path) -> MotorPrior:
     """Zero torque for any z: enough for everything but walking."""
-    facts = read_bench(bench)[1]
+    settings = read_bench(bench)[1]
     taps, latents, neurons = (0, 1), 2, 4
     network = LatentNetwork(
         w1=np.zeros((2 * len(taps), neurons)),
@@ -170,9 +170,9 @@ def tiny_prior(bench: Path) -> MotorPrior:
         torque_limit=3.0,
         has_armature=True,
     )
-    motors = np.zeros((facts.motors, latents))
-    provenance = {"bench": facts.as_json()}
-    return MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, facts.fleet.motor, provenance, {})
+    motors = np.zeros((settings.motors, latents))
+    provenance = {"bench": settings.as_json()}
+    return MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, settings.fleet.motor, provenance, {})
 
 
 def write_pupper_csv(path: Path, rows: int = 40) -> None:

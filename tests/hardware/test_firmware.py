@@ -5,7 +5,6 @@ import pytest
 
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.sign_conventions import servo_current
 from motorprior.hardware.virtual.firmware import (
     ERROR,
     HOLDING,
@@ -15,8 +14,9 @@ from motorprior.hardware.virtual.firmware import (
     Drive,
     Firmware,
     FirmwareConfig,
-    Sensors,
+    SensorReadings,
 )
+from motorprior.hardware.wire_conversion import servo_current
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -37,11 +37,11 @@ class StillBody:
         self.pos = before + (1.0 - np.exp(-1e-3 * milliseconds * rate)) * (drive.target - before)
         self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
 
-    def sense(self) -> Sensors:
+    def sense(self) -> SensorReadings:
         drive = self.drive
         current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
         attitude = np.full(3, 1e-3)
-        return Sensors(self.pos + self.offset, self.vel, current + self.extra_current, attitude, np.zeros(3))
+        return SensorReadings(self.pos + self.offset, self.vel, current + self.extra_current, attitude, np.zeros(3))
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
-from motorprior.hardware.sign_conventions import backend_state, from_wire
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, Sensors
+from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, SensorReadings
+from motorprior.hardware.wire_conversion import backend_state, from_wire
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import act
@@ -35,10 +35,10 @@ class CopiedBody:
     def advance(self, milliseconds: int, drive: Drive) -> None:
         self.drive = drive
 
-    def sense(self) -> Sensors:
+    def sense(self) -> SensorReadings:
         attitude = np.array(roll_pitch_yaw(self.state.base_quat))
         pos = spec.JOINT_SIGNS * self.state.measured_joint_pos
-        return Sensors(pos, np.zeros(12), np.zeros(12), attitude, self.state.base_ang_vel.copy())
+        return SensorReadings(pos, np.zeros(12), np.zeros(12), attitude, self.state.base_ang_vel.copy())
 
 
 class Spy:

@@ -104,7 +104,7 @@ def test_a_robot_that_reads_nothing_is_idle_when_it_reads_again(
         if full:
             stack.enter_context(mock.patch("motorprior.hardware.serial_link.termios.tcflush"))
         stack.enter_context(mock.patch.object(robot, "_read", lambda: time.sleep(0.002) or b""))
-        with pytest.raises(RobotFault, match="takes no more bytes"):
+        with pytest.raises(RobotFault, match="accepts no more bytes"):
             while (target := link.target) is not None:
                 link.send(target, Mode.RAMP)
         link.idle()

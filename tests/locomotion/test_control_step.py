@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.locomotion.body import LEAD, MAX_COMMAND, body_of
+from motorprior.locomotion.body import LEAD_SHARE, MAX_COMMAND, body_of
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
     MAX_DRIFT,
@@ -47,15 +47,15 @@ def followed(gait, forward=0.0, yaw_rate=0.0, steps=1, rate=0.0):
 def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate():
     gait = begun()
     speeds = np.array([followed(gait, 0.5, -0.6)[19:21] for _ in range(80)])
-    assert np.all(np.diff(speeds[:, 0]) <= BODY.fastest * DT / RAMP + 1e-12)
+    assert np.all(np.diff(speeds[:, 0]) <= BODY.max_speed * DT / RAMP + 1e-12)
     np.testing.assert_allclose(speeds[round(RAMP / DT) - 1 :], np.tile([0.5, -0.6], (31, 1)), atol=1e-12)
     assert speeds[round(RAMP / DT) // 2 - 1] == pytest.approx([0.25, -0.3])
     assert followed(gait, 0.0, 0.0, round(RAMP / DT))[19:21] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 def test_a_command_beyond_the_robots_range_is_the_end_of_the_range():
-    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([MAX_COMMAND * BODY.fastest, BODY.yaw_rate])
-    assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.slowest, -BODY.yaw_rate])
+    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([MAX_COMMAND * BODY.max_speed, BODY.max_yaw_rate])
+    assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.min_speed, -BODY.max_yaw_rate])
 
 
 def test_the_heading_error_is_the_turn_that_was_not_commanded():
@@ -64,7 +64,7 @@ def test_the_heading_error_is_the_turn_that_was_not_commanded():
     assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == MAX_HEADING_ERROR
     turning, seen, commanded = begun(), np.zeros(OBSERVATIONS), 0.0
     for _ in range(150):  # a robot that turns as it is told, ramp and all
-        seen[4] = min(BODY.yaw_rate * (commanded + DT) / RAMP, 0.4)
+        seen[4] = min(BODY.max_yaw_rate * (commanded + DT) / RAMP, 0.4)
         follow_command(BODY, turning, 0.0, 0.4, DT, seen)
         commanded += DT
     assert seen[18] == pytest.approx(0.0, abs=1e-12)
@@ -77,7 +77,7 @@ def test_the_drift_is_the_way_aside_that_follows_from_the_heading_error():
     before = gait.scalars[2]
     after = followed(gait, 0.3, steps=50)[17]
     assert after - before == pytest.approx(50 * DT * 0.3 * math.sin(0.1))
-    assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(MAX_DRIFT * BODY.fastest)
+    assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(MAX_DRIFT * BODY.max_speed)
     standing = begun()
     assert followed(standing, 0.0, steps=100, rate=0.3)[17] == 0.0
 
@@ -104,8 +104,8 @@ def test_the_phase_is_observed_as_far_as_the_robot_walks():
 
 def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_needs_not():
     """Pitch is positive with the nose down, roll with the left side up."""
-    assert BODY.level == 0.0
-    soft, seen = BODY._replace(level=0.5), np.zeros(OBSERVATIONS)
+    assert BODY.levelling_gain == 0.0
+    soft, seen = BODY._replace(levelling_gain=0.5), np.zeros(OBSERVATIONS)
     seen[:4] = 0.2, 0.1, 1.0, -0.5
     assert levelling(soft, seen) == pytest.approx((0.5 * (0.1 - 0.5 * LEVEL_RATE), -0.5 * (0.2 + LEVEL_RATE)))
     assert levelling(BODY, seen) == (0.0, 0.0)
@@ -126,7 +126,7 @@ def test_targets_lead_the_gait_by_what_its_pd_lags():
     for row, phase in zip(path, (0.1, 0.1 + BODY.frequency * DT), strict=True):
         joint_targets(BODY, phase, 0.2, 0.0, BODY.frequency, 0.0, (0.0, 0.0), 1.0, BODY.swing_height, row)
     joint = PUPPER_V2.joints[0]
-    lead = LEAD * joint.kd / joint.kp
+    lead = LEAD_SHARE * joint.kd / joint.kp
     expected = path[0] + lead * (path[1] - path[0]) / DT
     add_support(BODY, 0.1, 1.0, 1.0, path[0], expected)
     gait.target[:] = expected + 0.1  # near enough that the bound on its speed does not matter

@@ -82,7 +82,7 @@ def test_order_of_a_control_step():
     observation, info = env.reset(seed=4)
     rng, filtered, command, path = np.random.default_rng(0), np.zeros(17), np.empty(17), np.empty((2, 12))
     phase, target, twist, expected = 0.0, NOMINAL_POSE.copy(), np.zeros(2), np.empty(23)
-    ramp, filtered_speed, goal = np.array([BODY.fastest, BODY.yaw_rate]) * 0.01 / RAMP, 0.0, 0.0
+    ramp, filtered_speed, goal = np.array([BODY.max_speed, BODY.max_yaw_rate]) * 0.01 / RAMP, 0.0, 0.0
     for _ in range(150):
         twist = np.minimum(twist + ramp, [SPEED, TURN])  # before the observation
         goal += 0.01 * twist[1]

@@ -29,27 +29,27 @@ def test_a_mirror_image_of_a_mirror_image_is_the_original(gait: GaitName, rng):
         (mirror.observation, OBSERVATIONS), (mirror.action, ACTIONS), (mirror.inputs, OBSERVATIONS + 1)
     ):  # fmt: skip
         vectors = rng.standard_normal((7, size))
-        assert not np.array_equal(swap.of(vectors), vectors)
-        np.testing.assert_array_equal(swap.of(swap.of(vectors)), vectors)
+        assert not np.array_equal(swap.mirrored(vectors), vectors)
+        np.testing.assert_array_equal(swap.mirrored(swap.mirrored(vectors)), vectors)
         matrix = rng.standard_normal((3, size))
-        np.testing.assert_allclose(swap.columns(matrix) @ vectors[0], matrix @ swap.of(vectors[0]), atol=1e-13)
+        np.testing.assert_allclose(swap.columns(matrix) @ vectors[0], matrix @ swap.mirrored(vectors[0]), atol=1e-13)
 
 
 def test_the_joints_of_a_mirrored_robot_are_its_partners_with_abduction_turned(rng):
     joints = rng.standard_normal(12)
     seen = np.concatenate([np.zeros(5), joints, np.zeros(6)])
-    mirrored = mirror_of(PUPPER_V2).observation.of(seen)
+    mirrored = mirror_of(PUPPER_V2).observation.mirrored(seen)
     np.testing.assert_array_equal(mirrored[5:17], ABDUCTIONS * joints[RIGHT_TO_LEFT])
     action = np.concatenate([joints, [0.1, 0.2, 0.3, 0.4, 0.5]])
     expected = [*(ABDUCTIONS * joints[RIGHT_TO_LEFT]), 0.1, 0.2, 0.3, 0.4, -0.5]
-    np.testing.assert_array_equal(mirror_of(PUPPER_V2).action.of(action), expected)
+    np.testing.assert_array_equal(mirror_of(PUPPER_V2).action.mirrored(action), expected)
 
 
 @pytest.mark.parametrize(("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)])
 @pytest.mark.parametrize("gait", GAITS)
 def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forward: float, yaw_rate: float, rng):
     """Both gaits run from the same phase, the mirrored one half a cycle later where the legs of a pair alternate."""
-    mirror, body = mirror_of(PUPPER_V2, gait), body_of(PUPPER_V2, gait)._replace(level=0.2)
+    mirror, body = mirror_of(PUPPER_V2, gait), body_of(PUPPER_V2, gait)._replace(levelling_gain=0.2)
     one, other = new_gait(12, 4), new_gait(12, 4)
     begin_gait(body, one)
     begin_gait(body, other)
@@ -64,10 +64,10 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forw
         observe(flipped, turned, ABDUCTIONS * joints[RIGHT_TO_LEFT] + pose, pose, reflected)
         follow_command(body, one, forward, yaw_rate, 0.01, seen)
         follow_command(body, other, forward, -yaw_rate, 0.01, reflected)
-        np.testing.assert_allclose(mirror.observation.of(seen), reflected, atol=1e-12)
+        np.testing.assert_allclose(mirror.observation.mirrored(seen), reflected, atol=1e-12)
         action = rng.uniform(-1.0, 1.0, ACTIONS)
         command_step(body, action, seen, one, 0.01)
-        command_step(body, mirror.action.of(action), reflected, other, 0.01)
+        command_step(body, mirror.action.mirrored(action), reflected, other, 0.01)
         np.testing.assert_allclose(ABDUCTIONS * one.target[RIGHT_TO_LEFT], other.target, atol=1e-12)
 
 
@@ -81,8 +81,8 @@ def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_a
     one, other, clipped = np.zeros(ACTIONS), np.zeros(ACTIONS), 0
     for observation in rng.normal(0.0, 1.0, (50, OBSERVATIONS)):
         act(policy, observation, one)
-        act(policy, mirror.observation.of(observation), other)
-        np.testing.assert_allclose(other, mirror.action.of(one), atol=1e-12)
+        act(policy, mirror.observation.mirrored(observation), other)
+        np.testing.assert_allclose(other, mirror.action.mirrored(one), atol=1e-12)
         clipped += int(np.all(np.abs(one) == 1.0))
     assert clipped == 0, "a policy at its limits answers nothing"
 

@@ -58,7 +58,7 @@ def velocities(feet, leg: int, phases: np.ndarray, **command) -> np.ndarray:
 
 
 def test_the_rest_of_a_foot_is_where_the_model_has_it_in_the_nominal_pose(feet):
-    np.testing.assert_allclose(feet(PUPPER_V2.nominal_pose[None])[0, :, :2], BODY.rest[:, :2], atol=1e-9)
+    np.testing.assert_allclose(feet(PUPPER_V2.nominal_pose[None])[0, :, :2], BODY.nominal_feet[:, :2], atol=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
@@ -71,7 +71,7 @@ def test_a_foot_in_stance_moves_back_as_fast_as_the_body_is_told_to_go(feet, spe
 
 @pytest.mark.parametrize(("speed", "turn"), [(0.0, 0.6), (0.0, -0.6), (0.3, 0.5)])
 def test_a_foot_in_stance_moves_as_the_ground_does_under_a_turning_body(feet, speed, turn):
-    for leg, (x, y) in enumerate(BODY.rest[:, :2]):
+    for leg, (x, y) in enumerate(BODY.nominal_feet[:, :2]):
         moving = velocities(feet, leg, stance_of(leg, 1.0)[1:-1], forward=speed, yaw_rate=turn)
         ground = -np.array([speed - turn * y, turn * x])
         # the leg turns about its abduction axis, not about the hip's: a few percent of a slow motion
@@ -113,7 +113,7 @@ def support(phase, share, ratio=1.0, body=BODY):
     """(legs, 3) torques of the support [N·m], by the gains of the robot's own motors."""
     out = np.zeros(PUPPER_V2.num_joints)
     add_support(body, phase, ratio, share, targets(phase, body=body), out)
-    return (out / body.yielding).reshape(LEGS, 3)
+    return (out / body.compliance).reshape(LEGS, 3)
 
 
 def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):

@@ -147,9 +147,10 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     assert gait.forward == pytest.approx((-0.16 * speed, 0.5 * speed), abs=0.005)
     assert (gait.yaw_rate, gait.residual) == (0.6, 0.3)
     body = body_of(dog)
-    assert (body.slowest, body.fastest, body.frequency) == (*gait.forward, gait.frequency)
-    np.testing.assert_allclose(np.abs(body.rest[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)  # folded evenly
-    np.testing.assert_allclose(body.rest[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)
+    assert (body.min_speed, body.max_speed, body.frequency) == (*gait.forward, gait.frequency)
+    feet = body.nominal_feet
+    np.testing.assert_allclose(np.abs(feet[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)  # folded evenly
+    np.testing.assert_allclose(feet[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual.firmware import IDLE, MAX_CURRENT, Drive, Sensors
+from motorprior.hardware.virtual.firmware import IDLE, MAX_CURRENT, Drive, SensorReadings
 from motorprior.pipeline.twin_body import TwinBody
 from motorprior.robots.robot import Robot
 from simulated_port import SimulatedPort
@@ -39,7 +39,7 @@ class FaultyPort(SimulatedPort):
     def on_change(self, what: str) -> None:
         self.events.append((self.now, what))
         if what == IDLE:
-            self.pose_at_idle = self.body.live.state().joint_pos
+            self.pose_at_idle = self.body.simulated.state().joint_pos
 
     def firmware_body(self, body: TwinBody) -> "FaultyBody":
         return FaultyBody(body, self)
@@ -86,7 +86,7 @@ class FaultyBody:
                 kp[joint] *= 10.0
         self._body.advance(milliseconds, Drive(target, kp, kd, drive.max_current))
 
-    def sense(self) -> Sensors:
+    def sense(self) -> SensorReadings:
         sensors = self._body.sense()
         pos, vel, current, attitude = (sensors.pos, sensors.vel, sensors.current, sensors.attitude)
         changes: dict[str, object] = {}

@@ -40,11 +40,11 @@ def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
     shape = shape_of()
     both, swap = shape.symmetric_stats(seen), shape_of().mirror.observation  # pyright: ignore[reportOptionalMemberAccess]
     observations = np.random.default_rng(3).normal(0.4, 1.0, (30, OBSERVATIONS))
-    together = stats_of(np.concatenate([observations, swap.of(observations)]))
+    together = stats_of(np.concatenate([observations, swap.mirrored(observations)]))
     merged = shape.symmetric_stats(stats_of(observations))
     np.testing.assert_allclose(merged.mean, together.mean, atol=1e-13)
     np.testing.assert_allclose(merged.std(), together.std(), rtol=1e-12)
-    np.testing.assert_allclose(swap.of(both.mean), both.mean, atol=1e-15)
+    np.testing.assert_allclose(swap.mirrored(both.mean), both.mean, atol=1e-15)
     assert both.count == 2 * seen.count and shape_of(symmetric=False).symmetric_stats(seen) is seen
 
 

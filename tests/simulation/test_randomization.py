@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from motorprior.actuator.actuator import Factors
 from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
+from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.backend_rollout import BackendSimulator
@@ -127,10 +127,10 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
 
 def test_a_late_target_is_the_one_before_until_it_comes():
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
-    late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_late
+    late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_jitter
     assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
     ours, theirs = (World(WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=True)) for _ in range(2))
-    one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_late=late))
+    one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_jitter=late))
     other, before = theirs.reset(PD), spec.NOMINAL_POSE
     for target, age in zip(targets, late, strict=True):
         hold_target(ours.arrays, one, target)
@@ -222,17 +222,19 @@ def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
         level = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0]
         _, pitch, roll = (level * body).as_euler("ZYX")
         observation = np.arange(23.0)
-        sense(perfect_sensors()._replace(up=up), 0, body.as_quat(scalar_first=True), observation)
+        apply_sensor_errors(perfect_sensors()._replace(up=up), 0, body.as_quat(scalar_first=True), observation)
         np.testing.assert_allclose(observation, [roll, pitch, *np.arange(2.0, 23.0)], atol=1e-9)
 
 
 @pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
 def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_delayed(delay):
     truth = np.random.default_rng(0).standard_normal((10, 23))
-    sensors = Sensors(np.zeros((0, 17)), np.full(100, delay), np.zeros((int(delay) + 2, 17)), np.array([0.0, 0.0, 1.0]))
+    sensors = SensorErrors(
+        np.zeros((0, 17)), np.full(100, delay), np.zeros((int(delay) + 2, 17)), np.array([0.0, 0.0, 1.0])
+    )
     for count, row in enumerate(truth):
         observation = row.copy()
-        sense(sensors, count, UPRIGHT, observation)
+        apply_sensor_errors(sensors, count, UPRIGHT, observation)
         late = [np.interp(max(count - delay, 0.0), np.arange(10), truth[:, i]) for i in range(17)]
         np.testing.assert_allclose(observation, [*late, *row[17:]], atol=1e-12)
 

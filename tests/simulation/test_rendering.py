@@ -8,7 +8,7 @@ import numpy as np
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.build_model import build_model
-from motorprior.simulation.rendering import prepare
+from motorprior.simulation.rendering import set_view_and_light
 from motorprior.simulation.skeleton import skeleton
 
 
@@ -16,7 +16,7 @@ def test_a_robot_of_collision_shapes_alone_is_visible():
     model = build_model(PUPPER_V2)
     for group, shown in ((0, 0), (2, 0), (3, 1)):
         model.geom_group[1:], option = group, mujoco.MjvOption()
-        prepare(model, option)
+        set_view_and_light(model, option)
         assert option.geomgroup[3] == shown
 
 

@@ -8,7 +8,7 @@ import pytest
 from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.transfer.calibration import calibrate, calibrated_fleet, is_identifiable, searches, single_motors
+from motorprior.transfer.calibration import calibrate, calibrated_fleet, is_identifiable, num_searches, single_motors
 from motorprior.transfer.fleet_problem import FleetProblem
 from motorprior.transfer.log_replay import Replayer
 from motorprior.transfer.posture import with_posture
@@ -40,7 +40,7 @@ def test_the_centre_of_two_logs_is_recovered(record_log, fleet):
     problem = problem_of(with_uncertain(fleet, *TRUE), record_log, actuator_of(fleet, **true), logs=2)
     done: list[int] = []
     found = calibrate(problem, starts=2, iterations=5, seed=0, advance=lambda: done.append(1))
-    assert len(done) == searches(2, 2) and len(found.optima) == 2
+    assert len(done) == num_searches(2, 2) and len(found.optima) == 2
     center = {each.name: each.value(x) for each, x in zip(problem.unknowns, found.center, strict=True)}
     assert center["kp"] == pytest.approx(TRUE["kp"], rel=0.01)
     assert center["kd_over_kp"] == pytest.approx(TRUE["kd_over_kp"], rel=0.01)

@@ -95,9 +95,9 @@ def command_line(name: str, config: Any, left_out: Sequence[str] = ()) -> str:
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table; the first column is text, the others are numbers."""
-    shown = Table(title=Text(title), title_justify="left")
+    printed = Table(title=Text(title), title_justify="left")
     for index, column in enumerate(columns):
-        shown.add_column(Text(column), justify="left" if index == 0 else "right")
+        printed.add_column(Text(column), justify="left" if index == 0 else "right")
     for row in rows:
-        shown.add_row(*(Text(cell) for cell in row))
-    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(shown)
+        printed.add_row(*(Text(cell) for cell in row))
+    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(printed)

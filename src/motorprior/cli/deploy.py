@@ -1,4 +1,4 @@
-"""``motorprior deploy``: a policy walks a robot."""
+"""``motorprior deploy``: walk a robot with a policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``motorprior identify``: motor logs in, motor prior out."""
+"""``motorprior identify``: fit a motor prior to motor logs."""
 
 from __future__ import annotations
 

@@ -48,8 +48,8 @@ def run_logs_check(config: LogsCheck) -> None:
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:
         log = read_log(path, given, config.columns)
-        known = config.robot is not None or log.joint_names == robot.joint_names
-        limits, gravity = (robot.limits_of(log.joint_names), gravity_torque(log, robot)) if known else (None, None)
+        matches = config.robot is not None or log.joint_names == robot.joint_names
+        limits, gravity = (robot.limits_of(log.joint_names), gravity_torque(log, robot)) if matches else (None, None)
         report = check_log(log, limits, gravity)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]

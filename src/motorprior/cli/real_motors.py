@@ -10,8 +10,8 @@ from motorprior.results import Results
 def show_real_motors(results: Results, lines: list[str]) -> None:
     """Errors of the models, constants of the motors, and the lines of the report."""
     spans = {FREE_RUN: "1 s", WHOLE_RUN: "whole log"}
-    shown = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
-    table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, shown))
+    titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
+    table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
     if constants := constants_in(results):
         table("Constants of your motors", *constant_table(constants))
     for line in lines:

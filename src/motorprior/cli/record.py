@@ -19,7 +19,7 @@ class Record:
     """Excite the motors of a suspended or standing robot and record them."""
 
     choice: Annotated[RobotChoice, tyro.conf.arg(name="")] = field(default_factory=RobotChoice)
-    """The robot; a virtual one hangs unless --standing."""
+    """The robot; a virtual one is suspended unless --standing."""
     settings: Annotated[RecordSettings, tyro.conf.arg(name="")] = field(default_factory=RecordSettings)
     """The excitation."""
 

@@ -22,8 +22,8 @@ class MakeReport:
     robot: str = DEFAULT_ROBOT
     """Robot of the policies: a shipped one by name, or a .toml file."""
     robustness: bool = True
-    """Also measure how long policies stay upright with pushes, on slippery ground, with delay or load: some ten seconds
-    each."""
+    """Also measure how long policies stay upright with pushes, on slippery ground, with delay or load: about ten
+    seconds per policy."""
 
 
 def run_report(config: MakeReport) -> None:

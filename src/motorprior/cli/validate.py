@@ -1,4 +1,4 @@
-"""``motorprior validate``: closed-loop fidelity of motor priors against the physical motors they learned from."""
+"""``motorprior validate``: closed-loop fidelity of motor priors, compared with their physical motors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motorprior.cli.console import TERMINAL, table
 from motorprior.pipeline.validation.validate import Validate, run_validate
 from motorprior.report.tables import fidelity_rows
 from motorprior.results import Results
-from motorprior.transfer.metrics import COLUMNS
+from motorprior.transfer.metrics import FIDELITY_METRICS
 
 _DISTRIBUTION = (
     "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",
@@ -45,6 +45,6 @@ def show_fidelity(results: Results) -> None:
 
 
 def _show_table(title: str, results: Results, motors: str) -> None:
-    columns = tuple(column for column in COLUMNS if results.where(quantity=column, motors=motors))
+    columns = tuple(column for column in FIDELITY_METRICS if results.where(quantity=column, motors=motors))
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
     table(title, ["model", *titles], fidelity_rows(results, columns, motors))

@@ -1,6 +1,6 @@
 """``motorprior deploy|record|doctor`` on the robot's own computer, with numpy, safetensors, pyserial and msgpack only.
 
-The same commands and settings as elsewhere, but no virtual robot. Also as ``python -m motorprior.hardware``.
+Same commands and settings as the full command line, without virtual robots. Also as ``python -m motorprior.hardware``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
         if hints[field.name] is bool:
             command.add_argument(option, action="store_true", help=text)
             continue
-        kind = (get_args(hints[field.name]) or (hints[field.name],))[0]  # of an optional value, the value's
+        kind = (get_args(hints[field.name]) or (hints[field.name],))[0]  # of an optional setting, the kind of its value
         choices = get_args(kind)  # of a Literal
         command.add_argument(
             option, type=str if choices else kind, choices=choices or None, default=field.default, help=text

@@ -31,7 +31,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 _LOG = "run.csv"
-_FAST, _GENTLE = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
+_FAST_TARGETS, _SLOW_TARGETS = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
 
 
 def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> Results:
@@ -39,7 +39,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
 
     Raises:
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
-        RobotFault: what ended the walk early.
+        RobotFault: a fault ended the walk early.
     """
     if settings.seconds is not None:
         require_number("seconds", settings.seconds, 0.0, 1e6, positive=True)
@@ -64,7 +64,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
-    out = settings.out or _dated("deploy")
+    out = settings.out or _dated_folder("deploy")
     with _recorded_run(robot, port, out) as (link, stop, files):
 
         def confirm() -> None:
@@ -85,7 +85,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or a folder in use.
-        RobotFault: what ended it early; the recording is kept.
+        RobotFault: a fault ended it early; the recording is kept.
     """
     safety, settings = robot.require_wire().safety, _with_defaults(robot, settings)
     excitation, amplitude, speed = settings.excitation, settings.amplitude, settings.speed
@@ -99,7 +99,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     teleop.require_terminal(settings.yes)
-    out = settings.out or _dated("record")
+    out = settings.out or _dated_folder("record")
     limits = replace(safety, target_speed=speed)
     if not settings.standing:
         limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
@@ -122,7 +122,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
 def _recorded_run(
     robot: Robot, port: str, out: Path, limits: SafetyLimits | None = None
 ) -> Iterator[tuple[RobotLink, StopRequest, RunFiles]]:
-    """A link that records to ``out``, idle at the end; the files of the run are written then."""
+    """Open a link that records to ``out``; at the end the robot is idle and the files of the run are written."""
     recorder = Recorder(robot, out / _LOG)
     link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
     files = RunFiles(out, link)
@@ -135,7 +135,7 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Chec
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
-            check_telemetry(link, 0.3)  # an unknown device at the port is sent nothing
+            check_telemetry(link, 0.3)  # an error for a device that is not a robot, before anything is sent
             link.relax()
         return check_telemetry(link, seconds)
 
@@ -157,9 +157,9 @@ def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
     speed = settings.speed
     if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
         fast = excitation in ("steps", "varied") and not standing
-        speed = min(robot.require_wire().safety.target_speed, _FAST if fast else _GENTLE)
+        speed = min(robot.require_wire().safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
     return replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
 
 
-def _dated(command: str) -> Path:
+def _dated_folder(command: str) -> Path:
     return Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")

@@ -1,4 +1,4 @@
-"""Motions, control steps at absolute times on the monotonic clock, and figures of their timing."""
+"""Motions, control steps at absolute times on the monotonic clock, and statistics of their timing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from motorprior.logs.formats.robot_run import Mode
 from motorprior.results import Result, Results
 from motorprior.robots.wire import SafetyLimits
 
-# From the latest measurement to the (joints,) position targets [rad] of this control step; None ends the motion.
+# Function of the latest measurement: the (joints,) position targets [rad] of this control step, or None at the end.
 Motion = Callable[[Measurement], np.ndarray | None]
 
 _MIN_RAMP = 0.5  # [s]
@@ -51,18 +51,18 @@ class Timing:
     """Timing of every control step, in seconds."""
 
     sent: list[float] = field(default_factory=list)  # when the command was sent
-    late: list[float] = field(default_factory=list)  # how late after the deadline
-    age: list[float] = field(default_factory=list)  # of the measurement acted on, when the command was sent
-    skipped: int = 0  # steps skipped because the one before took too long
-    aborted: float | None = None  # lateness of the step that a fault ended before its command
+    late: list[float] = field(default_factory=list)  # time after the deadline
+    age: list[float] = field(default_factory=list)  # of the measurement used, when the command was sent
+    skipped: int = 0  # steps skipped because the previous one took too long
+    aborted: float | None = None  # lateness of the step in which a fault prevented the command
 
 
 def clock_results(runs: Sequence[Timing], period: float) -> Results:
     """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
 
     period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
-    more than half a period late. telemetry_age_ms: age of the measurement acted on. An aborted step counts in the first
-    two as if its command had been sent when the fault was found. Empty without any run of two steps.
+    more than half a period late. telemetry_age_ms: age of the measurement used. An aborted step counts in the first
+    two as if its command had been sent when the fault was found. Empty if no run has two steps.
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
@@ -90,7 +90,7 @@ def _quantiles_ms(quantity: str, seconds: np.ndarray) -> list[Result]:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot, within limits of the host's lateness.
+    """Plays motions on an armed robot; raises if the host is too slow.
 
     ``stop`` is called before every step; True ends the motion.
     """

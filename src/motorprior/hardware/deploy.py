@@ -14,9 +14,9 @@ from motorprior.hardware.control_loop import ControlLoop, Motion, Timing
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import StopRequest, check_and_confirm, check_before_arming, run_armed
-from motorprior.hardware.sign_conventions import backend_state
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
+from motorprior.hardware.wire_conversion import backend_state
 from motorprior.locomotion.body import YAW_RATE, action_size
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import Policy, act
@@ -30,7 +30,7 @@ _STOPPING_TIME = 1.0  # [s]
 
 
 class PolicyMotion:
-    """A walking policy as a motion, on the `GaitController` of `WalkEnv`.
+    """A walking policy as a motion, with the same `GaitController` as `WalkEnv`.
 
     Without an IMU the policy acts as if the robot were upright and turned as commanded.
 
@@ -74,7 +74,7 @@ class PolicyMotion:
         return target
 
     def warm_up(self, measurement: Measurement) -> None:
-        """Compile, or load what was compiled, and start again."""
+        """Compile, or load compiled code, and reset."""
         self(measurement)
         self._controller.reset()
 
@@ -84,8 +84,8 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    A policy's gains are in N·m/rad, a wire's in A/rad; the torque constant [N·m/A] converts them. Where the two agree
-    to 15 % the wire's are sent, at which the fleets were identified.
+    A policy's gains are in N·m/rad, a wire's in A/rad; the torque constant [N·m/A] converts them. If the two agree
+    to 15 %, the wire's gains are sent, since the fleets were identified at these.
 
     Raises:
         ConfigError: the policy was trained with other gains, and none were given.
@@ -125,7 +125,7 @@ def walk(
     fault ends the walk.
 
     Raises:
-        RobotFault: what ended the walk early; the robot is idle.
+        RobotFault: a fault ended the walk early; the robot is idle.
     """
     motion = PolicyMotion(link.robot, policy, need_imu)
     motion.gyro_bias = check_and_confirm(link, confirm, need_imu, motion.warm_up)
@@ -183,7 +183,7 @@ def dry_run(
 
 
 def _status_line(link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]) -> Callable[[Measurement], None]:
-    """A function of the measurement that gives ``status`` a line every 50 control steps."""
+    """A function of the measurement that calls ``status`` with a line every 50 control steps."""
     count, period = 0, link.robot.control_dt
 
     def show(measurement: Measurement) -> None:

@@ -31,7 +31,7 @@ _STATUS_PERIOD = 500  # control steps
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
-    """Indices of all joints (``all``), of one (FR_knee), or of those with this part in their name (FR, knee)."""
+    """Indices of all joints (``all``), of one (FR_knee), or of a leg or kind of joint (FR, knee)."""
     names = robot.joint_names
     if name in names:
         return (names.index(name),)
@@ -70,7 +70,7 @@ def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np
     """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
     if kind == "gait":
         body = body_of(robot)
-        forward, frequency = _SLOW * body.fastest, _SLOW * body.frequency
+        forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
         gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
         away = gait - robot.nominal_pose
     else:
@@ -97,8 +97,8 @@ def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control
 
 
 def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
-    """The same targets (steps, joints), but each of these joints moves in its own part of the time only."""
-    # A joint's load depends on the motion of all. Where all jump at once, its estimate is so poor that gears seem
+    """The same targets (steps, joints), but these joints move one after the other."""
+    # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
     # better damped than they are.
     alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
     for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):

@@ -26,7 +26,7 @@ from motorprior.hardware.protocol import (
     encode,
 )
 
-MAX_LINE = 256  # [bytes]; of longer lines of text only the end is read
+MAX_LINE = 256  # [bytes]; of a longer line of text only the end is kept
 # Only the printable end of a line: what precedes it may be the rest of a damaged frame.
 _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
 Message = TypeVar("Message")
@@ -72,7 +72,7 @@ class FrameReader(Generic[Message]):
     def __init__(self, framing: Framing, decode: Callable[[bytes], Message]):
         self._framing, self._decode = framing, decode
         self._buffer, self._line = bytearray(), b""
-        self.rejected = 0  # frame starts that led to no valid frame
+        self.rejected = 0  # frame starts without a valid frame
 
     def feed(self, data: bytes) -> list[Message | str]:
         """Messages and lines that ``data`` completes, in order."""
@@ -88,7 +88,7 @@ class FrameReader(Generic[Message]):
         return len(self._buffer) + len(self._line)
 
     def _advance(self, out: list[Message | str]) -> bool:
-        """Take one step; False when more bytes are needed."""
+        """Read one frame or skip bytes; False when more bytes are needed."""
         framing, buffer = self._framing, self._buffer
         at = buffer.find(framing.start)
         if at > 0:

@@ -43,7 +43,7 @@ class Tilt:
 class FrozenImu:
     """Detects an IMU that worked and now repeats its values or sends zeros, so that a fall would not be detected.
 
-    Only after it has worked for ``imu_time``: one damaged frame of a firmware without IMU does not count.
+    Active once it has worked for ``imu_time``: one damaged frame of a firmware without IMU does not count.
     """
 
     def __init__(self, limits: SafetyLimits):
@@ -68,7 +68,7 @@ class FrozenImu:
 class Tracking:
     """Detects a joint that does not follow its target.
 
-    The reference is what a joint with the sent gains does, a first-order lag of kd/kp:
+    The reference is the response of a joint with the sent gains, a first-order lag of kd/kp:
     reference += (1 - exp(-dt / lag)) (target - reference).
     """
 

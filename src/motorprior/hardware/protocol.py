@@ -1,7 +1,7 @@
 """Messages between host and robot, and their msgpack payloads, with numbers as float32.
 
 Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`sign_conventions`. ``temp`` and ``bat`` are not in that firmware: a robot that measures them may send them so.
+`wire_conversion`. ``temp`` and ``bat`` are not in that firmware; a robot that measures them may send these keys.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from motorprior.exceptions import ProtocolError
 
 MAX_COMMAND = 255  # [bytes] of payload: the length of a command travels in one byte
-MAX_TELEMETRY = 1023  # [bytes] of payload; all keys together need about 650, a greater length is damaged
+MAX_TELEMETRY = 1023  # [bytes] of payload; all keys need about 650, so a greater length is damaged
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
@@ -94,7 +94,7 @@ def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
 
 def _unpack(payload: bytes, joints: int) -> dict[Any, Any]:
     try:
-        # A newer firmware may send other arrays, such as foot positions: a little longer, and ignored.
+        # A newer firmware may send longer arrays, such as foot positions, which are ignored.
         values = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise ProtocolError("not msgpack") from error

@@ -14,7 +14,7 @@ _SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
 
 
-def permitted() -> dict[str, bool]:
+def real_time_permissions() -> dict[str, bool]:
     """Whether this process may have real-time priority and lock its memory."""
     normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     if normal is not None:
@@ -24,7 +24,7 @@ def permitted() -> dict[str, bool]:
 
 @contextmanager
 def real_time() -> Iterator[None]:
-    """Real-time priority, locked memory and no garbage collection while this is open."""
+    """Real-time priority, locked memory and no garbage collection within this context."""
     normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     libc = ctypes.CDLL(None) if _may_lock_memory() else None
     if libc is not None:
@@ -42,7 +42,7 @@ def real_time() -> Iterator[None]:
 
 
 def _may_lock_memory() -> bool:
-    """Only without any limit: within one, a later allocation would fail in the middle of a motion."""
+    """Whether locked memory is unlimited: with a limit, a later allocation would fail in the middle of a motion."""
     return sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
 
 

@@ -15,10 +15,10 @@ from motorprior.robots.robot import Robot
 
 
 class Recorder:
-    """Writes what `logs.formats.robot_run.read_robot_run` reads; the file is created at the first measurement.
+    """Writes the format of `logs.formats.robot_run.read_robot_run`; the file is created at the first measurement.
 
-    A written line survives the death of this process. Nothing is forced to the disk, which would stop the control loop,
-    so a power failure costs the last seconds. Raises ArtifactError if the file exists already.
+    A written line survives the death of this process. It is not forced to the disk, which would stop the control loop,
+    so a power failure loses the last seconds. Raises ArtifactError if the file exists already.
     """
 
     def __init__(self, robot: Robot, path: Path):

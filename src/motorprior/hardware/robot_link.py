@@ -15,22 +15,22 @@ from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.sign_conventions import from_wire
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
+from motorprior.hardware.wire_conversion import from_wire
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
-# Idle commands per burst. The first burst is longer than any command, of which a part may have been sent; the others
-# are for lost frames.
+# Idle commands per burst. The first burst is longer than any command, since part of one may have been sent; the others
+# replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
 _IDLE_PAUSE = 0.01  # [s] between bursts
 # Gains precede the first targets only. Repeated, because a command can get lost. Not later, because there is no
-# checksum: the next target mends a damaged one, but a damaged gain or current limit makes a walking robot fall
+# checksum: the next target corrects a damaged one, but a damaged gain or current limit makes a walking robot fall
 # (`benchmarks/noise.py`).
 _NUM_GAINS = 3
-_CATCH_UP = 0.02  # [s] to read telemetry that waited in the kernel
+_CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
 
 
 class RobotLink:
@@ -46,7 +46,7 @@ class RobotLink:
         robot: with a wire.
         port: open; closed with the link.
         limits: of gate and checks; the robot's own if not given.
-        recorder: gets every accepted measurement made under a target; closed with the link.
+        recorder: gets every accepted measurement made while a target is in force; closed with the link.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class RobotLink:
     def receive(self, until: float) -> None:
         """Read telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
         late_reads = 0
-        while late_reads < 100:  # a device may send without end
+        while late_reads < 100:  # a device may send endlessly
             messages = self._port.wait(until)
             for arrival, message in messages:
                 if isinstance(message, str):
@@ -143,16 +143,16 @@ class RobotLink:
         gate = SafetyGate(self.robot, self.limits, gains)
         self._ignored.clear()
         self._watchdog = Watchdog(self._port.fileno(), self.limits.watchdog)
-        self.receive(time.monotonic() + _CATCH_UP)  # what arrived while the watchdog started
+        self.receive(time.monotonic() + _CATCH_UP)  # telemetry that arrived while the watchdog started
         measurement = self.check()
         gate.start_at(measurement.telemetry.pos, time.monotonic())
         self._gate, self.sent = gate, 0
         self._tracking.begin(gains.kd / gains.kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
-        """Send (joints,) position targets [rad]; returns when the command was sent [s].
+        """Send (joints,) position targets [rad]; returns the time at which the command was sent [s].
 
-        Raises RobotFault for an invalid target, a watchdog that has tripped or died, or a port that is gone.
+        Raises RobotFault for an invalid target, a tripped or dead watchdog, or a disconnected port.
         """
         gate = self.gate
         if self._watchdog is not None:

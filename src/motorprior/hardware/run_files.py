@@ -1,4 +1,4 @@
-"""Files of a run besides its recording: run.json and figures.json, however it ends."""
+"""run.json and figures.json of a run, also written if it ends with a fault."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.real_time import permitted
+from motorprior.hardware.real_time import real_time_permissions
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import fault_of
@@ -23,48 +23,48 @@ class RunFiles:
     """Settings, gains, limits, outcome and timing of a run.
 
     run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
-    the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine" is what the system
-    permits the control loop.
+    the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine": the real-time
+    permissions of the control loop.
 
     Attributes:
         timing: of the control loop, to be filled.
-        outcome: what ended the run, unless an error did.
+        outcome: reason for the end of the run, if not an error.
     """
 
     def __init__(self, folder: Path, link: RobotLink):
         self._folder, self._link = folder, link
-        self._facts: dict[str, Any] = {}
+        self._record: dict[str, Any] = {}
         self.timing, self.outcome = Timing(), ""
 
     def begin(self, command: str, port: str, settings: Any, gains: Gains, **more: Any) -> None:
         """Before the first command, write the settings (a dataclass), gains, limits and ``more``."""
-        self._facts = {
+        self._record = {
             "command": command,
             "port": port,
             "robot": self._link.robot.name,
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
             "gains": asdict(gains),
-            "machine": permitted(),
+            "machine": real_time_permissions(),
             "safety": {name: v if math.isfinite(v) else None for name, v in asdict(self._link.limits).items()},
             **more,
         }
-        write_json(self._folder / "run.json", self._facts)
+        write_json(self._folder / "run.json", self._record)
 
     @contextlib.contextmanager
     def written_at_end(self) -> Iterator[None]:
-        """Write how the run ended when this is closed, if it had begun; the robot is idle by then."""
+        """On exit, when the robot is idle, write how the run ended, if it had begun."""
         try:
             yield
         except BaseException as error:
             kind = fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
-            with contextlib.suppress(ArtifactError):  # what ended the run matters more
+            with contextlib.suppress(ArtifactError):  # the error that ended the run is more important
                 self._end(kind, str(error))
             raise
         self._end(self.outcome, None)
 
     def _end(self, outcome: str, message: str | None) -> None:
-        if not self._facts:
+        if not self._record:
             return
         link, stream = self._link, self._link.stream
         ending = {
@@ -81,7 +81,7 @@ class RunFiles:
                 "damaged": link.rejected,
             },
         }
-        write_json(self._folder / "run.json", self._facts | ending)
+        write_json(self._folder / "run.json", self._record | ending)
         figures = clock_results([self.timing], link.robot.control_dt).to_figures()
         write_json(self._folder / "figures.json", figures)
 

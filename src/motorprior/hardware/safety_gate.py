@@ -96,12 +96,12 @@ class SafetyGate:
         return Command(pos=self._signs * near)
 
     def gains(self) -> Command:
-        """Gains and current limit. A command of their own: some firmwares ignore them in a command with ``pos``."""
+        """Gains and current limit, in a separate command: some firmwares ignore them in a command with ``pos``."""
         self._require_no_fault()
         return Command(kp=self._gains.kp, kd=self._gains.kd, max_current=self._gains.max_current)
 
     def latch(self, fault: RobotFault) -> RobotFault:
-        """Let nothing but idle pass from now on; returns the first fault, which stays."""
+        """Let only idle pass from now on; returns the first fault, which is kept."""
         if self._fault is None:
             self._fault = fault
         self._crouching = False

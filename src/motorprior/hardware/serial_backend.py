@@ -12,8 +12,8 @@ from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import check_before_arming, ramp_to
-from motorprior.hardware.sign_conventions import backend_state, servo_current
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.wire_conversion import backend_state, servo_current
 from motorprior.logs.formats.robot_run import Mode
 
 
@@ -24,7 +24,7 @@ class SerialBackend:
     step the watchdog makes the robot idle.
 
     Attributes:
-        fault: why the robot is idle, in a state whose fault is 1; None without a fault.
+        fault: the fault that made the robot idle (fault 1 in its states); None without one.
 
     Args:
         link: idle; closed with the backend.
@@ -61,7 +61,7 @@ class SerialBackend:
 
         A fault makes the robot idle and is reported in the state.
         """
-        now = time.monotonic()  # a step that comes late starts a period of its own, or its target would hardly act
+        now = time.monotonic()  # a late step starts a new period, or its target would be in force too briefly
         if self._deadline - now < 0.5 * self._period:
             self._deadline = now + self._period
         try:

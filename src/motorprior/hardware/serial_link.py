@@ -1,4 +1,4 @@
-"""The serial port as two streams of messages. No call blocks beyond the time that it is given."""
+"""The serial port as two streams of messages. No call blocks longer than its time limit."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class SerialLink:
         return len(self._unsent)
 
     def fileno(self) -> int:
-        """The open file, for the watchdog to inherit."""
+        """File descriptor of the port, which the watchdog inherits."""
         return self._serial.fileno()
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
@@ -67,7 +67,7 @@ class SerialLink:
         return [(now, message) for message in self._reader.feed(data)]
 
     def send(self, command: Command) -> float:
-        """Write a command; returns when [s]. Raises RobotFault if the port is gone, or the robot reads no more."""
+        """Write a command; returns the time [s]. Raises RobotFault if the port is gone or the robot stops reading."""
         self._unsent += command_frame(command, self._joints)
         try:
             sent = os.write(self.fileno(), self._unsent)
@@ -77,11 +77,11 @@ class SerialLink:
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from error
         if len(self._unsent) > _MAX_UNSENT:
-            raise RobotFault("unplugged", f"{self.port}: the robot takes no more bytes", remedy=_UNPLUGGED)
+            raise RobotFault("unplugged", f"{self.port}: the robot accepts no more bytes", remedy=_UNPLUGGED)
         return time.monotonic()
 
     def discard_unsent(self) -> None:
-        """Empty the send queue, here and in the kernel: what follows is more urgent."""
+        """Empty the send queue, here and in the kernel: the next command is more urgent."""
         self._unsent.clear()
         with contextlib.suppress(termios.error, ValueError, TypeError):
             termios.tcflush(self.fileno(), termios.TCOFLUSH)
@@ -115,9 +115,9 @@ def _usb_ports() -> list[str]:
 
 def _explanation(error: Exception) -> tuple[str, str]:
     """Why a port cannot be opened, and the remedy."""
-    number, behind = getattr(error, "errno", None), error.__context__
-    if not number and isinstance(behind, termios.error):
-        number = behind.args[0]
+    number, cause = getattr(error, "errno", None), error.__context__
+    if not number and isinstance(cause, termios.error):
+        number = cause.args[0]
     remedy = "close every other program that uses the port"
     if number == errno.ENOTTY:
         remedy = "this is no serial port; give one such as /dev/ttyACM0"

@@ -27,11 +27,11 @@ from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
 
 _CHECK_DURATION = 0.5  # [s]
-# Per control period of the robot's own clock, so that old frames from a buffer and a busy host have no influence; the
-# rest may get lost.
+# Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest
+# may be lost.
 _MIN_FRAMES = 0.8
 _RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
-_MAX_MOTION = 0.1  # [rad] during the check; more is homing, or a hand
+_MAX_MOTION = 0.1  # [rad] during the check; more means homing, or a user who moves the legs
 _MAX_GYRO_BIAS = 0.1  # [rad/s]; 0.05 rad/s are common in a cheap gyroscope before calibration
 _HOLD = 0.5  # [s] at the nominal pose
 _RECHECK_AFTER = 0.1  # [s]; a longer confirmation or compilation is followed by a second check
@@ -60,7 +60,7 @@ class StopRequest:
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM, SIGHUP and SIGTSTP end the motion cleanly while this is open."""
+    """SIGINT, SIGTERM, SIGHUP and SIGTSTP end the motion cleanly within this context."""
     # Ctrl-Z (SIGTSTP) would stop the host where it is, and the watchdog would drop the robot.
     request, numbers = StopRequest(), (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
     before = {number: signal.signal(number, request.on_signal) for number in numbers}
@@ -80,7 +80,7 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
             fault.
     """
-    link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # what waited in buffers
+    link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
     first, before = link.check().telemetry, link.stream.accepted
     rates, robot = _mean_rates(link, 0.8 * _CHECK_DURATION), link.robot
     measurement = link.check()
@@ -107,7 +107,7 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
     moved = np.abs(telemetry.pos - first.pos)
     if moved.max() > _MAX_MOTION:
         name = robot.joint_names[int(np.argmax(moved))]
-        problem = f"{name} moved {moved.max():.2f} rad, and this host sent nothing"
+        problem = f"{name} moved {moved.max():.2f} rad, although this host sent nothing"
         remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
         raise RobotFault("moving", problem, remedy=remedy)
     if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
@@ -148,10 +148,10 @@ def run_armed(
     crouch: bool = True,
     stopping: Callable[[], Motion] | None = None,
 ) -> None:
-    """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, whatever happens.
+    """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, also after a fault.
 
     A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch. An error
-    is raised when the robot is idle.
+    is raised once the robot is idle.
     """
     descent = _Descent(link)
     with real_time():
@@ -191,7 +191,7 @@ def ramp_to(link: RobotLink, loop: ControlLoop, pose: np.ndarray, mode: Mode, ho
 
 
 class _Descent:
-    """Slow down, then crouch. After a fault meanwhile it continues where it was.
+    """Slow down, then crouch. After a fault in the descent it continues from there.
 
     Attributes:
         stopping: the motion that slows down; None if nothing moves any more, or the motion cannot be trusted.
@@ -202,7 +202,7 @@ class _Descent:
         self.stopping: Callable[[], Motion] | None = None
 
     def play(self, fault: RobotFault | None = None) -> None:
-        """With a control loop of its own: what stopped the motion before must not stop this one."""
+        """Use a new control loop: a stop of the previous motion must not stop this one."""
         link, robot = self._link, self._link.robot
         if fault is not None:
             link.gate.latch(fault)

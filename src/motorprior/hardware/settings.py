@@ -1,4 +1,4 @@
-"""Settings of the commands deploy and record, and the libraries that talking to a robot needs."""
+"""Settings of the commands deploy and record, and a check of the libraries for a serial port."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class RecordSettings:
         amplitude: maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
         speed: limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk, and 8
             otherwise.
-        standing: the robot stands on the ground and sits down afterwards; otherwise it hangs in the air.
+        standing: the robot stands on the ground and sits down afterwards; otherwise it is suspended in the air.
         kp: position gain to send [A/rad]; the robot's own if not given.
         kd: velocity gain to send [A·s/rad]; the robot's own if not given.
         max_current: current limit to send [A]; the robot's own if not given.

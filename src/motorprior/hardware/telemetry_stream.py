@@ -1,12 +1,12 @@
-"""Which telemetry frames are accepted, and how old they are.
+"""Acceptance and age of telemetry frames.
 
 Without a checksum a damaged frame can decode, so a frame is accepted only if the robot could have moved there since the
 last one. The fastest frames synchronise the robot's clock with the host's:
 
     host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), at most its arrival
 
-so a measurement's age includes its time in buffers, minus the shortest transmission time. The second smallest, because
-the smallest may come from a damaged time stamp, which would make all frames of the next seconds look old.
+so a measurement's age includes its time in buffers, without the shortest transmission time. The second smallest,
+because the smallest may come from a damaged time stamp, which would make all frames of the next seconds look old.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _WINDOW = 5.0  # [s]
 _MAX_ANGLE = 2.0 * math.pi  # the firmware's own bound on joint angles
 _SLACK = 0.05  # [rad] in addition to speed times time: time stamps are whole milliseconds
 _MAX_LEAD = 0.03  # [s] by which a frame may be faster than all before; a time stamp further ahead is damaged
-_NUM_AGREEING = 3  # this many leading time stamps in a row that agree are right
+_NUM_AGREEING = 3  # so many leading time stamps in a row are accepted if they agree
 _WARM_UP = 20  # frames until the shortest transmission time is measured
 _RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
 
@@ -103,9 +103,9 @@ class TelemetryStream:
         return bool(moved <= limits.joint_speed * step + _SLACK and turned <= limits.body_rate * step + _SLACK)
 
     def _is_in_time(self, offset: float) -> bool:
-        """Whether a time stamp, given as arrival - ts [s], is not ahead of all before.
+        """Whether a time stamp, given as arrival - ts [s], is not too far ahead of all earlier ones.
 
-        If several in a row agree, the frames before had waited: in the buffer of a port opened long before it was read.
+        If several in a row agree, the earlier frames had waited in the buffer of a port that was opened long before.
         """
         if self.accepted <= _WARM_UP or self._clock.offset - offset <= _MAX_LEAD:
             self._ahead = []

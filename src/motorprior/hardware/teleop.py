@@ -19,10 +19,10 @@ from motorprior.robots.robot import Gait
 Print = Callable[[str], None]
 WALKING = (
     "Keys while it moves: w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down; "
-    "Ctrl-C sits down, twice drops it."
+    "Ctrl-C: sit down; Ctrl-C twice: no current, the robot drops."
 )
-STANDING = "Ctrl-C sits down, twice drops it; no key does anything."
-SUSPENDED = "The legs move fast. Ctrl-C removes the current at once and the legs drop; no key does anything."
+STANDING = "Ctrl-C: sit down; Ctrl-C twice: no current, the robot drops. Other keys have no effect."
+SUSPENDED = "The legs move fast. Ctrl-C: no current, the legs drop. Other keys have no effect."
 
 _NUM_STEPS = 10  # key presses from standing to the maximum speed or yaw rate
 _ARROWS = {b"\x1b[A": b"w", b"\x1b[B": b"s", b"\x1b[D": b"a", b"\x1b[C": b"d"}
@@ -31,7 +31,7 @@ _EVENT = struct.Struct("<IhBB")  # Linux joystick API: time [ms], value, type, n
 _AXIS, _BUTTON = 2, 1
 _VERTICAL, _HORIZONTAL = 1, 0  # axes of the left stick; -32767 is forward, left
 _MAX_DEFLECTION, _DEAD_ZONE = 32767.0, 0.06  # a released stick does not rest at exactly 0
-# Maximum speed in the sharpest turn, relative to that straight on, is 1 - this: at both limits at once policies fell.
+# In the sharpest turn the maximum speed is 1 - this of that straight ahead: with both at their limits policies fell.
 _SLOW_DOWN_IN_TURNS = 0.4
 _AUTONOMOUS_SPEED = 0.3  # [m/s]
 
@@ -161,7 +161,7 @@ def non_blocking(show: Print, file: TextIO) -> Print:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Whether this process may change a terminal; a background process would be stopped by it."""
+    """Whether this process may change a terminal; the system stops a background process that does."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:  # not its own terminal

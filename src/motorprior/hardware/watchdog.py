@@ -46,7 +46,7 @@ class Watchdog:
         ready, _, _ = select.select([self._reports], [], [], _MAX_START)
         if not ready or os.read(self._reports, 1) != b"r":
             self.end(idle_sent=True)
-            raise RobotFault("watchdog", "the watchdog process did not start", remedy="see what it printed above")
+            raise RobotFault("watchdog", "the watchdog process did not start", remedy="see its output above")
 
     def beat(self) -> None:
         """Send a heartbeat; raises RobotFault if the watchdog has tripped, is dead, or has not read for a second."""

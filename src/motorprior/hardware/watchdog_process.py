@@ -3,7 +3,7 @@
 The firmware has no watchdog: a robot whose host dies holds its last target. So a second process inherits the open port
 and the read end of a pipe. The host writes a heartbeat per control step; when the pipe ends (the host died) or stays
 empty for ``timeout`` (it hangs), this process takes over the port. It uses only the standard library, and has a session
-of its own and ignores signals, so that what ends the host does not end it.
+of its own and ignores signals, so that a signal that ends the host does not end it.
 
     python -I -S watchdog_process.py PORT_FD HEARTBEAT_FD REPORT_FD TIMEOUT IDLE_FRAME_HEX
 
@@ -20,7 +20,7 @@ import termios
 import time
 
 _PRIORITY = 20  # of SCHED_FIFO, above the control loop's
-_MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates next to nothing later
+_MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates almost nothing later
 _BURST = 40  # idle frames at once: more bytes than the longest command, which the dead host may have sent in part
 _REPEAT = 0.02  # [s] between idle frames
 _LINGER = 1.0  # [s] of idle frames after the host's death
@@ -41,7 +41,7 @@ def main(arguments: list[str]) -> None:
     if wait_for_silence(heartbeats, timeout):
         with contextlib.suppress(OSError):  # the host is dead
             os.write(report, b"t")
-        hold_idle(port, heartbeats, idle)
+        repeat_idle(port, heartbeats, idle)
 
 
 def wait_for_silence(heartbeats: int, timeout: float) -> bool:
@@ -57,8 +57,8 @@ def wait_for_silence(heartbeats: int, timeout: float) -> bool:
         first = False
 
 
-def hold_idle(port: int, heartbeats: int, idle: bytes) -> None:
-    """Send idle until the host has been dead for a second; a host that hangs may wake and write targets."""
+def repeat_idle(port: int, heartbeats: int, idle: bytes) -> None:
+    """Send idle until the host has been dead for a second; a host that hangs may resume and write targets."""
     with contextlib.suppress(termios.error, OSError):
         termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands
     _write(port, _BURST * idle)

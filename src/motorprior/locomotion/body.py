@@ -10,18 +10,19 @@ from motorprior.locomotion.gaits import phases_of
 from motorprior.locomotion.leg_kinematics import lever_arms
 from motorprior.robots.robot import Robot
 
-MODULATION = 5  # last entries of an action: frequency, intensity, height, swing/stance ratio, turn
-TILT_READINGS = 5  # first entries of an observation: roll, pitch, rates about x, y and z; the joints follow
+NUM_MODULATIONS = 5  # last entries of an action: frequency, intensity, height, swing/stance ratio, turn
+NUM_IMU_READINGS = 5  # first entries of an observation: roll, pitch, rates about x, y and z; the joints follow
 YAW_RATE = 4  # index of the rate about z in an observation
-FOLLOWED = 6  # last entries of an observation: drift, heading error, commanded speed and yaw rate, cos and sin of phase
-# Largest command of a training over the robot's largest: policies fall at the edge of their training range.
+# last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and sine of the phase
+NUM_COMMAND_OBSERVATIONS = 6
+# Largest speed commanded in training over the robot's: policies fall at the edge of their training range.
 MAX_COMMAND = 1.2
 # Stiffness against pitch that a walking body needs [weight · height]. The small robot has 14 by its motors alone; a
 # robot of 15 kg with gains of 30 N·m/rad has 2 and falls; with 5 it walks.
-UPRIGHT = 5.0
+MIN_PITCH_STIFFNESS = 5.0
 # Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and torque limit; on
-# the fleets of the small robot 0.8 to 1 walk alike.
-LEAD = 0.9
+# the fleets of the small robot 0.8 to 1 give the same walks.
+LEAD_SHARE = 0.9
 
 
 class Body(NamedTuple):
@@ -30,27 +31,27 @@ class Body(NamedTuple):
     nominal_pose: np.ndarray  # (n,) [rad]
     lower: np.ndarray  # (n,) joint limits [rad]
     upper: np.ndarray
-    lead: np.ndarray  # (n,) time by which targets lead the gait [s], LEAD · kd/kp
-    yielding: np.ndarray  # (n,) compliance 1/kp [rad/(N·m)]
+    lead: np.ndarray  # (n,) time by which targets lead the gait [s], LEAD_SHARE · kd/kp
+    compliance: np.ndarray  # (n,) compliance 1/kp [rad/(N·m)]
     weight: float  # [N]
-    level: float  # share of an observed tilt that the legs compensate [-], see `_level`
+    levelling_gain: float  # share of an observed tilt that the legs compensate [-], see `_levelling_gain`
     legs: np.ndarray  # (L, 3) int64: joints of abduction, hip and knee
     lengths: np.ndarray  # (L, 2) thigh and shank [m]
     foot_radius: np.ndarray  # (L,) [m]
     # (L, 4) foot in the nominal pose [m]: forward and left of the base's origin, then forward of and below the hip axis
     # in the plane of the leg
-    rest: np.ndarray
+    nominal_feet: np.ndarray
     phases: np.ndarray  # (L,) phases of the legs in the cycle of the gait, in [0, 1)
     swing_stance_ratio: float  # usual time in swing over time in stance [-]
     frequency: float  # usual [Hz]
     swing_height: float  # lift of a foot in swing [m]
-    slowest: float  # lowest commanded speed [m/s], 0 or negative
-    fastest: float  # highest commanded speed [m/s]
-    yaw_rate: float  # highest commanded yaw rate [rad/s]
-    residual: float  # largest correction of a target [rad]
-    lowest: float  # base height of a fallen robot [m]
-    highest: float  # base height of a robot that has taken off [m]
-    reference_torque: float  # torque that the reward's penalty counts as 1 [N·m]
+    min_speed: float  # lowest commanded speed [m/s], 0 or negative
+    max_speed: float  # highest commanded speed [m/s]
+    max_yaw_rate: float  # highest commanded yaw rate [rad/s]
+    max_residual: float  # largest correction of a target [rad]
+    min_height: float  # base height of a fallen robot [m]
+    max_height: float  # base height of a robot that has taken off [m]
+    reference_torque: float  # unit of torque in the reward's penalty [N·m]
 
 
 def body_of(robot: Robot, gait: str = "trot") -> Body:
@@ -65,30 +66,30 @@ def body_of(robot: Robot, gait: str = "trot") -> Body:
         nominal_pose=robot.nominal_pose,
         lower=robot.lower,
         upper=robot.upper,
-        lead=np.array([LEAD * joint.kd / joint.kp for joint in robot.joints]),
-        yielding=np.array([1.0 / joint.kp for joint in robot.joints]),
+        lead=np.array([LEAD_SHARE * joint.kd / joint.kp for joint in robot.joints]),
+        compliance=np.array([1.0 / joint.kp for joint in robot.joints]),
         weight=robot.weight,
-        level=_level(robot),
+        levelling_gain=_levelling_gain(robot),
         legs=np.array([leg.joints for leg in robot.legs], dtype=np.int64),
         lengths=np.array([(leg.thigh, leg.shank) for leg in robot.legs]),
         foot_radius=np.array([leg.foot_radius for leg in robot.legs]),
-        rest=np.array([(*leg.rest, *leg.reach(robot.nominal_pose)) for leg in robot.legs]),
+        nominal_feet=np.array([(*leg.rest, *leg.reach(robot.nominal_pose)) for leg in robot.legs]),
         phases=phases,
         swing_stance_ratio=ratio,
         frequency=size.frequency,
         swing_height=size.swing_height,
-        slowest=size.forward[0],
-        fastest=size.forward[1],
-        yaw_rate=size.yaw_rate,
-        residual=size.residual,
-        lowest=robot.min_base_height,
-        highest=robot.max_base_height,
+        min_speed=size.forward[0],
+        max_speed=size.forward[1],
+        max_yaw_rate=size.yaw_rate,
+        max_residual=size.residual,
+        min_height=robot.min_base_height,
+        max_height=robot.max_base_height,
         reference_torque=robot.reference_torque,
     )
 
 
-def _level(robot: Robot) -> float:
-    """max(0, UPRIGHT · m·g·h / stiffness against pitch - 1).
+def _levelling_gain(robot: Robot) -> float:
+    """max(0, MIN_PITCH_STIFFNESS · m·g·h / stiffness against pitch - 1).
 
     Two legs carry the robot. Each has the stiffness k = 1 / Σ arm² / kp at the foot, with the `lever_arms` of hip and
     knee. With the feet at ±x fore and aft the stiffness against pitch is 2 k x².
@@ -97,21 +98,21 @@ def _level(robot: Robot) -> float:
     for leg in robot.legs:
         hip, knee = leg.joints[1], leg.joints[2]
         by_hip, by_knee = lever_arms(leg.thigh, leg.shank, robot.nominal[hip], robot.nominal[knee])
-        yielding = by_hip**2 / robot.joints[hip].kp + by_knee**2 / robot.joints[knee].kp
-        stiffness += 2.0 * leg.rest[0] ** 2 / max(yielding, 1e-9) / len(robot.legs)
-    return float(max(0.0, UPRIGHT * robot.weight * robot.standing_height / max(stiffness, 1e-9) - 1.0))
+        compliance = by_hip**2 / robot.joints[hip].kp + by_knee**2 / robot.joints[knee].kp
+        stiffness += 2.0 * leg.rest[0] ** 2 / max(compliance, 1e-9) / len(robot.legs)
+    return float(max(0.0, MIN_PITCH_STIFFNESS * robot.weight * robot.standing_height / max(stiffness, 1e-9) - 1.0))
 
 
-def readings(num_joints: int) -> int:
+def num_readings(num_joints: int) -> int:
     """Number of observed sensor readings: attitude, rates, joint angles."""
-    return TILT_READINGS + num_joints
+    return NUM_IMU_READINGS + num_joints
 
 
 def observation_size(num_joints: int) -> int:
     """Length of an observation: sensor readings, then drift, heading error, command and phase."""
-    return readings(num_joints) + FOLLOWED
+    return num_readings(num_joints) + NUM_COMMAND_OBSERVATIONS
 
 
 def action_size(num_joints: int) -> int:
     """Length of an action: one residual per joint, then the modulation of the gait."""
-    return num_joints + MODULATION
+    return num_joints + NUM_MODULATIONS

@@ -1,4 +1,4 @@
-"""Commanded speed and yaw rate over an episode: drawn anew for every episode, or given at fixed times."""
+"""Commanded speed and yaw rate over an episode: sampled for every episode, or given at fixed times."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.bounds import is_range, require_number
-from motorprior.exceptions import ConfigError, shown
+from motorprior.exceptions import ConfigError, quoted
 from motorprior.locomotion.body import MAX_COMMAND
 from motorprior.robots.robot import Robot
 
@@ -47,7 +47,7 @@ class Commands:
                 object.__setattr__(self, name, value)
             if value is not None and not is_range(value, -10.0, 10.0):
                 raise ConfigError(
-                    f"commands.{name} {shown(value)} is not a range within -10..10", argument=f"commands.{name}",
+                    f"commands.{name} {quoted(value)} is not a range within -10..10", argument=f"commands.{name}",
                     remedy="give the smaller number first",
                 )  # fmt: skip
         require_number("commands.hold", self.hold, 0.1, 1e6)
@@ -68,7 +68,7 @@ class Commands:
         limit, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
         if self.yaw_rate is not None and not is_range(self.yaw_rate, -limit, limit):
             raise ConfigError(
-                f"commands.yaw_rate {shown(self.yaw_rate)} is not a range in the robot's -{limit:g}..{limit:g} rad/s",
+                f"commands.yaw_rate {quoted(self.yaw_rate)} is not a range in the robot's -{limit:g}..{limit:g} rad/s",
                 remedy="give slower turns, or more in [gait] of the robot's file", argument="commands.yaw_rate",
             )  # fmt: skip
         low, high = self.forward or (slowest, fastest)
@@ -85,8 +85,8 @@ class Commands:
         speeds = forward[0] + (forward[1] - forward[0]) * shares
         turns = np.where(rng.uniform(size=count) < self.straight, 0.0, rng.uniform(*turn, count))
         moving = rng.uniform(size=count) >= self.still
-        held = np.stack([speeds * moving, turns * moving], axis=1)
-        return held[np.arange(steps) // each]
+        commands = np.stack([speeds * moving, turns * moving], axis=1)
+        return commands[np.arange(steps) // each]
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 The Gymnasium env (through `GaitController`) and the compiled rollout both call these, so they agree bit for bit:
 
-    reset: begin_gait, observe, sense, follow_command
+    reset: begin_gait, observe, apply_sensor_errors, follow_command
     step:  command_step(action)        targets of the present phase; the phase advances
            physics until the next control step
            evaluate_step               readings, reward, end of the episode
-           sense, follow_command       errors of the sensors; then command, heading and phase join the observation
+           apply_sensor_errors, follow_command   then command, heading and phase join the observation
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.locomotion.body import FOLLOWED, MAX_COMMAND, Body, action_size
+from motorprior.locomotion.body import MAX_COMMAND, NUM_COMMAND_OBSERVATIONS, Body, action_size
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -31,14 +31,14 @@ from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, obser
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.rotations import roll_pitch_yaw
 
-MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 walk alike
+MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 are equal
 LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
-RAMP = 0.5  # [s] in which the command in force goes from standing to the largest speed or yaw rate
+RAMP = 0.5  # [s] ramp of the command in force from standing to the largest speed or yaw rate
 MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
 # Largest observed drift, as a share of the distance in a second at the largest speed: 2.3 standard deviations of
-# trainings of 5 s. With 0.3, walks of 20 s reached seven, which a linear policy multiplied until the robot fell.
+# trainings of 5 s. With 0.3, walks of 20 s reached seven, and a linear policy amplified this until the robot fell.
 MAX_DRIFT = 0.1
-_PHASE, _HEADING, _DRIFT, _GOAL, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
+_PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
 
 
 class GaitState(NamedTuple):
@@ -91,7 +91,7 @@ def follow_command(
 
     The command in force follows the given one at a bounded rate. The heading error ψ integrates the observed heading
     rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a robot that pulls to
-    one side would walk on at a small constant error. All but the command fade out as the robot comes to a stand.
+    one side would walk on at a small constant error. All except the command fade out as the robot stops.
 
     Args:
         body: of the robot.
@@ -102,21 +102,21 @@ def follow_command(
         observation: shape (observations,), its last six are overwritten.
     """
     step = control_dt / RAMP
-    forward = min(MAX_COMMAND * body.fastest, max(body.slowest, forward))
-    yaw_rate = min(body.yaw_rate, max(-body.yaw_rate, yaw_rate))
-    gait.twist[0] += min(step * body.fastest, max(-step * body.fastest, forward - gait.twist[0]))
-    gait.twist[1] += min(step * body.yaw_rate, max(-step * body.yaw_rate, yaw_rate - gait.twist[1]))
+    forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
+    yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
+    gait.twist[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - gait.twist[0]))
+    gait.twist[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - gait.twist[1]))
     share, angle = gait_share(body, gait.twist[0], gait.twist[1]), 2.0 * math.pi * gait.scalars[_PHASE]
-    gait.scalars[_GOAL] += control_dt * gait.twist[1]
+    gait.scalars[_COMMANDED_HEADING] += control_dt * gait.twist[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
         gait.scalars[_HEADING] += control_dt * (heading_rate(observation) - gait.twist[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
     drift = gait.scalars[_DRIFT] + control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
-    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path is another one.
-    max_drift, along = MAX_DRIFT * body.fastest, gait_share(body, gait.twist[0], 0.0)
+    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has changed.
+    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, gait.twist[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
-    first = observation.shape[0] - FOLLOWED
-    # Observed to the left of the direction of motion: the same turn then corrects it forward and backward.
+    first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
+    # Positive to the left of the direction of motion, so that the same turn corrects it forward and backward.
     observation[first] = math.copysign(1.0, gait.twist[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
     observation[first + 2], observation[first + 3] = gait.twist[0], gait.twist[1]
@@ -131,12 +131,12 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
-    return body.level * forward, body.level * left
+    return body.levelling_gain * forward, body.levelling_gain * left
 
 
 @njit(cache=True)
 def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: GaitState, control_dt: float) -> None:
-    """From an action to the position targets ``gait.target``; the phase advances.
+    """Convert an action to the position targets ``gait.target``, and advance the phase.
 
     Low-pass and scale the action; targets = gait + lead · its rate + support + residual, with a rate up to
     MAX_TARGET_SPEED, within the joint limits. The support compensates the PD's deflection under the weight. The lead
@@ -189,7 +189,7 @@ def evaluate_step(
     weights: np.ndarray,
     observation: np.ndarray,
 ) -> tuple[float, bool]:
-    """From the state after the physics to readings, reward and the end of the episode.
+    """Readings, reward and the end of the episode from the state after the physics.
 
     A fault of the backend ends the episode with reward 0 and leaves ``observation`` as it was: the state is invalid.
 
@@ -215,7 +215,7 @@ def evaluate_step(
         return 0.0, True
     observe(base_quat, base_ang_vel, measured_joint_pos, body.nominal_pose, observation)
     roll, pitch, yaw = roll_pitch_yaw(base_quat)
-    down = fallen(roll, pitch, base_pos[2], body.lowest, body.highest)
+    down = fallen(roll, pitch, base_pos[2], body.min_height, body.max_height)
     cosine, sine = math.cos(yaw), math.sin(yaw)
     share, scalars = 1.0 - math.exp(-control_dt / SPEED_FILTER), gait.scalars
     scalars[_FORWARD] += share * (cosine * base_lin_vel[0] + sine * base_lin_vel[1] - scalars[_FORWARD])
@@ -225,7 +225,7 @@ def evaluate_step(
     slip = sliding(body, gait.feet, foot_pos, measured_joint_pos, pitch, yaw, control_dt)
     effort = sum_torque_squared / (body.reference_torque * body.reference_torque)
     earned = reward(
-        speed_error, scalars[_LEFT], wrapped(yaw - scalars[_GOAL]),
+        speed_error, scalars[_LEFT], wrapped(yaw - scalars[_COMMANDED_HEADING]),
         base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, control_dt, weights,
     )  # fmt: skip
     return earned, down

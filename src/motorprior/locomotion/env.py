@@ -15,7 +15,7 @@ from motorprior.locomotion.body import action_size
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.control_step import evaluate_step
 from motorprior.locomotion.gait_controller import GaitController
-from motorprior.locomotion.sensing import Sensors, perfect_sensors, sense
+from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
 
@@ -32,7 +32,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
 
     Args:
-        robot: a legged one.
+        robot: with legs.
         backend: simulated or real robot; must hold each target for the robot's control period.
         weights: coefficients of the reward.
         episode_steps: control steps until truncation.
@@ -50,7 +50,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         backend: Backend,
         weights: TaskWeights | None = None,
         episode_steps: int = 500,
-        draw_sensors: Callable[[int, int], Sensors] | None = None,
+        draw_sensors: Callable[[int, int], SensorErrors] | None = None,
         commands: Commands | Timetable | None = None,
         gait: str = "trot",
     ):
@@ -128,7 +128,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _observed(self, state: BackendState) -> np.ndarray:
         """Apply sensor errors and the command to the true readings of this control step."""
-        sense(self._sensors, self._steps, state.base_quat, self._controller.observation)
+        apply_sensor_errors(self._sensors, self._steps, state.base_quat, self._controller.observation)
         forward, yaw_rate = self._schedule[min(self._steps, self._episode_steps - 1)]
         return self._controller.follow(forward, yaw_rate).copy()
 

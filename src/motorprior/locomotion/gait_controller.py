@@ -1,4 +1,4 @@
-"""From a robot's state to its next position targets, for loops that are not compiled.
+"""Position targets from a robot's state, for loops that are not compiled.
 
 The Gymnasium environment and the deployment on a robot share it; without numba it runs on numpy alone.
 """

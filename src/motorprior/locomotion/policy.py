@@ -17,7 +17,7 @@ import numpy as np
 from motorprior.artifacts import require_keys, write_tensors
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import MODULATION, Body, action_size, observation_size
+from motorprior.locomotion.body import NUM_MODULATIONS, Body, action_size, observation_size
 from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.robots.robot import Robot
 from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number, one_of
@@ -28,7 +28,7 @@ FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indice
 FREQUENCY_SHARE = 0.4  # ± share of the usual frequency
 INTENSITY_SHARE = 0.75  # ± share of the commanded stride
 HEIGHT_SHARE = 0.5  # [swing heights] ± of the body height
-RATIO_HIGH = 2.0  # swing/stance ratio over the usual one, at most; the lowest is the inverse
+MAX_RATIO = 2.0  # maximum swing/stance ratio over the usual one; the minimum is its inverse
 
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
@@ -128,15 +128,15 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
         action: a, shape (actions,), in [-1, 1], already filtered.
         out: shape (actions,), overwritten: residuals [rad], frequency [Hz], intensity, height [m], ratio, turn [rad/s].
     """
-    joints = out.shape[0] - MODULATION
+    joints = out.shape[0] - NUM_MODULATIONS
     for joint in range(joints):
-        out[joint] = body.residual * action[joint]
+        out[joint] = body.max_residual * action[joint]
     out[joints + FREQUENCY] = body.frequency * (1.0 + FREQUENCY_SHARE * action[joints + FREQUENCY])
     out[joints + INTENSITY] = 1.0 + INTENSITY_SHARE * action[joints + INTENSITY]
     out[joints + HEIGHT] = HEIGHT_SHARE * body.swing_height * action[joints + HEIGHT]
-    ratio = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(RATIO_HIGH))
+    ratio = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(MAX_RATIO))
     out[joints + SWING_STANCE_RATIO] = body.swing_stance_ratio * ratio
-    out[joints + TURN] = body.yaw_rate * action[joints + TURN]
+    out[joints + TURN] = body.max_yaw_rate * action[joints + TURN]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ class Policy:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, where: str | Path | None = None) -> None:
-        """Refuse an invalid policy.
+        """Reject an invalid policy.
 
         Raises:
             ArtifactError: a wrong shape or a value that is not finite.

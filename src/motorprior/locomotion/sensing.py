@@ -11,7 +11,7 @@ from motorprior.delay_line import fill_line, interpolated, write_line
 from motorprior.rotations import roll_pitch_below
 
 
-class Sensors(NamedTuple):
+class SensorErrors(NamedTuple):
     """Sensor errors of one episode, for compiled code."""
 
     noise: np.ndarray  # (observations, readings) added to each observation; no rows without noise
@@ -20,13 +20,13 @@ class Sensors(NamedTuple):
     up: np.ndarray  # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
 
 
-def perfect_sensors() -> Sensors:
+def perfect_sensors() -> SensorErrors:
     """Neither noise nor delay, on level ground."""
-    return Sensors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.array([0.0, 0.0, 1.0]))
+    return SensorErrors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.array([0.0, 0.0, 1.0]))
 
 
 @njit(cache=True, nogil=True)
-def sense(sensors: Sensors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
+def apply_sensor_errors(sensors: SensorErrors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
     """Replace the true readings of an observation by the measured ones.
 
     Roll and pitch relative to the ground become those relative to gravity. A delay between two control steps

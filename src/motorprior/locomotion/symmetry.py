@@ -19,7 +19,7 @@ _TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] betw
 
 
 @dataclass(frozen=True, eq=False)
-class Swap:
+class SignedPermutation:
     """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
 
     index: np.ndarray
@@ -31,23 +31,23 @@ class Swap:
         out[:, self.index] = matrix * self.sign
         return out
 
-    def of(self, vectors: np.ndarray) -> np.ndarray:
+    def mirrored(self, vectors: np.ndarray) -> np.ndarray:
         """Mirrored (..., n) vectors."""
         return self.sign * vectors[..., self.index]
 
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """Attributes: observation and action, how each is mirrored; ``inputs`` is observation with the bias at its end."""
+    """Attributes: observation and action, the permutation with signs that mirrors each."""
 
-    observation: Swap
-    action: Swap
+    observation: SignedPermutation
+    action: SignedPermutation
 
     @property
-    def inputs(self) -> Swap:
-        """Of a policy."""
+    def inputs(self) -> SignedPermutation:
+        """Of a policy: the observation, and the bias at its end."""
         last = len(self.observation.index)
-        return Swap(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
+        return SignedPermutation(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
 
     def symmetric(self, weights: np.ndarray) -> np.ndarray:
         """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
@@ -59,7 +59,7 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
     """Mirror of a robot's observations and actions in a gait.
 
     Raises:
-        ConfigError: legs that are no pairs, or a gait that is not its own mirror image.
+        ConfigError: legs that do not form pairs, or a gait that is not its own mirror image.
     """
     partners = _partners(robot)
     joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)
@@ -74,7 +74,8 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
     actions = np.arange(action_size(robot.num_joints))
     actions[: len(joints)] = joints
     return Mirror(
-        Swap(observed, np.concatenate([tilt, sign, followed])), Swap(actions, np.concatenate([sign, modulation]))
+        SignedPermutation(observed, np.concatenate([tilt, sign, followed])),
+        SignedPermutation(actions, np.concatenate([sign, modulation])),
     )
 
 

@@ -1,6 +1,6 @@
 """The walking task: observation, reward, and the end of an episode.
 
-A robot follows a command: a speed along its own heading and a yaw rate. It observes what it can measure itself:
+A robot follows a command: a speed along its own heading and a yaw rate. Its observations are its own measurements:
 attitude and rates of its IMU, its joints, the command, and the heading integrated from its gyroscope.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
-from motorprior.locomotion.body import TILT_READINGS, Body
+from motorprior.locomotion.body import NUM_IMU_READINGS, Body
 from motorprior.rotations import roll_pitch_yaw
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
@@ -80,7 +80,7 @@ def observe(
     for axis in range(3):
         out[2 + axis] = base_ang_vel_local[axis]
     for joint in range(nominal_pose.shape[0]):
-        out[TILT_READINGS + joint] = measured_joint_pos[joint] - nominal_pose[joint]
+        out[NUM_IMU_READINGS + joint] = measured_joint_pos[joint] - nominal_pose[joint]
 
 
 @njit(cache=True)

@@ -46,7 +46,7 @@ def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
 @njit(cache=True)
 def gait_share(body: Body, forward: float, yaw_rate: float) -> float:
     """Share of the full gait for a command: 0 standing, 1 from a tenth of the highest speed or yaw rate."""
-    return min(1.0, 10.0 * (abs(forward) / body.fastest + abs(yaw_rate) / body.yaw_rate))
+    return min(1.0, 10.0 * (abs(forward) / body.max_speed + abs(yaw_rate) / body.max_yaw_rate))
 
 
 @njit(cache=True)
@@ -86,7 +86,7 @@ def joint_targets(
     for leg in range(body.phases.shape[0]):
         leg_phase = phase + body.phases[leg]
         ahead, lifted = foot_path(leg_phase - math.floor(leg_phase), stance_share)
-        x, y, rest_forward, rest_below = body.rest[leg]
+        x, y, rest_forward, rest_below = body.nominal_feet[leg]
         along = rest_forward + ahead * (forward - yaw_rate * y) * stance_time
         aside = ahead * yaw_rate * x * stance_time
         below = rest_below + height + rise[0] * x + rise[1] * y - lift * lifted
@@ -126,8 +126,8 @@ def add_support(
         _, hip, knee = body.legs[leg]
         thigh, shank = body.lengths[leg]
         by_hip, by_knee = lever_arms(thigh, shank, float(pose[hip]), float(pose[knee]))
-        out[hip] += force * by_hip * body.yielding[hip]
-        out[knee] += force * by_knee * body.yielding[knee]
+        out[hip] += force * by_hip * body.compliance[hip]
+        out[knee] += force * by_knee * body.compliance[knee]
 
 
 def open_loop_gait(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, quoted
 from motorprior.logs.log_errors import Where, bad_value, require_finite, require_increasing
 from motorprior.logs.motor_log import (
     BASE_AXES,
@@ -140,6 +140,6 @@ def _check_firmware(log: MotorLog, where: Where) -> None:
         if not is_register(name, value):
             low, high = FIRMWARE[name]
             raise LogError(
-                f"firmware.{name} {shown(value)} is not 0 (off) or a number from {low:g} to {high:g}", where=where,
+                f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}", where=where,
                 remedy="give it in rad, rad/s or rad/s², or leave it out",
             )  # fmt: skip

@@ -74,8 +74,8 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
     """Find the motors of a log in a prior's latent space.
 
     Args:
-        prior: of such motors.
-        log: with load_inertia and external_torque, at the prior's sample period; seconds are enough.
+        prior: of motors of this kind.
+        log: with load_inertia and external_torque, at the prior's sample period; a few seconds are enough.
         anyway: also if motors are outliers of the prior.
         progress: receives the motors' errors on the log, and notes on weak and static motors; by default warnings are
             Python warnings.
@@ -105,7 +105,7 @@ def run_adapt(
     progress: Progress = SILENT,
     show: Show = lambda log, found, outliers, constants: None,
 ) -> None:
-    """Adapt, unless the folder holds this very posterior already.
+    """Adapt, unless the folder already contains this posterior.
 
     Args:
         config: settings.

@@ -93,7 +93,7 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
         return
     title = f"bench {config.preset}: {config.motors} motors, {config.steps} steps"
     with working(config.out, wanted), progress.start(title, 1) as task:
-        (config.out / BENCH_JSON).unlink(missing_ok=True)  # of other motors
+        (config.out / BENCH_JSON).unlink(missing_ok=True)  # it may be of other motors
         motors = training_motors(fleet, config.motors, config.seed)
         write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
         settings = BenchSettings(fleet, config.preset, config.motors, config.steps, config.seed)

@@ -80,7 +80,7 @@ def run_demo(
     Args:
         config: settings.
         progress: reports to the user.
-        command: that makes the same page, for the page.
+        command: command line that makes the same page, to print on it.
         show: called with the comparison of the motors of real logs.
 
     Returns:
@@ -108,7 +108,7 @@ def run_demo(
             sections += real_motors(out)
             page = _write_page(given, sections, command)
             progress.note(f"your motors: {page}; the next stages use a virtual {config.robot}")
-        _learn(config, progress)
+        _identify_priors(config, progress)
         results += _validate(config, progress)
         sections += [chapters.bench(out / "bench" / "rollout"), *chapters.validate(out / "validate")]
         progress.note(f"first pictures: {_write_page(given, sections, command)}")
@@ -178,7 +178,7 @@ def _require_settings(config: Demo, replayed: bool) -> None:
         read_logs(config.logs, robot)
 
 
-def _learn(config: Demo, progress: Progress) -> None:
+def _identify_priors(config: Demo, progress: Progress) -> None:
     benches = {preset: config.out / "bench" / preset for preset in ("rollout", "paper")}
     for preset, out in benches.items():
         bench = Bench(out, config.fleet, preset, config.motors, config.bench_steps, config.seed, config.robot)

@@ -1,4 +1,4 @@
-"""Motor logs in, motor prior out."""
+"""Fit a motor prior to motor logs."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def fit_recipe(
 
 
 def run_identify(config: Identify, progress: Progress = SILENT) -> None:
-    """Train, unless the folder holds this very prior already.
+    """Train, unless the folder already contains this prior.
 
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
@@ -129,7 +129,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
 
 @dataclass(frozen=True)
 class _Job:
-    """A prior to fit: the log, its file, and how."""
+    """A fit: the log, its file, the recipe and the origin of the motors."""
 
     log: MotorLog
     where: str
@@ -189,7 +189,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
     if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
         deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
         progress.note(
-            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot show a distribution: the prior "
+            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
             f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
             f"{RELIABLE_MOTORS} or more)"
         )
@@ -215,7 +215,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
         errors = replay_errors(LatentActuator(network, mean), log, found.preset, progress)
         unexplained = float(np.median(errors.unexplained("prior")))
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
-        # samples are spread wider where the model lacks physics: by 1 up to MAX_UNEXPLAINED, by 2 at 1
+        # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
         network, mean, log_var = with_scaled_spread(network, mean, log_var, factor)
         if network.copula is not None and factor > 1.0:

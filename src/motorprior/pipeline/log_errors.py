@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # they import JAX
 PRIOR, TUNED_PD = "prior", "tuned_pd"
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
-BROKEN = 1.0  # error of a motor whose replay is not finite [rad]
+DIVERGED_ERROR = 1.0  # error of a motor whose replay is not finite [rad]
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class LogErrors:
     def results(
         self, quantity: str, statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] | None = None
     ) -> Results:
-        """Of each model the statistics over all joints and logs, the mean by default; its mean by joint and by log."""
+        """Statistics of each model over all joints and logs, by default the mean; its means by joint and by log."""
         rows = []
         for model, values in self.models.items():
             for statistic, function in (statistics or {None: np.nanmean}).items():
@@ -89,7 +89,7 @@ class LogErrors:
         return np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0)) / np.maximum(baseline, 1e-9)
 
     def warnings(self, model: str) -> list[str]:
-        """A warning that names the joints for which the model keeps too much of the tuned PD's error."""
+        """A warning that names the joints for which too much of the tuned PD's error remains."""
         share = self.unexplained(model)
         large = np.flatnonzero(share > MAX_UNEXPLAINED)
         if not large.size:
@@ -129,7 +129,7 @@ def replay_errors(motors: LatentActuator, log: MotorLog, recipe: Preset, progres
     with progress.start("tune a PD to compare with", TUNING) as task:
         found = fit_quality(motors, log, task.advance, recipe.nominal_conditions)
     errors = {
-        name: np.where(np.isfinite(values), values, BROKEN)[None]
+        name: np.where(np.isfinite(values), values, DIVERGED_ERROR)[None]
         for name, values in zip((PRIOR, TUNED_PD), found, strict=True)
     }
     replayed = LogErrors((log.source,), log.joint_names, errors)

@@ -90,7 +90,7 @@ def motor_sampler(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]
     Args:
         motors: a prior, a posterior or a fleet, sampled for every episode; fixed motors; or a function of a generator,
             called once here to find the physics step.
-        robot: that they drive.
+        robot: with these motors.
 
     Raises:
         ConfigError: motors of another robot, of another number, or of an unknown type.
@@ -208,7 +208,7 @@ class MotorChoice:
             return lambda rng: prior.sample(count, rng, gains, self.latent_spread)
         try:
             posterior = _in_joint_order(MotorPosterior.load(self.posterior, prior), robot)
-            posterior.sample(count, 0, gains, self.limit_follows_gain)  # an error now, not in the first episode
+            posterior.sample(count, 0, gains, self.limit_follows_gain)  # raise errors now, not in the first episode
         except ConfigError as error:
             raise ConfigError(error.problem, where=self.posterior, remedy=error.remedy) from error
         return lambda rng: posterior.sample(count, rng, gains, self.limit_follows_gain)
@@ -260,7 +260,7 @@ def _randomized_pd(model: IdealPd, coulomb: np.ndarray, spread: float, rng: np.r
 
 
 def _in_joint_order(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
-    """Motors by the names of the robot's joints, in its order; one motor, or those of a bench, as they are.
+    """Motors sorted by name in the order of the robot's joints; one motor, or those of a bench, are unchanged.
 
     Raises:
         ConfigError: neither one motor nor the robot's number, or a name that is not a joint of the robot.

@@ -105,4 +105,4 @@ class WarningCollector(WithoutNotes):
 
 
 SILENT = Silent()
-WARNED = PythonWarnings()  # default of functions for Python
+WARNED = PythonWarnings()  # default of the Python API

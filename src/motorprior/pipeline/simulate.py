@@ -19,7 +19,7 @@ from motorprior.pipeline.stage import description, is_finished, working
 from motorprior.robots.load import as_robot, load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.playback import Replay, replay
+from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.suspended_load import with_loads
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
@@ -78,7 +78,7 @@ def simulate(
     *,
     seed: int | np.random.Generator = 0,
     suspended: bool = False,
-) -> Replay:
+) -> Playback:
     """Simulate a robot that starts at rest in its nominal pose; each row of ``targets`` lasts one control step.
 
     Args:
@@ -110,7 +110,7 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
         ConfigError: an unknown excitation.
     """
     signal = excitation_named(kind).target
-    rng = np.random.default_rng([seed, 0x51E7])  # another stream than that of the motors
+    rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
     steps = max(2, round(seconds / robot.control_dt))
     away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))

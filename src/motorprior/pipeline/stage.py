@@ -163,7 +163,7 @@ def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, pro
     """Results of functions of a `Progress`, in order, ``threads`` at a time.
 
     Raises:
-        BaseException: the first one of a function. Functions that already run continue, no other starts.
+        BaseException: the first that a function raises. Functions that already run continue, no other starts.
     """
     if threads == 1 or len(works) == 1:
         return [work(progress) for work in works]

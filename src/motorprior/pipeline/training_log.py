@@ -55,6 +55,6 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], 
     if not any((folder / name).is_file() for name in (LOG, BENCH_JSON)):
         remedy = "give the folder that `motorprior bench` wrote, or motor logs (.parquet)"
         raise LogError(f"a folder without {LOG}", where=folder, remedy=remedy)
-    log, facts = read_bench(folder)
-    provenance = {"bench": facts.as_json(), MOTIONS: [motion_digest(log)]}
-    return log, [folder / LOG, folder / BENCH_JSON], Origin(facts.fleet.robot, facts.fleet.motor, provenance)
+    log, settings = read_bench(folder)
+    provenance = {"bench": settings.as_json(), MOTIONS: [motion_digest(log)]}
+    return log, [folder / LOG, folder / BENCH_JSON], Origin(settings.fleet.robot, settings.fleet.motor, provenance)

@@ -94,7 +94,7 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
             time.sleep(_HOMING_TIME)
         yield answer
     finally:
-        connection.close()  # ends it, also if this process is killed
+        connection.close()  # ends the robot, also if this process is killed
         process.join(timeout=10.0)
         process.kill()
 
@@ -109,9 +109,9 @@ def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection
     except MotorPriorError as error:
         connection.send(error)
         return
-    start = body.live.position()
+    start = body.simulated.position()
     connection.send(virtual.port)
     with real_time():
         virtual.run(connection.poll)
-    forward, left = body.live.position() - start
+    forward, left = body.simulated.position() - start
     print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)

@@ -12,7 +12,7 @@ from motorprior.exceptions import listed
 # a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
 # ... and below so many standard deviations of log(kp) over samples of the prior. One in fifty healthy robots of twelve
-# motors has a motor below, and as many have such a median if the motors of a robot share a third of the variance.
+# motors has a motor below, and one in fifty such a median if the motors of a robot share a third of the variance.
 _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 
 

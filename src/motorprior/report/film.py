@@ -32,7 +32,7 @@ def film(
     """The pictures of a film.
 
     Args:
-        robot: that walks.
+        robot: of the walks.
         walks: (F, 7 + joints) base position, quaternion and joint angles of each.
         titles: of each, in every picture.
         notes: F of each.

@@ -63,7 +63,7 @@ def page(
         title: of the page.
         sections: in reading order.
         settings: of the run; nested dictionaries are allowed.
-        command: that makes the same page.
+        command: command line that makes the same page.
         complete: whether all stages of the run are finished.
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -163,7 +163,7 @@ def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
         _with_band(angle, log, rows, 0.0, 1.0)
         _with_band(error, log, rows, log.measured[rows], 1e3)
         describe(angle, y="angle [rad]", title=log.title)
-        describe(error, y="minus measured [mrad]")
+        describe(error, y="error [mrad]")
     for axes in grid[-1]:
         describe(axes, x=TIME)
     legend_below(figure, grid[0, 0])

@@ -59,11 +59,11 @@ def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     return figure
 
 
-def traces(shown: Sequence[Trace]) -> Figure:
+def traces(selected: Sequence[Trace]) -> Figure:
     """A row per trace: recorded and simulated angles, and the errors, in the last seconds."""
-    figure = new_figure(0.7 + 1.9 * len(shown))
-    grid = panels(figure, len(shown), 2)
-    for (angle, error), trace in zip(grid, shown, strict=True):
+    figure = new_figure(0.7 + 1.9 * len(selected))
+    grid = panels(figure, len(selected), 2)
+    for (angle, error), trace in zip(grid, selected, strict=True):
         _draw(angle, error, trace)
     for axes in grid[-1]:
         describe(axes, x=TIME)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from motorprior.report.plots_style import describe, model_color, model_label, new_figure, panels
 
 
-def forest(upright: Mapping[tuple[str, str], Any], conditions: Sequence[str]) -> Figure:
+def forest_plot(upright: Mapping[tuple[str, str], Any], conditions: Sequence[str]) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation.
 
     Args:

@@ -36,7 +36,7 @@ MODEL_COLORS = {
 }
 # names that differ from the key with spaces in place of underscores
 MODEL_LABELS = {
-    "untrained": "nothing: the gait",
+    "untrained": "untrained gait",
     "ideal_pd": "ideal PD",
     "tuned_pd": "tuned PD",
     "paper_wide": "paper, wide",
@@ -46,7 +46,7 @@ MODEL_LABELS = {
     "prior_mean": "prior's central motor",
     "prior": "sampled prior",
     "prior_adapted": "adapted prior",
-    "prior_robust": "prior + random body",
+    "prior_robust": "prior + randomised body",
 }
 # in units of the line width, so that lines differ without colour; all others are solid
 MODEL_DASHES: dict[str, tuple[float, ...]] = {
@@ -80,7 +80,7 @@ def model_color(model: str) -> str:
 
 
 def model_label(model: str) -> str:
-    """Name for readers; a variant keeps its ending, an unknown one its name without underscores."""
+    """Display name; a variant keeps its suffix, an unknown model its name without underscores."""
     key = model_key(model) or ""
     return (MODEL_LABELS.get(key, key) + model[len(key) :]).replace("_", " ")
 

@@ -86,8 +86,8 @@ def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequenc
         zip(panels(figure, 1, 2, sharey=True)[0], ("forward speed [m/s]", "time upright [-]"), strict=True)
     ):
         for values, offset, alpha in ((own, -0.19, 0.35), (twin, 0.19, 1.0)):
-            rows, shown = np.arange(len(values)) + offset, [each[column] for each in values.values()]
-            bars = axes.barh(rows, shown, 0.34, color=[model_color(name) for name in values], alpha=alpha)
+            rows, lengths = np.arange(len(values)) + offset, [each[column] for each in values.values()]
+            bars = axes.barh(rows, lengths, 0.34, color=[model_color(name) for name in values], alpha=alpha)
             axes.bar_label(bars, fmt="%.2f", fontsize=TEXT, padding=2)
         axes.axvline(0.0, color=MUTED, lw=0.8)
         axes.margins(x=0.16)
@@ -101,23 +101,23 @@ def robustness_maps(maps: Mapping[str, Sequence[UprightMap]]) -> Figure:
     """Time upright over two disturbances [%]: a row per training, a column per map."""
     columns = len(next(iter(maps.values())))
     figure = new_figure(2.6 * len(maps))
-    for row, (name, shown) in zip(panels(figure, len(maps), columns), maps.items(), strict=True):
-        for axes, each in zip(row, shown, strict=True):
+    for row, (name, row_maps) in zip(panels(figure, len(maps), columns), maps.items(), strict=True):
+        for axes, each in zip(row, row_maps, strict=True):
             _heat_map(axes, each)
         describe(row[0], title=f"time upright [%], trained on {model_label(name)}")
     return figure
 
 
-def _heat_map(axes: Axes, shown: UprightMap) -> None:
+def _heat_map(axes: Axes, upright: UprightMap) -> None:
     """Rows from bottom to top."""
-    axes.imshow(shown.share, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.7)
-    for row, values in enumerate(shown.share):
+    axes.imshow(upright.share, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.7)
+    for row, values in enumerate(upright.share):
         for column, value in enumerate(values):
             axes.text(column, row, f"{100.0 * value:.0f}", ha="center", va="center", fontsize=TEXT)
-    axes.set_xticks(range(len(shown.columns)), [f"{value:g}" for value in shown.columns])
-    axes.set_yticks(range(len(shown.rows)), [f"{value:g}" for value in shown.rows])
+    axes.set_xticks(range(len(upright.columns)), [f"{value:g}" for value in upright.columns])
+    axes.set_yticks(range(len(upright.rows)), [f"{value:g}" for value in upright.rows])
     axes.grid(False)
-    describe(axes, x=shown.titles[1], y=shown.titles[0])
+    describe(axes, x=upright.titles[1], y=upright.titles[0])
 
 
 def footfalls(stances: Mapping[str, np.ndarray], legs: Sequence[str], span: float, axis: str) -> Figure:

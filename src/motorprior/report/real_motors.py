@@ -22,7 +22,7 @@ def real_motors(run: Path) -> list[Section]:
     """From the files of the stage ``real_motors`` of a run."""
     results = Results.load(run / "real_motors" / "results.json")
     tensors, header = read_tensors(run / "real_motors" / "traces.safetensors")
-    lead = "Models of your motors simulate the joints from the recorded commands; nothing corrects them on the way."
+    lead = "Models of your motors simulate the joints from recorded commands, without feedback from the log."
     tables = [_table(error_table(results, {WHOLE_RUN: "whole log"}), "Joint RMSE [mrad], over joints.")]
     if constants := constants_in(results):
         tables.append(_table(constant_table(constants), "Constants of your motors, over joints."))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from motorprior.results import Results
-from motorprior.transfer.metrics import CONDITIONS, MODELS
+from motorprior.transfer.metrics import MODELS, TRAINING_CONDITIONS
 
-Table = tuple[list[str], list[list[str]]]
+ColumnsAndRows = tuple[list[str], list[list[str]]]
 
 TRANSFER_COLUMNS = (
     "trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]",
@@ -16,7 +16,7 @@ TRANSFER_COLUMNS = (
 def conditions_in(results: Results) -> list[str]:
     """Conditions of a transfer table, in the usual order."""
     found = results.where(quantity="speed", motors="twin").distinct("model")
-    return [name for name in CONDITIONS if name in found] + sorted(set(found) - set(CONDITIONS))
+    return [name for name in TRAINING_CONDITIONS if name in found] + sorted(set(found) - set(TRAINING_CONDITIONS))
 
 
 def transfer_rows(results: Results) -> list[list[str]]:
@@ -66,7 +66,7 @@ def fidelity_rows(results: Results, columns: tuple[str, ...], motors: str = "tra
     return [[model, *(f"{found.value(quantity=name, model=model):.4f}" for name in columns)] for model in models]
 
 
-def calibration_errors(results: Results) -> Table:
+def calibration_errors(results: Results) -> ColumnsAndRows:
     """Columns and rows of a calibration: joint RMSE [mrad] of each log and their mean, share within the bands."""
     titles = {
         "start": "starting fleet", "center": "fitted", "left_out": "without this log",
@@ -83,9 +83,9 @@ def calibration_errors(results: Results) -> Table:
     return ["log", *(titles[model] for model in models), "in 90 % bands"], rows
 
 
-def calibrated_constants(results: Results) -> Table:
-    """Columns and rows: each constant of a calibration; errors of a constant fitted by its logarithm are shares."""
-    columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "before", "between motors",
+def calibrated_constants(results: Results) -> ColumnsAndRows:
+    """Columns and rows: each constant of a calibration; errors of logarithms are in per cent."""
+    columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "prior σ", "σ between motors",
                "identified"]  # fmt: skip
     rows = []
     for part in results.where(quantity="calibrate_center").distinct("part"):
@@ -100,8 +100,8 @@ def calibrated_constants(results: Results) -> Table:
     return columns, rows
 
 
-def optima(results: Results) -> Table:
-    """Columns and rows: the optima of a calibration's searches, the best first."""
+def optima(results: Results) -> ColumnsAndRows:
+    """Columns and rows: the optima of a calibration's searches, the best one first."""
     costs, found = results.where(quantity="calibrate_cost"), results.where(quantity="calibrate_optimum")
     parts = found.distinct("part")
     rows = [

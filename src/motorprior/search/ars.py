@@ -63,7 +63,7 @@ class Candidate:
 
 
 def direction_noise(seed: int, iteration: int, direction: int, size: int) -> np.ndarray:
-    """δ of a direction: standard normal, shape (size,); the same wherever it is drawn."""
+    """δ of a direction: standard normal, shape (size,); the same on every worker."""
     return np.random.default_rng([seed, iteration, direction]).standard_normal(size)
 
 

@@ -1,4 +1,4 @@
-"""Where episodes run: one after the other, on threads, on processes of this machine, or on a Ray cluster.
+"""Execution of episodes: one after the other, on threads, on processes of this machine, or on a Ray cluster.
 
 A round of episodes is a list of tasks with one shared object. Both are small: noise and motors are sent as seeds.
 Results are in the order of the tasks and have the same bytes on every executor, given the same processor features and
@@ -103,7 +103,7 @@ def make_executor(
     """Make an executor; one thread is replaced by serial execution.
 
     Args:
-        make_simulator: called once per worker; for Ray it must pickle.
+        make_simulator: called once per worker; for Ray it must be picklable.
         workers: number of episodes at the same time; "serial" has one.
         kind: one after the other, threads of this process, or Ray's processes.
         address: of the Ray cluster to join; without one Ray starts on this machine only.

@@ -24,7 +24,7 @@ class ProcessExecutor:
     A process imports the program's main module, so a script needs the guard ``if __name__ == "__main__":``.
 
     Args:
-        make_simulator: called once in every process; must pickle, as must the mapped functions and tasks.
+        make_simulator: called once in every process; must be picklable, like the mapped functions and tasks.
         workers: number of processes.
     """
 

@@ -1,7 +1,7 @@
 """Episodes on many processes and machines, by Ray.
 
 Ray runs the tasks of a lost worker or node again elsewhere. Without an address Ray starts a cluster of this machine
-alone, whatever RAY_ADDRESS is or other clusters run, and listens on the loopback interface only: anyone with access to
+alone, regardless of RAY_ADDRESS and other clusters, and listens on the loopback interface only: anyone with access to
 a port of Ray can run code.
 """
 
@@ -31,7 +31,7 @@ _NUMBERS = itertools.count()
 
 @contextmanager
 def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
-    """The module ray, in a cluster: the one that this process is in already, else one that ends with the context.
+    """The module ray, in the cluster that this process has joined already, else in one that ends with the context.
 
     Raises:
         ConfigError: Ray is not installed, no cluster answers at the address, or a cluster of this machine alone would
@@ -52,9 +52,9 @@ class RayExecutor:
     """``workers`` processes on this machine, or those of a cluster.
 
     Args:
-        make_simulator: what a worker calls once; pickled by value.
-        workers: processes of this machine; on a cluster the number that episodes are cut into chunks for: Ray runs a
-            chunk on every core that is free.
+        make_simulator: called once per worker; pickled by value.
+        workers: processes of this machine. On a cluster it only sets the size of the chunks of episodes: Ray runs a
+            chunk on every free core.
         address: of a running cluster to join.
 
     Raises:
@@ -74,8 +74,8 @@ class RayExecutor:
 
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
-            Exception: what the function raised in a worker. Other chunks run on until `close`: to cancel one that is
-                ending lets Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
+            Exception: what the function raised in a worker. Other chunks run on until `close`: cancelling one that is
+                ending can make Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
         size = chunk_size(len(tasks), self._workers)
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
@@ -108,7 +108,7 @@ def require_ray(address: str | None = None) -> None:
     """Check before any work that Ray is installed and that a cluster answers at the address.
 
     Raises:
-        ConfigError: it is not, or none does.
+        ConfigError: Ray is not installed, or no cluster answers.
     """
     if not _import_ray().is_initialized() and address is not None:
         _require_answer(address)
@@ -170,7 +170,7 @@ def _on_loopback(ray: Any) -> Iterator[None]:
 
 
 def _require_answer(address: str) -> None:
-    """Refuse an address that accepts no connection; Ray itself would try for minutes."""
+    """Reject an address that accepts no connection; Ray itself would try for minutes."""
     host, _, port = address.rpartition(":")
     try:
         socket.create_connection((host, int(port)), timeout=10.0).close()

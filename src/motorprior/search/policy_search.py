@@ -56,7 +56,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Task:
+class EpisodeTask:
     """An episode to run: a candidate, and the seed of its motors."""
 
     candidate: Candidate
@@ -89,7 +89,7 @@ class BestPolicy:
         return cls(policy, float(state["champion_score"]), int(state["champion_iteration"]))
 
 
-def run_task(simulator: Any, shared: Round, task: Task) -> Any:
+def run_task(simulator: Any, shared: Round, task: EpisodeTask) -> Any:
     """Run one episode on a worker's simulator; returns a `simulation.rollout.Episode`."""
     return simulator.run(shared.policy(task.candidate), task.seed)
 
@@ -102,7 +102,7 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:
     """One ARS iteration: ask, run every candidate, tell."""
     iteration, seed = search.iteration, search.config.seed
-    tasks = [Task(candidate, episode_seed(seed, iteration, candidate.direction)) for candidate in search.ask()]
+    tasks = [EpisodeTask(candidate, episode_seed(seed, iteration, candidate.direction)) for candidate in search.ask()]
     episodes = executor.map(run_task, Round.of(search, shape), tasks)
     returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
     search.tell(returns, [RunningStats(episode.count, episode.mean, episode.m2) for episode in episodes])
@@ -120,7 +120,7 @@ def updated_best(search: Ars, shape: PolicyShape, evaluator: Executor, best: Bes
     """
     shared = replace(Round.of(search, shape), parameters=search.average)
     seeds = [episode_seed(search.config.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
-    episodes = evaluator.map(run_task, shared, [Task(Candidate(0, 0), seed) for seed in seeds])
+    episodes = evaluator.map(run_task, shared, [EpisodeTask(Candidate(0, 0), seed) for seed in seeds])
     score = float(np.mean([episode.total for episode in episodes]))
     return best if score <= best.score else BestPolicy(shared.policy(Candidate(0, 0)), score, search.iteration)
 

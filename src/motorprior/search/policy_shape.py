@@ -76,7 +76,7 @@ class PolicyShape:
         if self.mirror is not None:
             weights = self.mirror.symmetric(weights)
             hidden = np.concatenate([hidden, self.mirror.inputs.columns(hidden)])
-            readout = np.concatenate([readout, self.mirror.action.of(readout)])
+            readout = np.concatenate([readout, self.mirror.action.mirrored(readout)])
         if not normalise:
             return PolicyArrays(weights, hidden, readout, np.zeros(inputs - 1), np.ones(inputs - 1))
         stats = self.symmetric_stats(observations)
@@ -87,7 +87,7 @@ class PolicyShape:
         if self.mirror is None:
             return observations
         swap = self.mirror.observation
-        mirrored = RunningStats(observations.count, swap.of(observations.mean), observations.m2[swap.index])
+        mirrored = RunningStats(observations.count, swap.mirrored(observations.mean), observations.m2[swap.index])
         return observations.merge(mirrored)
 
     def parameters(self, policy: Policy) -> np.ndarray:

@@ -27,7 +27,7 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
     """Compile the model.
 
     Args:
-        robot: whose model.
+        robot: to model.
         physics_dt: step [s]; the robot's own by default.
         suspended: weld a free base to the world, high enough that no foot reaches the floor.
 
@@ -82,7 +82,7 @@ def _add_floor(spec: Any, robot: Robot, physics_dt: float) -> None:
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1])
     floor.contype = floor.conaffinity = 0
-    # A longer step leaves more bounce in a contact. With this damping ratio the same motors trot alike at 1 and 2 ms
+    # With a longer step contacts bounce more. With this damping ratio the trots of the same motors agree at 1 and 2 ms
     # (benchmarks/floors.py).
     damping = max(1.0, physics_dt / CONTACT_DT)
     friction = [robot.foot_friction, robot.foot_friction, 0.005, 0.0001, 0.0001]

@@ -13,7 +13,7 @@ from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Conditions, Randomization, nominal_conditions
 from motorprior.simulation.terrain import Terrain
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.simulation.world_step import control_steps_late, has_broken_down
+from motorprior.simulation.world_step import control_steps_late, has_diverged
 
 
 class PybulletBackend:
@@ -22,7 +22,7 @@ class PybulletBackend:
     Args:
         draw_motors: called at every reset with a generator seeded by the reset's seed.
         config: robot and physics; the base must be free.
-        randomization: of each episode, besides the motors.
+        randomization: of each episode, in addition to the motors.
         terrain: the ground; new bumps in every episode.
         episode_steps: control steps for which pushes are drawn.
 
@@ -86,7 +86,7 @@ class PybulletBackend:
         base, measured = self._world.base(), self._world.measured_joint_pos(motors)
         joint_pos, joint_vel = self._world.joints()
         qpos = np.concatenate([base.pos, base.quat, joint_pos])
-        broken = has_broken_down(qpos, np.concatenate([base.lin_vel, base.ang_vel, joint_vel]))
+        broken = has_diverged(qpos, np.concatenate([base.lin_vel, base.ang_vel, joint_vel]))
         return BackendState(
             base_pos=base.pos,
             base_quat=base.quat,

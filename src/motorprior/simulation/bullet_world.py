@@ -10,7 +10,7 @@ which is MuJoCo's Euler step with implicit damping.
 """
 
 # pyright: reportMissingModuleSource=false, reportMissingImports=false
-# An extra.
+# PyBullet is an extra.
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ class BulletWorld:
         conditions: Conditions | None = None,
         seed: int = 0,
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` is of a rough terrain.
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` draws a rough terrain.
 
         The pose and the conditions are the robot's nominal ones if not given.
         """
@@ -91,9 +91,9 @@ class BulletWorld:
         self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
         self._passive = self._damping + conditions.damping
         rotors = actuator.armature + conditions.armature + self.config.physics_dt * self._passive
-        self._load(rotors, conditions, seed)
-        self._free_joints(np.asarray(joint_pos, dtype=np.float64))
-        self._weigh(conditions)
+        self._build(rotors, conditions, seed)
+        self._prepare_joints(np.asarray(joint_pos, dtype=np.float64))
+        self._set_friction_and_masses(conditions)
         motors = actuator.arrays(self.config.physics_dt)
         actuator.kind.limit_stiffness(motors, EXPLICIT_STIFFNESS / self.config.physics_dt**2)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
@@ -158,16 +158,16 @@ class BulletWorld:
         )
 
     def call(self, name: str, *args: Any, **options: Any) -> Any:
-        """A function of PyBullet on this world's client."""
+        """Call a function of PyBullet on this world's client."""
         return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
-    def _load(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
+    def _build(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
         shift = conditions.com
         self.call("setTimeStep", self.config.physics_dt)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
         if not self.config.suspended:
-            self._lay_floor(seed)
+            self._add_floor(seed)
         self.robot = self._load_robot(self._urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
         names = [
             self.call("getJointInfo", self.robot, index)[1].decode()
@@ -178,7 +178,7 @@ class BulletWorld:
         self._com = np.array(self.call("getDynamicsInfo", self.robot, -1)[3])
 
     def _load_robot(self, text: str) -> int:
-        """Load from a file, as PyBullet reads nothing else, and delete it."""
+        """Load from a temporary file, since PyBullet only reads files."""
         height = self._robot.suspended_height if self.config.suspended else self._robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
         with TemporaryDirectory(prefix="motorprior-") as folder:
@@ -186,7 +186,7 @@ class BulletWorld:
             path.write_text(text, encoding="utf-8")
             return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.suspended)
 
-    def _lay_floor(self, seed: int) -> None:
+    def _add_floor(self, seed: int) -> None:
         if self.terrain.roughness == 0.0:
             shape = self.call("createCollisionShape", self._bullet.GEOM_PLANE)
             floor = self.call("createMultiBody", 0.0, shape)
@@ -201,7 +201,7 @@ class BulletWorld:
             floor = self.call("createMultiBody", 0.0, shape, basePosition=[0.0, 0.0, middle])
         self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
 
-    def _free_joints(self, joint_pos: np.ndarray) -> None:
+    def _prepare_joints(self, joint_pos: np.ndarray) -> None:
         """Remove Bullet's own motors and damping, couple rotors to their joints."""
         self.call("changeDynamics", self.robot, -1, linearDamping=0.0, angularDamping=0.0)
         for index in self._names.values():
@@ -220,7 +220,7 @@ class BulletWorld:
                 gear = self.call("createConstraint", self.robot, joint, self.robot, rotor, kind, axis, *ends)
                 self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
 
-    def _weigh(self, conditions: Conditions) -> None:
+    def _set_friction_and_masses(self, conditions: Conditions) -> None:
         """Set friction of the feet, scale masses and inertias."""
         friction = self.config.robot.foot_friction * conditions.friction
         for number, index in enumerate([-1, *self._indices]):

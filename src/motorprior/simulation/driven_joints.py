@@ -33,7 +33,7 @@ class DrivenJoints:
         joints: names of hinges.
 
     Raises:
-        ConfigError: an unknown joint, one that is no hinge or is driven by an actuator of the model, another number of
+        ConfigError: an unknown joint, one that is not a hinge or that the model already drives, another number of
             joints than motors, an integrator without implicit damping, or a timestep that the motors do not support.
     """
 
@@ -50,7 +50,7 @@ class DrivenJoints:
         model.dof_armature[self._dof] = self._motors.armature
         model.dof_frictionloss[self._dof] = 0.0
         model.dof_damping[self._dof] = actuator.damping
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # what MuJoCo derives from inertias
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # update the constants that MuJoCo derives from inertias
 
     def reset(self) -> None:
         """Restart the motors, at rest at the present joint positions."""
@@ -82,10 +82,10 @@ def _require_integrator(model: mujoco.MjModel) -> None:
 
 
 def _hinge(model: mujoco.MjModel, name: str) -> int:
-    known = [model.joint(index).name for index in range(model.njnt)]
-    if name not in known:
-        raise ConfigError(f"no joint {name!r} in the model", remedy=f"its joints are {', '.join(filter(None, known))}")
-    joint = known.index(name)
+    names = [model.joint(index).name for index in range(model.njnt)]
+    if name not in names:
+        raise ConfigError(f"no joint {name!r} in the model", remedy=f"its joints are {', '.join(filter(None, names))}")
+    joint = names.index(name)
     if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):

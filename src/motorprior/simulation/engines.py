@@ -25,10 +25,10 @@ ENGINES: tuple[Engine, ...] = get_args(Engine)
 
 @dataclass(frozen=True)
 class Scene:
-    """An episode of walking in an engine.
+    """Simulation of a walking episode.
 
     Attributes:
-        robot: a legged one.
+        robot: with legs.
         engine: "mujoco" or "pybullet".
         draw_motors: the motors of an episode.
         physics_dt: MuJoCo's step [s]; PyBullet's is always 1 ms.

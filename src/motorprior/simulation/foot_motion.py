@@ -15,7 +15,7 @@ from motorprior.simulation.build_model import build_model
 
 @dataclass(frozen=True, eq=False)
 class FootMotion:
-    """Of every frame and foot, (F, L) each.
+    """(F, L) arrays over frames and feet.
 
     Attributes:
         clearance: height of the foot's lowest point [m].
@@ -34,7 +34,7 @@ def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
     The lowest point of a foot of radius r moves with v + ω × (0, 0, -r): a foot that rolls does not slide.
 
     Args:
-        robot: a legged one.
+        robot: with legs.
         qpos: (F, 7 + joints).
         qvel: (F, 6 + joints).
     """

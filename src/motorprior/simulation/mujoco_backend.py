@@ -24,7 +24,7 @@ class MujocoBackend:
     Args:
         draw_motors: called at every reset with a generator seeded by the reset's seed.
         config: robot and physics; the base must be free.
-        randomization: of each episode, besides the motors.
+        randomization: of each episode, in addition to the motors.
         episode_steps: control steps for which pushes are drawn.
     """
 

@@ -15,14 +15,14 @@ from motorprior.simulation.world_step import FAULTS, WorldArrays, physics_step, 
 
 
 @dataclass(frozen=True)
-class Replay:
+class Playback:
     """A recording of C control steps with P physics steps in all.
 
     Attributes:
         joint_pos: (P, joints) [rad] after each physics step.
         joint_torque: (P, joints) [N·m] during each physics step.
         measured_joint_pos: (C, joints) [rad] at the encoders, before each control step.
-        base: (C, 7) position [m] and quaternion of the base before each control step; empty where it is fixed.
+        base: (C, 7) position [m] and quaternion of the base before each control step; empty if it is fixed.
     """
 
     joint_pos: np.ndarray
@@ -62,7 +62,7 @@ def replay(
     start: np.ndarray | None = None,
     lead_in: np.ndarray | None = None,
     tolerate_fault: bool = False,
-) -> Replay:
+) -> Playback:
     """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
 
     Args:
@@ -86,11 +86,11 @@ def replay(
     return recorded
 
 
-def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Replay:
+def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Playback:
     targets = np.ascontiguousarray(targets, dtype=np.float64)
     steps, n = targets.shape
     physics = steps * world.config.substeps
     base = np.zeros((0 if world.config.is_fixed else steps, 7))
-    out = Replay(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
+    out = Playback(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
     _play(world.arrays, motors, targets, out.joint_pos, out.joint_torque, out.measured_joint_pos, out.base)
     return out

@@ -12,9 +12,9 @@ import numpy as np
 
 from motorprior.actuator.actuator import Factors
 from motorprior.bounds import is_number, is_range
-from motorprior.exceptions import ConfigError, shown
-from motorprior.locomotion.body import TILT_READINGS, readings
-from motorprior.locomotion.sensing import Sensors, perfect_sensors
+from motorprior.exceptions import ConfigError, quoted
+from motorprior.locomotion.body import NUM_IMU_READINGS, num_readings
+from motorprior.locomotion.sensing import SensorErrors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
 
 MAX_DELAY = 0.2  # [s] of sensors and commands
@@ -24,7 +24,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Randomization:
-    """Ranges that every episode draws from, uniformly; the defaults change nothing.
+    """Ranges of uniform distributions, sampled in every episode; the defaults change nothing.
 
     Raises:
         ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
@@ -92,7 +92,7 @@ class Randomization:
             if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
                 argument = f"randomization.{field.name}"
                 raise ConfigError(
-                    f"{argument} {shown(value)} is not a "
+                    f"{argument} {quoted(value)} is not a "
                     f"{'range' if ranged else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
                     remedy="give the smaller number first, both within the bounds" if ranged else "give one number",
                     argument=argument,
@@ -104,7 +104,7 @@ class Randomization:
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
-        if self == _NONE:
+        if self == _NOMINAL:
             return nominal_conditions(robot)
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
@@ -118,7 +118,7 @@ class Randomization:
             encoder_offset=rng.uniform(-self.encoder_offset, self.encoder_offset, joints),
             command_delay=float(rng.uniform(*self.command_delay)),
             push=self._pushes(rng, robot.control_dt, episode_steps),
-            command_late=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
+            command_jitter=rng.uniform(0.0, self.command_jitter, episode_steps if self.command_jitter else 0),
             strength=motors.uniform(*self.strength, joints),
             factors=Factors(
                 kp=motors.uniform(*self.kp, joints),
@@ -144,22 +144,22 @@ class Randomization:
             force[step] = strength / control_dt * np.array([np.cos(bearing), np.sin(bearing)])
         return force
 
-    def sensors(self, robot: Robot, seed: int, episode_steps: int) -> Sensors:
+    def sensors(self, robot: Robot, seed: int, episode_steps: int) -> SensorErrors:
         """Draw the sensor errors in the episode of this seed, on the slope of its `conditions`."""
         level, up = perfect_sensors(), self._up(np.random.default_rng([_STREAM, seed]))
         late = self.sensor_delay[1] or self.sensor_jitter or self.dropped
         if not (late or self.joint_noise or self.tilt_noise or self.rate_noise or self.gyro_bias):
             return level._replace(up=up)
-        count = readings(robot.num_joints)
+        count = num_readings(robot.num_joints)
         deviation = np.full(count, self.joint_noise)
-        deviation[:2], deviation[2:TILT_READINGS] = self.tilt_noise, self.rate_noise
+        deviation[:2], deviation[2:NUM_IMU_READINGS] = self.tilt_noise, self.rate_noise
         rng = np.random.default_rng([_SENSOR_STREAM, seed])
         delay = float(rng.uniform(*self.sensor_delay)) / robot.control_dt
         rows = episode_steps + 1 if deviation.any() or self.gyro_bias else 0
         noise = deviation * rng.standard_normal((rows, count))
-        noise[:, 2:TILT_READINGS] += self.gyro_bias * rng.standard_normal(TILT_READINGS - 2)
+        noise[:, 2:NUM_IMU_READINGS] += self.gyro_bias * rng.standard_normal(NUM_IMU_READINGS - 2)
         ages = delay + self._jitter(rng, robot.control_dt, episode_steps + 1)
-        return Sensors(noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)), up)
+        return SensorErrors(noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)), up)
 
     def _jitter(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
         """(observations,) additional ages [control steps] by jitter and lost frames; the first frame is never lost."""
@@ -174,7 +174,7 @@ class Randomization:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """One draw of the ranges, in the order of the robot's joints and of its model's links."""
+    """One sample of the ranges, in the order of the robot's joints and of its model's links."""
 
     armature: np.ndarray  # (joints,) added [kg·m²]
     damping: np.ndarray  # (joints,) added, passive [N·m·s/rad]
@@ -185,18 +185,18 @@ class Conditions:
     encoder_offset: np.ndarray  # (joints,) reading at true zero [rad]
     command_delay: float  # [s]
     push: np.ndarray  # (steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)
-    command_late: np.ndarray  # (steps,) additional age of the targets in every control step [s], or (0,)
+    command_jitter: np.ndarray  # (steps,) additional age of the targets in every control step [s], or (0,)
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
     factors: Factors  # on constants of the motors
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
         """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
-        late = self.command_late if len(self.command_late) else np.zeros(1)
+        late = self.command_jitter if len(self.command_jitter) else np.zeros(1)
         return np.round((self.command_delay + late) / physics_dt).astype(np.int64)
 
 
 def nominal_conditions(robot: Robot) -> Conditions:
-    """The robot as it is described."""
+    """Conditions without randomization."""
     return Conditions(
         armature=np.zeros(robot.num_joints),
         damping=np.zeros(robot.num_joints),
@@ -207,14 +207,14 @@ def nominal_conditions(robot: Robot) -> Conditions:
         encoder_offset=np.zeros(robot.num_joints),
         command_delay=0.0,
         push=np.zeros((0, 2)),
-        command_late=np.zeros(0),
+        command_jitter=np.zeros(0),
         strength=np.ones(robot.num_joints),
         factors=Factors.ones(robot.num_joints),
     )
 
 
-_NONE = Randomization()
-# For a robot whose floor, load and sensors are not known well; the ranges are assumptions.
+_NOMINAL = Randomization()
+# For a robot with uncertain floor, load and sensors; the ranges are assumptions.
 ROBUST = Randomization(
     friction=(0.7, 1.6), mass=(0.85, 1.15), com=0.01, gravity_tilt=0.05, joint_noise=0.001, tilt_noise=0.002,
     rate_noise=0.01, gyro_bias=0.002, sensor_delay=(0.0, 0.02), push=0.3, push_interval=1.5,

@@ -32,7 +32,7 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
         ConfigError: OpenGL does not work.
     """
     model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
-    prepare(model, option)
+    set_view_and_light(model, option)
     look_at(robot, camera)
     default = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
     library = os.environ.get("MUJOCO_GL", "").strip().lower() or default
@@ -70,7 +70,7 @@ def look_at(robot: Robot, camera: Any) -> None:
     camera.distance, camera.azimuth, camera.elevation = 7.5 * robot.standing_height, 105.0, -20.0
 
 
-def prepare(model: mujoco.MjModel, option: Any) -> None:
+def set_view_and_light(model: mujoco.MjModel, option: Any) -> None:
     """Set view and light of a model; show all geom groups if no geom were visible by default."""
     model.vis.global_.fovy = 30.0  # [deg]; keeps the horizon outside the picture
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = (0.4, 0.5) if model.nlight else (0.6, 0.8)

@@ -28,7 +28,7 @@ from motorprior.locomotion.control_step import (
 )
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import PolicyArrays, act
-from motorprior.locomotion.sensing import Sensors, sense
+from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors
 from motorprior.locomotion.task import TaskWeights, observe
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
@@ -44,12 +44,12 @@ class WalkConfig:
     Attributes:
         episode_steps: maximum number of control steps.
         task: reward coefficients.
-        randomization: of each episode, besides the motors.
+        randomization: of each episode, in addition to the motors.
         commands: speed and yaw rate.
         gait: see `locomotion.gaits`.
 
     Raises:
-        ConfigError: episode_steps is no whole number of at least 1.
+        ConfigError: episode_steps is not a whole number of at least 1.
     """
 
     episode_steps: int = 500
@@ -92,8 +92,8 @@ class Episode:
     motion: np.ndarray
 
 
-class Walker(NamedTuple):
-    """State and scratch memory of one walking robot, besides world and motors."""
+class WalkState(NamedTuple):
+    """State and scratch memory of one walking robot, without world and motors."""
 
     observation: np.ndarray
     action: np.ndarray
@@ -103,17 +103,19 @@ class Walker(NamedTuple):
     feet: np.ndarray  # (legs, 3) scratch: centres of the feet [m]
 
 
-def new_walker(num_joints: int, num_legs: int, commands: np.ndarray) -> Walker:
+def new_walk_state(num_joints: int, num_legs: int, commands: np.ndarray) -> WalkState:
     """Memory of a robot; `begin_walk` initialises it."""
     observation, action = np.zeros(observation_size(num_joints)), np.zeros(action_size(num_joints))
     gait, feet = new_gait(num_joints, num_legs), np.zeros((num_legs, 3))
-    return Walker(observation, action, gait, commands, np.zeros(num_joints), feet)
+    return WalkState(observation, action, gait, commands, np.zeros(num_joints), feet)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def complete(body: Body, sensors: Sensors, walker: Walker, step: int, base_quat: np.ndarray, control_dt: float) -> None:
+def complete_observation(
+    body: Body, sensors: SensorErrors, walker: WalkState, step: int, base_quat: np.ndarray, control_dt: float
+) -> None:
     """Apply sensor errors and the command to the true readings of control step ``step``."""
-    sense(sensors, step, base_quat, walker.observation)
+    apply_sensor_errors(sensors, step, base_quat, walker.observation)
     row = min(step, walker.commands.shape[0] - 1)
     forward, yaw_rate = walker.commands[row, 0], walker.commands[row, 1]
     follow_command(body, walker.gait, forward, yaw_rate, control_dt, walker.observation)
@@ -121,18 +123,18 @@ def complete(body: Body, sensors: Sensors, walker: Walker, step: int, base_quat:
 
 @njit(cache=True, nogil=True, inline="always")
 def begin_walk(
-    body: Body, world: WorldArrays, motors: ActuatorArrays, sensors: Sensors, walker: Walker, control_dt: float
+    body: Body, world: WorldArrays, motors: ActuatorArrays, sensors: SensorErrors, walker: WalkState, control_dt: float
 ) -> None:
     """First observation of an episode, after the world's reset."""
     begin_gait(body, walker.gait)
     read_joints(world, motors, walker.measured)
     observe(world.qpos[3:7], world.qvel[3:6], walker.measured, body.nominal_pose, walker.observation)
-    complete(body, sensors, walker, 0, world.qpos[3:7], control_dt)
+    complete_observation(body, sensors, walker, 0, world.qpos[3:7], control_dt)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def walk_step(
-    body: Body, world: WorldArrays, motors: ActuatorArrays, walker: Walker, control_dt: float, task: np.ndarray
+    body: Body, world: WorldArrays, motors: ActuatorArrays, walker: WalkState, control_dt: float, task: np.ndarray
 ) -> tuple[float, bool, int]:
     """One control step of ``walker.action``, up to the true readings; returns reward [m], end of episode, fault."""
     qpos, qvel = world.qpos, world.qvel
@@ -156,10 +158,10 @@ def _episode(
     motors: ActuatorArrays,
     policy: PolicyArrays,
     task: np.ndarray,
-    sensors: Sensors,
+    sensors: SensorErrors,
     control_dt: float,
     max_steps: int,
-    s: Walker,
+    s: WalkState,
     mean: np.ndarray,
     m2: np.ndarray,
     trace: np.ndarray,
@@ -182,7 +184,7 @@ def _episode(
         steps = step + 1
         if ended:
             break
-        complete(body, sensors, s, steps, world.qpos[3:7], control_dt)
+        complete_observation(body, sensors, s, steps, world.qpos[3:7], control_dt)
     return total, steps, fault
 
 
@@ -214,7 +216,7 @@ class WalkSimulator:
         self.world = World(world)
         self._draw = draw_motors
         self._task = self._walk.task.array()
-        self._walker = new_walker(world.robot.num_joints, len(world.robot.legs), np.zeros((1, 2)))
+        self._walker = new_walk_state(world.robot.num_joints, len(world.robot.legs), np.zeros((1, 2)))
 
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
         """One episode of a policy; ``seed`` draws motors, conditions and commands.

@@ -45,7 +45,7 @@ class SimulatedRobot:
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on it.
 
     Args:
-        robot: one with a wire.
+        robot: with a wire.
         motors: one per joint; their gains and torque limits are those at the wire's own gains and current limit.
         suspended: the base is fixed in the air.
         rng: of the IMU's noise.

@@ -7,8 +7,8 @@ the gravity and Coriolis torques. For joint j this has the form of a bench with 
     load_inertia     external_torque
 
 J_j is the mean of M_jj over the segment, since the inertia of a bench is constant. A simulated joint soon leaves the
-recorded angle, so the change of gravity with the joint's own angle is needed too. With hinge axis a, and mass m of the
-links beyond with its centre r away, the torque of gravity is a·(r × m·g), and
+recorded angle, so the change of gravity with the joint's own angle is needed too. With hinge axis a, mass m of the
+links beyond the joint and r to their centre of mass, the gravity torque is a·(r × m·g), and
 
     load_stiffness = ∂(torque of gravity)/∂q_j = a·((a × r) × m·g);  0 for a slide
 
@@ -60,7 +60,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
             stiffness[row] = _gravity_stiffness(model, data)
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
-        external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # in a log the mean until the next row
+        external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log has the mean to the next row
         inertia[part] = mean
     posture = np.full(log.num_rows, POSTURES.index(_posture(robot)))
     loads = {"load_inertia": inertia, "external_torque": external, "load_stiffness": stiffness}
@@ -70,7 +70,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
 def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.ndarray] | None:
     """Torque of gravity on the joints (N, J) [N·m] at angles (N, J) [rad], by the robot's model.
 
-    None if the log is not of this robot's joints, or its base was not level and fixed, or is free without a posture.
+    None if the log has other joints, its base was not level and fixed, or a free base has no logged posture.
     """
     try:
         _require_joints(log, robot)
@@ -90,13 +90,13 @@ def _posture(robot: Robot) -> str:
 
 
 def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path, option: str = "") -> None:
-    """Refuse a log with a posture other than suspended (of a free base) or fixed (of a fixed base) in any row.
+    """Reject a log with a posture other than suspended (of a free base) or fixed (of a fixed base) in any row.
 
     Args:
         log: may have no posture.
         robot: of the log.
         where: file of the log.
-        option: argument of the user that states such a posture.
+        option: setting by which the user gives such a posture.
 
     Raises:
         LogError: another posture; ConfigError, which names the argument, if ``option`` is given.
@@ -115,7 +115,7 @@ def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path, option: s
 
 
 def _require_joints(log: MotorLog, robot: Robot) -> None:
-    """Refuse a log that does not have all joints of the robot in its order: the load of each depends on all."""
+    """Reject a log that does not have all joints of the robot in its order: the load of each depends on all."""
     missing = [name for name in robot.joint_names if name not in log.joint_names]
     unknown = [name for name in log.joint_names if name not in robot.joint_names]
     if missing:

@@ -19,7 +19,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.env import observation_bounds
 from motorprior.simulation.mujoco_backend import DrawMotors
-from motorprior.simulation.rollout import WalkConfig, begin_walk, complete, new_walker, walk_step
+from motorprior.simulation.rollout import WalkConfig, begin_walk, complete_observation, new_walk_state, walk_step
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -45,7 +45,9 @@ def _step(body, worlds, motors, sensors, walkers, share, actions, control_dt, ta
         phases[index] = walker.gait.scalars[0]
         steps[index] += 1
         if faults[index] == 0:
-            complete(body, without_refcounts(sensors[index]), walker, steps[index], world.qpos[3:7], control_dt)
+            complete_observation(
+                body, without_refcounts(sensors[index]), walker, steps[index], world.qpos[3:7], control_dt
+            )
         observations[index] = walker.observation
 
 
@@ -145,7 +147,7 @@ class WalkVectorEnv(VectorEnv):
         arrays = world.reset(motors, conditions=varied.conditions(self._robot, seed, episode_steps))
         sensors = varied.sensors(self._robot, seed, episode_steps)
         commands = self._walk.commands.schedule(self._robot, seed, episode_steps)
-        return world.arrays, arrays, sensors, new_walker(self._robot.num_joints, len(self._robot.legs), commands)
+        return world.arrays, arrays, sensors, new_walk_state(self._robot.num_joints, len(self._robot.legs), commands)
 
     def _begin(self, index: int, seed: int | None) -> None:
         drawn = int(self._rngs[index].integers(2**31)) if seed is None else seed

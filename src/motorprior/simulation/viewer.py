@@ -16,7 +16,7 @@ import numpy as np
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.simulation.build_model import build_model
-from motorprior.simulation.rendering import look_at, prepare
+from motorprior.simulation.rendering import look_at, set_view_and_light
 
 
 def require_screen() -> None:
@@ -46,7 +46,7 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
     with opened as window:
         window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
         look_at(robot, window.cam)
-        prepare(model, window.opt)
+        set_view_and_light(model, window.opt)
         while window.is_running():
             for walk in walks:
                 _play(window, model, data, walk, control_dt)

@@ -19,7 +19,7 @@ from motorprior.simulation.world_step import WorldArrays, find_fault
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
 
-def _links(conditions: Conditions) -> np.ndarray:
+def _model_changes(conditions: Conditions) -> np.ndarray:
     """The conditions that change the model, except those of joints."""
     return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
@@ -69,7 +69,7 @@ class World:
             physics_dt=config.physics_dt,
             substeps=config.substeps,
         )
-        self._applied = _links(self._nominal_conditions)
+        self._applied = _model_changes(self._nominal_conditions)
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
     def reset(
@@ -102,7 +102,7 @@ class World:
 
     def _apply(self, conditions: Conditions) -> None:
         """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
-        wanted = _links(conditions)
+        wanted = _model_changes(conditions)
         if np.array_equal(wanted, self._applied):
             return
         self._applied = wanted
@@ -115,7 +115,7 @@ class World:
         model.pair_friction[:, :2] *= conditions.friction
         model.opt.gravity[:] = conditions.gravity
         model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
-        mujoco.mj_setConst(model, self.data)  # what MuJoCo derives from masses
+        mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
 
     def fault(self) -> int:
         """0, or a key of FAULTS."""

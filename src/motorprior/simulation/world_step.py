@@ -16,11 +16,11 @@ from motorprior.delay_line import row_of_age, write_line
 from motorprior.simulation.mj_call import mj_step
 
 FAULTS = {
-    1: "a coordinate, speed or acceleration is not finite or huge",
+    1: "a coordinate, speed or acceleration is infinite, NaN or too large",
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
 }  # by fault number of `BackendState`
-# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains leads far beyond.
+# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains exceeds them by far.
 MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
@@ -38,7 +38,7 @@ class WorldArrays(NamedTuple):
     qvel: np.ndarray
     applied: np.ndarray  # (nv,) generalized force, the joints last
     damping: np.ndarray  # (joints,) implicit damping of the joints in the model [N·m·s/rad], a view
-    passive: np.ndarray  # (joints,) part of the damping that is not of the motors [N·m·s/rad]
+    passive: np.ndarray  # (joints,) damping in addition to that of the motors [N·m·s/rad]
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
     torque: np.ndarray  # (joints,) of the last physics step [N·m]
     encoder_offset: np.ndarray  # (joints,) reading of the encoders at true zero [rad]
@@ -113,7 +113,7 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
 
 
 @njit(cache=True, nogil=True)
-def has_broken_down(qpos: np.ndarray, qvel: np.ndarray) -> bool:
+def has_diverged(qpos: np.ndarray, qvel: np.ndarray) -> bool:
     """Whether a state (qpos, qvel of MuJoCo) is not finite or beyond the limits: fault 1, in every engine."""
     free = qpos.shape[0] > qvel.shape[0]
     for index in range(qpos.shape[0]):
@@ -134,7 +134,7 @@ def find_fault(world: WorldArrays) -> int:
     for kind in _BAD:
         if world.warnings[kind] > 0:
             return 1
-    if has_broken_down(world.qpos, world.qvel):
+    if has_diverged(world.qpos, world.qvel):
         return 1
     return 3 if world.warnings[_SINGULAR] > 0 else 0  # a diverged state makes it singular too
 

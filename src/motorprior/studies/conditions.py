@@ -29,7 +29,7 @@ PRESETS = {name: name for name in ("paper", "paper_wide", "one_network")} | dict
     ("prior_mean", "prior", "prior_adapted", "prior_robust"), "rollout"
 )  # condition -> preset of its prior
 FITTED_PDS = ("ideal_pd", "tuned_pd", "pd_friction")
-# [kg·m²], [s]; each fit starts from all combinations: high inertia and a long delay have similar errors
+# [kg·m²], [s]; each fit starts from all combinations: high inertia and a long delay have similar effects
 LAGS = {"armature": (0.001, 0.005), "delay": (0.002, 0.008)}
 LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
 LOG_STREAM = 0x20B2  # random stream of these logs
@@ -43,7 +43,7 @@ class Condition:
     Attributes:
         name: in tables.
         motors: of the training episodes.
-        randomization: of the training episodes, besides the motors.
+        randomization: of the training episodes, in addition to the motors.
         environments: in which it is evaluated.
         robot: number of the only robot that it is evaluated on; None: all.
         population: OUT_OF_FAMILY for conditions trained for out-of-family motors.
@@ -126,7 +126,7 @@ def prior_path(config: Study, preset: str) -> Path:
     return config.out / "priors" / preset / PRIOR
 
 
-def learn(config: Study, threads: int, progress: Progress) -> None:
+def fit_models(config: Study, threads: int, progress: Progress) -> None:
     """Record the benches; identify the priors and fit the PDs that the conditions need."""
     presets = dict.fromkeys(PRESETS[name] for name in ("prior", "paper", "paper_wide", "one_network"))
     presets = [preset for preset in presets if any(PRESETS.get(name) == preset for name in config.conditions)]

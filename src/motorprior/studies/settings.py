@@ -48,7 +48,7 @@ class Study:
     """Duration of a walk [s]."""
     speed: float | None = None
     """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
-    lower speeds the gait walks on any motors."""
+    lower speeds the plain gait walks on any motors."""
     iterations: int = 50
     """ARS iterations per policy."""
     validation: str | None = None

@@ -19,7 +19,7 @@ import numpy as np
 
 RESAMPLES = 2000
 LEVEL = 0.95  # of intervals
-MAX_PERMUTATIONS = 20_000  # that a test enumerates; of more it samples so many
+MAX_PERMUTATIONS = 20_000  # that a test enumerates; if there are more, it samples this many
 _SEED = 0x57A7
 _CHUNK = 1000  # resamples in memory at a time
 Statistic = Callable[[np.ndarray], np.ndarray]  # (..., scores) -> (...) of the finite scores; NaN if there are none
@@ -195,11 +195,11 @@ def _bootstrap(sampled: Sampled, resamples: int) -> np.ndarray:
 
 
 def _with_interval(value: float | np.ndarray, found: np.ndarray) -> Estimate:
-    side, known = 0.5 * (1.0 - LEVEL), found[np.isfinite(found)]
+    side, finite = 0.5 * (1.0 - LEVEL), found[np.isfinite(found)]
     # no interval if so many resamples are undefined that an end may be among them
-    if not np.isfinite(value) or len(found) - len(known) > side * len(found):
+    if not np.isfinite(value) or len(found) - len(finite) > side * len(found):
         return Estimate(float(value), float("nan"), float("nan"))
-    low, high = np.quantile(known, [side, 1.0 - side])
+    low, high = np.quantile(finite, [side, 1.0 - side])
     return Estimate(float(value), float(low), float(high))
 
 
@@ -235,8 +235,8 @@ def _splits(first: int, second: int) -> np.ndarray:
 
 def sign_p(differences: np.ndarray) -> float:
     """Two-sided p of no difference between pairs, by a sign-flip test (Fisher 1935) on (pairs,) differences."""
-    known = differences[np.isfinite(differences)]
-    count = len(known)
+    finite = differences[np.isfinite(differences)]
+    count = len(finite)
     if not count:
         return 1.0
     if 2**count <= MAX_PERMUTATIONS:
@@ -244,8 +244,8 @@ def sign_p(differences: np.ndarray) -> float:
     else:
         signs = np.random.default_rng(_SEED).choice([-1, 1], (MAX_PERMUTATIONS, count))
         signs[0] = 1
-    threshold = abs(known.sum()) * (1.0 - 1e-9) - 1e-12  # sums round differently
-    return float(np.mean(np.abs(signs @ known) >= threshold))
+    threshold = abs(finite.sum()) * (1.0 - 1e-9) - 1e-12  # sums round differently
+    return float(np.mean(np.abs(signs @ finite) >= threshold))
 
 
 def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:

@@ -22,7 +22,7 @@ from motorprior.pipeline.stage import PAGE, locked, usable_threads, write_result
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.studies import statistics
-from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, fitted_pd, learn
+from motorprior.studies.conditions import ADAPTED, adapt_robots, conditions, fit_models, fitted_pd
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.settings import CONDITIONS, OWN_MOTORS, Study
 from motorprior.studies.walk_table import OWN, OWN_FOREIGN, WalkTable
@@ -48,9 +48,9 @@ class Summary:
     """Statistics of a table of walks.
 
     Attributes:
-        estimates: (place, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
-        upright: (place, condition) -> share of the policies that are upright for at least 90 % of the time.
-        differences: (place, condition, measure) -> condition compared with the sampled prior.
+        estimates: (environment, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
+        upright: (environment, condition) -> share of the policies that are upright for at least 90 % of the time.
+        differences: (environment, condition, measure) -> condition compared with the sampled prior.
         p: the same keys -> p, corrected for all of these comparisons.
     """
 
@@ -71,7 +71,7 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
     with locked(config.out):
         threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)
-        learn(config, threads, progress)
+        fit_models(config, threads, progress)
         config = with_pd_range(config, progress)
         adapt_robots(config, threads, progress)
         cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
@@ -175,7 +175,7 @@ def as_results(summary: Summary) -> Results:
 def write_page(out: Path, summary: Summary, settings: dict[str, str], command: str) -> None:
     """Write report.html and tables.md."""
     from motorprior.report.page import Section, page, picture  # here: they import matplotlib
-    from motorprior.report.plots_study import forest
+    from motorprior.report.plots_study import forest_plot
 
     headline, differences = headline_table(summary), difference_table(summary)
     text = (
@@ -183,7 +183,7 @@ def write_page(out: Path, summary: Summary, settings: dict[str, str], command: s
         "upright [%] with 95 % intervals, and the share of policies that are upright for 90 % of the time.",
     )
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    drawn = picture(forest(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")
+    drawn = picture(forest_plot(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")
     sections = [Section("Speed and time upright", text, (drawn,), (headline,))]
     if differences.rows:
         text = ("Differences from the sampled prior; p corrected by Holm for all of them.",)
@@ -192,7 +192,7 @@ def write_page(out: Path, summary: Summary, settings: dict[str, str], command: s
     write_text(out / TABLES, f"{_markdown(headline)}\n\n{_markdown(differences)}\n")
 
 
-def _places(summary: Summary) -> list[str]:
+def _environments(summary: Summary) -> list[str]:
     found = {place for place, _, _ in summary.estimates}
     return [place for place in (OWN, OWN_FOREIGN, *ENVIRONMENTS) if place in found]
 
@@ -209,7 +209,7 @@ def headline_table(summary: Summary) -> Table:
     rows = []
     for condition in _conditions(summary):
         cells = []
-        for place in _places(summary):
+        for place in _environments(summary):
             speed, upright = (summary.estimates.get((place, condition, measure)) for measure in COMPARED)
             if speed is None or upright is None:
                 cells.append("")
@@ -218,21 +218,21 @@ def headline_table(summary: Summary) -> Table:
             cells.append(f"{_interval(speed, 1.0, '.2f')}; {_interval(upright, 100.0, '.0f')}; {share:.0f}")
         rows.append((condition, *cells))
     caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
-    return Table(("trained on", *_places(summary)), tuple(rows), caption)
+    return Table(("trained on", *_environments(summary)), tuple(rows), caption)
 
 
 def difference_table(summary: Summary) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
     from motorprior.report.page import Table
 
-    places = [place for place in _places(summary) if place in ENVIRONMENTS]
+    places = [place for place in _environments(summary) if place in ENVIRONMENTS]
     rows = []
     for condition in _conditions(summary):
         cells = []
         for place in places:
             keys = [(place, condition, measure) for measure in COMPARED]
-            known = [(summary.differences[key], summary.p[key]) for key in keys if key in summary.p]
-            forms = zip(known, (1.0, 100.0), ("+.2f", "+.0f"), strict=False)
+            compared = [(summary.differences[key], summary.p[key]) for key in keys if key in summary.p]
+            forms = zip(compared, (1.0, 100.0), ("+.2f", "+.0f"), strict=False)
             texts = [f"{_interval(each.difference, factor, form)} p={p:.2g}" for (each, p), factor, form in forms]
             cells.append("; ".join(texts))
         if any(cells):

@@ -74,7 +74,7 @@ def _cell(
         ray_address=config.ray_address,
     )  # fmt: skip
     if condition.name == "untrained":
-        _gait(config.commands(robot).extend_range(robot), condition).save(walk.out / POLICY)
+        _untrained_policy(config.commands(robot).extend_range(robot), condition).save(walk.out / POLICY)
     else:
         run_walk(walk, progress, name)
     tested = tuple(each for each in condition.environments if each in environments)
@@ -92,7 +92,7 @@ def _cell(
     return WalkTable.load(folder / WALKS)
 
 
-def _gait(robot: Robot, condition: Condition) -> Policy:
+def _untrained_policy(robot: Robot, condition: Condition) -> Policy:
     """The policy of zero weights."""
     zero = BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
     return policy_of(robot, "trot", zero, condition.motors.nominal(robot), {})

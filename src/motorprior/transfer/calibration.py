@@ -73,7 +73,7 @@ def calibrate(
         starts: number of searches; the first starts at the fleet's centre, the others at samples of the prior.
         iterations: maximum of each search.
         seed: of the samples.
-        advance: called once per search, `searches` times in all.
+        advance: called once per search, `num_searches` times in all.
     """
     names, prior, rng = list(problem.replayers), problem.prior, np.random.default_rng(seed)
     first = search(lambda x: problem.residuals(names, x), prior.mean, prior, iterations)
@@ -90,7 +90,7 @@ def calibrate(
     return Calibration(tuple(optima), _standard_error(problem, optima[0], left_out), left_out, motors)
 
 
-def searches(logs: int, starts: int) -> int:
+def num_searches(logs: int, starts: int) -> int:
     """Number of searches of a calibration."""
     return 1 + starts + (logs if logs > 1 else 0) + 1
 

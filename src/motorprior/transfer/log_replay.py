@@ -168,11 +168,11 @@ def _is_suspended(part: MotorLog, robot: Robot) -> bool:
     """Whether the base of a free robot was suspended in this segment."""
     if part.posture is None or robot.base == "fixed":
         return False
-    seen = [POSTURES[code] for code in np.unique(part.posture[_before_fall(part)])]
-    if not seen:
+    postures = [POSTURES[code] for code in np.unique(part.posture[_before_fall(part)])]
+    if not postures:
         raise LogError("a segment starts with a fallen robot", where=part.source, remedy="exclude the segment")
-    if "standing" in seen and len(seen) > 1:
+    if "standing" in postures and len(postures) > 1:
         raise LogError(
-            f"a segment with the postures {seen}", where=part.source, remedy="split it at the change of posture"
+            f"a segment with the postures {postures}", where=part.source, remedy="split it at the change of posture"
         )
-    return "standing" not in seen
+    return "standing" not in postures

@@ -11,9 +11,9 @@ BENCH_METRICS = {
 }
 ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf")
 # joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's
-COLUMNS = (*BENCH_METRICS, *ROBOT_METRICS)
+FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
 MODELS = (  # actuator models
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
     "per_motor", "rollout", "physical",
 )  # fmt: skip
-CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")  # actuator models of trainings
+TRAINING_CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")  # actuator models of trainings

@@ -18,7 +18,7 @@ from motorprior.transfer.log_replay import Replayer, logged_gains_note, with_log
 
 FALLEN_TILT = 0.8  # [rad] roll or pitch of a fallen robot
 FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
-MARGIN = 0.7  # a log counts as suspended if that error is below this share of the error standing
+MARGIN = 0.7  # a log counts as suspended if its error suspended is below this share of its error standing
 
 
 PostureName: TypeAlias = Literal["auto", "standing", "suspended"]

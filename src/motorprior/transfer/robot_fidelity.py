@@ -1,4 +1,4 @@
-"""Closed-loop fidelity inside the robot: modelled motors compared with the same physical motors.
+"""Closed-loop fidelity inside the robot: models of motors, compared with the physical motors.
 
 All follow the same trot targets, held at 100 Hz for 2 s, standing and suspended. The physical motors run at the twin's
 physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.
@@ -19,7 +19,7 @@ from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
-from motorprior.simulation.playback import Replay, replay
+from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 
@@ -52,7 +52,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
     within these bounds the robot does not roll over in open loop.
     """
     body = body_of(robot)
-    frequency, forward = rng.uniform(0.4, 0.7) * body.frequency, rng.uniform(0.4, 0.8) * body.fastest
+    frequency, forward = rng.uniform(0.4, 0.7) * body.frequency, rng.uniform(0.4, 0.8) * body.max_speed
     height, ratio = rng.uniform(0.0, 0.25) * body.swing_height, float(np.exp(rng.uniform(-0.3, 0.3)))
     return open_loop_gait(body, steps, forward, frequency, height, ratio, robot.control_dt)
 
@@ -77,17 +77,17 @@ def robot_fidelity(
     return RobotFidelity(*({name: column[i] for name, column in columns.items()} for i in range(3)))
 
 
-def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: Replay) -> tuple[float, float, float]:
+def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: Playback) -> tuple[float, float, float]:
     members = model.members if isinstance(model, Ensemble) else (model,)
     try:
         found = [replay(world, member, targets) for member in members]
-        mean = Replay(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Replay)))
+        mean = Playback(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Playback)))
         return compare(mean, truth, world.config.control_dt)
     except SimulationFault:
         return FAULT_RMSE, float("inf"), float("inf")
 
 
-def compare(model: Replay, truth: Replay, control_dt: float) -> tuple[float, float, float]:
+def compare(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:
     """RMSE at the ends of control steps [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = control_dt * len(model.measured_joint_pos) / len(model.joint_torque)
@@ -96,6 +96,6 @@ def compare(model: Replay, truth: Replay, control_dt: float) -> tuple[float, flo
     return float(error), chatter, float(np.hypot(apart[:, 0], apart[:, 1]).sum())
 
 
-def _at_control_steps(recorded: Replay) -> np.ndarray:
+def _at_control_steps(recorded: Playback) -> np.ndarray:
     substeps = len(recorded.joint_pos) // len(recorded.measured_joint_pos)
     return recorded.joint_pos[substeps - 1 :: substeps]

@@ -59,7 +59,7 @@ def load_maps(path: Path) -> list[UprightMap]:
 
 
 def grids(robot: Robot) -> tuple[Grid, Grid]:
-    """Push over friction, and delay over mass."""
+    """Grids of push and friction, and of delay and mass."""
     unit = robot.weight / GRAVITY * math.sqrt(GRAVITY * robot.standing_height)
 
     def with_push(push: float, friction: float) -> Randomization:

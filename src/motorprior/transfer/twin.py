@@ -30,8 +30,8 @@ EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training a
 # consumer gyroscope after averaging at rest. Assumptions.
 NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.01, gyro_bias=0.002)
 # Unknown ground and load. Masses and delays are within Tan et al. 2018 (RSS, "Sim-to-Real: Learning Agile Locomotion
-# For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms. Assumptions: friction, a load off its
-# place, sloping floors, jitter of a busy computer, and pushes that change the speed of 2.1 kg by up to 0.14 m/s.
+# For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms. Assumptions: friction, an off-centre
+# load, sloping floors, jitter of a busy computer, and pushes that change the speed of 2.1 kg by up to 0.14 m/s.
 HARD = replace(
     NOISY, friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.01, gravity_tilt=0.03, sensor_delay=(0.0, 0.02),
     sensor_jitter=0.005, command_jitter=0.005, dropped=0.02, push=0.3, push_interval=2.0,

@@ -36,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
 def test_tables_that_a_map_fits_are_read_and_others_named(folder: Path):
     found = read_log_folder(folder, None, str(folder.parent / "map.toml"))
     assert list(found.logs) == ["a", "b"] and found.files == [folder / "a.csv", folder / "b.csv"]
-    assert len(found.left_out) == 1 and found.left_out[0].startswith("notes.csv: no column 't'")
+    assert len(found.unreadable) == 1 and found.unreadable[0].startswith("notes.csv: no column 't'")
 
 
 def test_a_folder_without_logs_says_where_some_are(tmp_path: Path):

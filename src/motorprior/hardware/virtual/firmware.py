@@ -34,7 +34,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class SensorReadings:
     """Sensor readings of a robot, joints in the robot's signs."""
 
     pos: np.ndarray  # (joints,) [rad]
@@ -46,13 +46,13 @@ class Sensors:
     battery: float | None = None  # [V], if measured
 
 
-class Body(Protocol):
+class RobotBody(Protocol):
     """Motors and mechanics of a robot. Joints in the robot's signs."""
 
     def advance(self, milliseconds: int, drive: Drive) -> None:
         """Simulate under a constant drive; the current control runs at 1 kHz or faster."""
 
-    def sense(self) -> Sensors:
+    def sense(self) -> SensorReadings:
         """The present readings."""
         ...
 
@@ -68,7 +68,7 @@ class FirmwareConfig:
 
 
 class Firmware:
-    """A robot at the other end of the wire, which moves ``body``.
+    """Simulated firmware of a robot, which moves ``body``.
 
     ``on_change`` is called at every change of mode with the mode, and at every target with "target".
 
@@ -79,7 +79,7 @@ class Firmware:
     """
 
     def __init__(
-        self, robot: Robot, body: Body, config: FirmwareConfig, on_change: Callable[[str], None] = lambda _: None
+        self, robot: Robot, body: RobotBody, config: FirmwareConfig, on_change: Callable[[str], None] = lambda _: None
     ):
         self._body, self._config, self._on_change = body, config, on_change
         self._wire, self._joints = robot.require_wire(), robot.num_joints
@@ -123,7 +123,7 @@ class Firmware:
             yield self.advance(min(end - self.now, period - self.now % period))
 
     def _execute(self, command: Command) -> None:
-        if command.pos is not None:  # and no other key of that command
+        if command.pos is not None:  # other keys of that command are ignored
             if self.mode != HOMING:
                 self._target = command.pos.copy()
                 self._enter(POSITION)

@@ -14,7 +14,7 @@ import time
 import tty
 from collections.abc import Callable
 
-from motorprior.hardware.virtual.firmware import Body, Firmware, FirmwareConfig
+from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig, RobotBody
 from motorprior.robots.robot import Robot
 
 
@@ -27,7 +27,7 @@ class VirtualRobot:
         received: number of bytes from the host.
     """
 
-    def __init__(self, robot: Robot, body: Body, config: FirmwareConfig):
+    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
         self.events: list[tuple[float, str]] = []
         self.firmware = Firmware(robot, body, config, lambda what: self.events.append((time.monotonic(), what)))
         self._period = config.telemetry_period

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, quoted
 from motorprior.logs.formats.bag_messages import NANOSECOND, Bag, opened_bag
 from motorprior.logs.log_errors import CORRECT, missing_column
 
@@ -61,14 +61,14 @@ def _rows(bag: Bag, wanted: dict[str, dict[str, Steps]], row_topic: str, names: 
             try:
                 latest[name] = _number(message, steps)
             except (AttributeError, LookupError, TypeError, ValueError) as error:
-                problem = f"message {count[topic]} has no number {shown(name, 120)} ({str(error)[:120]})"
+                problem = f"message {count[topic]} has no number {quoted(name, 120)} ({str(error)[:120]})"
                 raise LogError(problem, where=bag.path, remedy=CORRECT) from error
         count[topic] += 1
         if topic == row_topic and len(latest) == len(names):
             times.append(time)
             values.extend(latest[name] for name in names)
     if silent := [topic for topic, messages in count.items() if not messages]:
-        raise LogError(f"no message of {shown(silent[0])}", where=bag.path, remedy=CORRECT)
+        raise LogError(f"no message of {quoted(silent[0])}", where=bag.path, remedy=CORRECT)
     table = np.frombuffer(values, dtype=np.float64).reshape(len(times), len(names))
     return np.frombuffer(times, dtype=np.int64), table
 
@@ -79,7 +79,7 @@ def _parsed(name: str, path: Path) -> tuple[str, Steps]:
     steps = [_STEP.fullmatch(step) for step in _POINT.split(text)]
     if not (topic and colon and all(steps)):
         remedy = f"name {CLOCK}, or TOPIC:FIELD, as /lowstate:motor_state[3].q or /joint_states:position[elbow]"
-        raise LogError(f"{shown(name)} is not TOPIC:FIELD", where=path, remedy=remedy, argument="columns")
+        raise LogError(f"{quoted(name)} is not TOPIC:FIELD", where=path, remedy=remedy, argument="columns")
     return topic, [(step[1], step[2]) for step in steps if step]
 
 

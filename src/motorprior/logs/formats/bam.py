@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.bounds import is_number
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, quoted
 from motorprior.files import read_text
 from motorprior.logs.formats.log_reader import LogReader
 from motorprior.logs.log_errors import NUMBER, bad_value
@@ -97,7 +97,7 @@ def _conditions(content: dict[str, Any]) -> dict[str, Any]:
 def _positive(content: dict[str, Any], name: str, path: Path) -> float:
     value: Any = content.get(name)
     if not is_number(value, 0.0) or value == 0.0:
-        raise LogError(f"{name} {shown(value)} is not a positive number", where=path, remedy=_REMEDY)
+        raise LogError(f"{name} {quoted(value)} is not a positive number", where=path, remedy=_REMEDY)
     return float(value)
 
 

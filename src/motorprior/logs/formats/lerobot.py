@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, quoted
 from motorprior.files import read_text
 from motorprior.logs.formats.column_map import ColumnMap, MappedJoint
 from motorprior.logs.formats.column_units import SCALES, Conversion
@@ -107,7 +107,7 @@ def _info(path: Path) -> dict[str, Any]:
     version = str(info.get("codebase_version")) if isinstance(info, dict) else ""
     if not version.startswith("v3."):
         remedy = "convert version 2.1 with LeRobot's convert_dataset_v21_to_v30, and give the new folder"
-        raise LogError(f"codebase_version {shown(version)}, not v3", where=where, remedy=remedy)
+        raise LogError(f"codebase_version {quoted(version)}, not v3", where=where, remedy=remedy)
     return info
 
 
@@ -120,6 +120,6 @@ def _joint_names(info: dict[str, Any], feature: str, path: Path) -> tuple[str, .
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise LogError(f"features lacks the names of {feature}", where=path / INFO, remedy=_REMEDY)
     if other := [name for name in names if "." in name and not name.endswith(".pos")]:
-        problem = f"{feature} has {shown(other[0])}, which is not a position (.pos)"
+        problem = f"{feature} has {quoted(other[0])}, which is not a position (.pos)"
         raise LogError(problem, where=path / INFO, remedy=f"read the positions {GIVE_COLUMNS}", argument="columns")
     return tuple(name.removesuffix(".pos") for name in names)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from motorprior.exceptions import ConfigError, LogError, shown
+from motorprior.exceptions import ConfigError, LogError, quoted
 from motorprior.logs.formats.bag_columns import bag_columns
 from motorprior.logs.formats.bag_messages import is_bag
 from motorprior.logs.formats.bam import BAM
@@ -112,7 +112,7 @@ def _source(path: Path, columns: ColumnMap) -> Columns:
     if not is_bag(path) and path.suffix != ".pt":
         return partial(table_columns, time=columns.time, posture=columns.posture_column)
     if columns.posture_column:
-        problem = f"posture = {shown(columns.posture_column)} in {columns.source}: bags and .pt have no text columns"
+        problem = f"posture = {quoted(columns.posture_column)} in {columns.source}: bags and .pt have no text columns"
         raise LogError(problem, where=path, remedy=f"give one posture for all rows: {POSTURE_NAMES}")
     if path.suffix == ".pt":
         return tensor_columns

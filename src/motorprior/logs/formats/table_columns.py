@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, quoted
 from motorprior.files import MAX_FILE, require_file
 from motorprior.logs.formats.csv_table import COPY_AGAIN, csv_head, csv_table
 from motorprior.logs.log_errors import CORRECT, bad_value, missing_column
@@ -86,7 +86,7 @@ def required_columns(have: list[str], names: list[str], path: Path, posture: str
     found = dict.fromkeys(name if name in counted or name == posture else element_of(name)[0] for name in names)
     for name in found:
         if counted[name] > 1:
-            raise LogError(f"more than one column {shown(name, 80)}", where=path, remedy=CORRECT)
+            raise LogError(f"more than one column {quoted(name, 80)}", where=path, remedy=CORRECT)
         if not counted[name]:
             remedy = CORRECT
             if name == posture:

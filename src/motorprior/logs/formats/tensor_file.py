@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, shown
+from motorprior.exceptions import LogError, quoted
 from motorprior.files import load_pickle, numpy_names, require_file
 from motorprior.logs.formats.csv_table import COPY_AGAIN
 from motorprior.logs.formats.table_columns import element_of, unreadable
@@ -63,7 +63,9 @@ def describe_tensors(path: Path) -> str:
     """
     with _opened(path) as (_, _, content):
         shapes = {key: getattr(value, "size", None) for key, value in list(content.items())[:8]}
-        entries = [f"{shown(key)} {shape}" if isinstance(shape, tuple) else shown(key) for key, shape in shapes.items()]
+        entries = [
+            f"{quoted(key)} {shape}" if isinstance(shape, tuple) else quoted(key) for key, shape in shapes.items()
+        ]
         return ", ".join(entries) + (", …" if len(content) > 8 else "")
 
 

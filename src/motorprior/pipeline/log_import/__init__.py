@@ -1,1 +1,1 @@
-"""Recordings of any robot become motor logs."""
+"""Import recordings of any robot as motor logs."""

@@ -16,7 +16,7 @@ from motorprior.pipeline.progress import Progress
 
 
 def targets_of(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Output .parquet -> log.
+    """Output file (.parquet) -> log file.
 
     Raises:
         ConfigError: two logs with one output file, or an output file that would overwrite a recording.

@@ -22,12 +22,12 @@ class LogFolder:
     Attributes:
         logs: by short name, sorted.
         paths: of the logs.
-        left_out: "NAME: reason" for each file that looks like a log but cannot be read.
+        unreadable: "NAME: reason" for each file that looks like a log but cannot be read.
     """
 
     logs: dict[str, MotorLog]
     paths: tuple[Path, ...]
-    left_out: tuple[str, ...] = ()
+    unreadable: tuple[str, ...] = ()
 
     @property
     def files(self) -> list[Path]:
@@ -38,8 +38,8 @@ class LogFolder:
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
     """Read a log, or every log of a folder.
 
-    With a column map: all tables that it fits. Without: the folder's motor logs (.parquet); if it has none, its logs of
-    jietan/puppersim, without replays in simulation; if none, all files that a reader takes.
+    With a column map it reads all tables that fit the map. Without one it reads the motor logs (.parquet), else logs
+    of jietan/puppersim except replays in simulation, else all files that a reader accepts.
 
     Args:
         path: file or folder.
@@ -47,7 +47,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         columns: name or file of a column map.
 
     Raises:
-        LogError: no log, or none that can be read; gives the reason for the first.
+        LogError: no log, or none that can be read; the message has the reason for the first.
         ArtifactError: a bad column map.
     """
     column_map = None if columns is None else load_column_map(columns)
@@ -78,7 +78,7 @@ def _files(path: Path) -> list[Path]:
 def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: ColumnMap | None) -> LogFolder:
     logs: dict[str, MotorLog] = {}
     taken: list[Path] = []
-    left_out: list[str] = []
+    unreadable: list[str] = []
     needs_columns = not paths
     for path in paths:
         name = recording_name(path)
@@ -88,15 +88,15 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
             logs[name] = read_log(path, robot, columns)
             taken.append(path)
         except (LogError, ConfigError, ArtifactError) as error:
-            left_out.append(f"{path.name}: {error.problem}")
+            unreadable.append(f"{path.name}: {error.problem}")
             needs_columns |= error.argument == "columns"
     if logs:
-        return LogFolder(logs, tuple(taken), tuple(left_out))
+        return LogFolder(logs, tuple(taken), tuple(unreadable))
     remedy = "run `motorprior logs check` on each file"
     if needs_columns:
         remedy = (
             f"give columns, a column map: one of {', '.join(shipped_maps())}, or your .toml file; or give the robot"
         )
-    reason = f"; {left_out[0]}" if left_out else ""
+    reason = f"; {unreadable[0]}" if unreadable else ""
     argument = "columns" if needs_columns else None
     raise LogError(f"no log in it can be read{reason}", where=folder, remedy=remedy, argument=argument)

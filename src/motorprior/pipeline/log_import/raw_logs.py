@@ -160,7 +160,7 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     """One log with the given settings, at the given period, with loads if asked for.
 
     Raises:
-        ConfigError: the log already has loads, its posture rules them out, or several gains without an order.
+        ConfigError: the log already has loads, its posture contradicts them, or several gains without an order.
         LogError: it cannot be read.
     """
     if config.columns is None and ROBOT_RUN.matches(path):
@@ -168,8 +168,8 @@ def _imported(path: Path, robot: Robot, config: LogsImport, progress: Progress) 
     by_map = config.robot is None and config.columns is not None and not config.suspended
     log = _with_given(read_log(path, None if by_map else robot, config.columns), robot, config, progress)
     option = "suspended" if config.suspended else "fit_load" if config.fit_load else ""
-    if option and (known := [name for name in _LOADS if getattr(log, name) is not None]):
-        problem = f"{option}: the log already contains its load ({known[0]})"
+    if option and (present := [name for name in _LOADS if getattr(log, name) is not None]):
+        problem = f"{option}: the log already contains its load ({present[0]})"
         raise ConfigError(problem, where=path, remedy=f"remove {option}", argument=option)
     if config.suspended:
         from motorprior.simulation.suspended_load import require_fixed_base

@@ -1,1 +1,1 @@
-"""Quick report of real logs, with which `motorprior demo --logs` begins."""
+"""Quick report of real logs, the first part of `motorprior demo --logs`."""

@@ -45,8 +45,8 @@ UNITS = {
 RESPONSE_CONSTANTS = {
     "delay": ("delay", 1e3, "ms"), "bandwidth": ("rate", 0.5 / np.pi, "Hz"), "dead_band": ("band", 1e3, "mrad")
 }  # fmt: skip
-DIFFERENT = 1.05  # ratio of a constant's maximum and minimum over motors from which on it counts as identifiable
-OUTLIER = 0.05  # p-value of the farthest motor, corrected for the number of motors
+MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum over the motors exceeds this
+OUTLIER_P_VALUE = 0.05  # p-value of the farthest motor, corrected for the number of motors
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         LogError: too short, or without a channel that the fit needs.
     """
     train = joined(list(logs.train.values()))
-    heard = WarningCollector(progress)
-    prior = fit_prior(train, PRESET, seed, out=folder, progress=heard)
+    collector = WarningCollector(progress)
+    prior = fit_prior(train, PRESET, seed, out=folder, progress=collector)
     tuned = fitted_tuned_pd(train, progress)
     preset = recipe_of(prior, folder / PRIOR)
     runs = {name: free_run_spans(log, with_gains_of(preset, log)) for name, log in logs.test.items()}
@@ -96,7 +96,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         for name, values in constants.items()
         if name not in identified
     )
-    lines = (*heard.warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
+    lines = (*collector.warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
     return QuickReport(results, traces, tuple(line.removeprefix("warning: ") for line in lines))
 
 
@@ -179,7 +179,7 @@ def _identified(prior: MotorPrior, train: MotorLog, constants: Mapping[str, np.n
     return [
         name
         for name, values in constants.items()
-        if name in identifiable or np.max(values) / max(np.min(values), 1e-12) > DIFFERENT
+        if name in identifiable or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
     ]
 
 
@@ -191,7 +191,7 @@ def _outliers(prior: MotorPrior, joints: tuple[str, ...]) -> list[str]:
         return []
     first = int(outliers.p_value.argmin())
     p_value = min(1.0, len(joints) * float(outliers.p_value[first]))
-    if p_value >= OUTLIER:
+    if p_value >= OUTLIER_P_VALUE:
         return []
     return [
         f"warning: {joints[first]} is an outlier: its {outliers.latent[first]} differs from the other motors' by "

@@ -147,7 +147,7 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
     Raises:
         LogError: no log has a steady clock.
     """
-    logs, lines = {}, [f"left out {line}" for line in folder.left_out]
+    logs, lines = {}, [f"left out {line}" for line in folder.unreadable]
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
             logs[name], gaps = begin_at_gaps(log)

@@ -1,1 +1,1 @@
-"""Commands of real logs on a simulated robot: how far its motors are from the real ones, and the fleet that fits."""
+"""Replay of the commands of real logs on a simulated robot: errors of its motors, and calibration of a fleet."""

@@ -16,7 +16,7 @@ from motorprior.pipeline.stage import description, fleet_files, is_finished, rea
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, searches
+from motorprior.transfer.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, num_searches
 from motorprior.transfer.fleet_problem import FleetProblem
 from motorprior.transfer.log_replay import with_logged_gains
 from motorprior.transfer.posture import PostureName, replayers_of
@@ -72,7 +72,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
 
 def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> None:
     names = list(problem.replayers)
-    with progress.start(f"calibrate on {len(names)} real logs", searches(len(names), config.starts)) as task:
+    with progress.start(f"calibrate on {len(names)} real logs", num_searches(len(names), config.starts)) as task:
         found = calibrate(problem, config.starts, config.iterations, config.seed, task.advance)
     fleet = calibrated_fleet(problem, found)
     heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(names)}; spread is between motors."

@@ -1,4 +1,4 @@
-"""Real logs of a robot against simulated motors."""
+"""Comparison of real logs of a robot with simulated motors."""
 
 from __future__ import annotations
 

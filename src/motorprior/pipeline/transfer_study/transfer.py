@@ -96,7 +96,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 
 @dataclass(frozen=True)
 class TrainedWalk:
-    """Attributes: name; robot with the policy's commands; policy; training condition; its training simulation."""
+    """Attributes: name; robot with the policy's speed range; policy; training condition; its training simulation."""
 
     name: str
     robot: Robot
@@ -119,7 +119,7 @@ def trained_walk(
         robot: of the policy.
         engine: of the simulation; that of the training if not given.
         walk: the episode, with the policy's gait; 5 s with the training's randomization if not given.
-        commands: of these 5 s; `straight_ahead` if not given.
+        commands: of the default episode; `straight_ahead` if not given.
 
     Raises:
         ArtifactError, ConfigError: a damaged policy or one of another control period, missing motors, or an engine
@@ -135,7 +135,7 @@ def trained_walk(
 
 
 def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
-    """A policy of this robot, and the robot with the policy's commands.
+    """A policy of this robot, and the robot with the policy's speed range.
 
     Raises:
         ArtifactError, ConfigError: a damaged policy, of another robot or another control period.
@@ -159,7 +159,7 @@ def training_scene(
     Args:
         policy: the trained policy.
         path: its file, for errors and to find the files of its motors.
-        robot: with the policy's commands.
+        robot: with the policy's speed range.
         walk: the episode, with the policy's gait.
         engine: instead of that of the training.
         motors: of the training; read from the policy's provenance if not given.

@@ -33,25 +33,25 @@ UNLIKELY = 0.1  # p-value of `outlier_test` below which a held-out motor counts 
 POPULATION, COMPARISONS = 256, 5
 
 
-def held_out_motors(facts: BenchSettings) -> TrueMotors:
+def held_out_motors(bench: BenchSettings) -> TrueMotors:
     """As many other motors of the fleet as on the bench."""
-    return facts.fleet.sample(facts.motors, np.random.default_rng([HELD_OUT_SEED, facts.seed, HELD_OUT_MOTORS]))
+    return bench.fleet.sample(bench.motors, np.random.default_rng([HELD_OUT_SEED, bench.seed, HELD_OUT_MOTORS]))
 
 
-def held_out_log(robot: Robot, prior: MotorPrior, motors: TrueMotors, facts: BenchSettings, seconds: float) -> MotorLog:
+def held_out_log(robot: Robot, prior: MotorPrior, motors: TrueMotors, bench: BenchSettings, seconds: float) -> MotorLog:
     """A bench log of these motors at the prior's sample period, with a held-out excitation."""
     preset = preset_of_period(prior.network.period)
     preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
     preset = preset.for_robot(robot)
-    return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + facts.seed, facts.fleet)
+    return record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
 
 
 def adapt_all(
-    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: TrueMotors, facts: BenchSettings
+    robot: Robot, priors: dict[str, MotorPrior], paths: dict[str, Path], motors: TrueMotors, bench: BenchSettings
 ) -> dict[str, Posterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of held-out motors."""
     return {
-        name: adapt_to(prior, paths[name], held_out_log(robot, prior, motors, facts, ADAPTED_SECONDS), "held-out log")
+        name: adapt_to(prior, paths[name], held_out_log(robot, prior, motors, bench, ADAPTED_SECONDS), "held-out log")
         for name, prior in priors.items()
         if prior.network.num_latents
     }
@@ -72,7 +72,7 @@ def adaptation(
     robot: Robot,
     prior: MotorPrior,
     path: Path,
-    facts: BenchSettings,
+    bench: BenchSettings,
     seconds: tuple[float, ...],
     adapted: Posterior,
     seed: int,
@@ -84,8 +84,8 @@ def adaptation(
         robot: of the motors.
         prior: with physics.
         path: its file.
-        facts: of its bench.
-        seconds: lengths of log.
+        bench: of its bench.
+        seconds: lengths of log [s].
         adapted: the prior adapted to ADAPTED_SECONDS of log.
         seed: of the held-out excitation.
         progress: called after every length.
@@ -98,11 +98,11 @@ def adaptation(
     from motorprior.identification.evaluation.coverage import coverage
 
     preset = HELD_OUT.for_robot(robot)
-    train = bench_errors(facts.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
-    motors, results = held_out_motors(facts), Results()
+    train = bench_errors(bench.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
+    motors, results = held_out_motors(bench), Results()
     covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
-        log = held_out_log(robot, prior, motors, facts, length)
+        log = held_out_log(robot, prior, motors, bench, length)
         found = adapted if length == ADAPTED_SECONDS else adapt_to(prior, path, log, "held-out log")
         p_value = outlier_test(prior, path, log, "held-out log", found).p_value
         model = adapted_models({"prior": prior}, {"prior": found}, len(motors))
@@ -122,11 +122,11 @@ def adaptation(
     return results
 
 
-def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Results:
+def distribution(prior: MotorPrior, bench: BenchSettings, picture: Path) -> Results:
     """POPULATION samples of the prior against as many held-out physical motors, by their behaviour on a bench.
 
-    COMPARISONS times with other samples and motors, since an AUC of 256 against 256 scatters by some hundredths.
-    Writes the quantiles of every feature of the first as a PNG.
+    Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some hundredths.
+    Writes a PNG with the quantiles of every feature in the first comparison.
 
     Returns:
         ``two_sample_auc`` (0.5 is ideal) with minimum and maximum, and ``energy_distance`` (0 is ideal), medians; of
@@ -142,18 +142,18 @@ def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Resu
     from motorprior.report.plots_prior import feature_quantiles
     from motorprior.report.plots_style import png_bytes
 
-    rng = np.random.default_rng([HELD_OUT_SEED, facts.seed, PRIOR_SAMPLES])
+    rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, PRIOR_SAMPLES])
     pairs = []
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
-        true = facts.fleet.sample(POPULATION, rng).after(MAX_WORK / 2)
+        true = bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2)
         pairs.append((drawn, behaviours(true.actuator())))
     drawn, physical = pairs[0]
     one, other = drawn.values, physical.values
     figure = feature_quantiles(drawn.names, drawn.units, one, other, "samples of the prior", "held-out physical motors")
     with atomic_path(picture) as temporary:
         temporary.write_bytes(png_bytes(figure))
-    areas = [two_sample_auc(a.values, b.values, facts.seed) for a, b in pairs]
+    areas = [two_sample_auc(a.values, b.values, bench.seed) for a, b in pairs]
     distance = np.median([energy_distance(a.values, b.values) for a, b in pairs])
     rows = [
         Result("two_sample_auc", "1", float(function(areas)), statistic=statistic)
@@ -161,7 +161,7 @@ def distribution(prior: MotorPrior, facts: BenchSettings, picture: Path) -> Resu
     ]
     rows += [
         Result("energy_distance", "1", float(distance), statistic="median"),
-        Result("energy_p_value", "1", float(permutation_p_value(one, other, facts.seed))),
+        Result("energy_p_value", "1", float(permutation_p_value(one, other, bench.seed))),
         Result("aggregate_posterior_kl", "nat", prior.metrics.get("aggregate_posterior_kl", 0.0)),
     ]
     separate = zip(drawn.names, feature_auc(one, other), strict=True)

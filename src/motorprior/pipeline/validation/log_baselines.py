@@ -34,7 +34,7 @@ class BaselineFits:
     """How the baselines are fitted.
 
     Attributes:
-        folder: keeps the fits that take long.
+        folder: of the slow fits, which are reused.
         adam_steps: of the pooled network; the preset's own number if not given.
         seed: of searches and weights.
     """

@@ -13,7 +13,7 @@ from motorprior.logs.doctor.excitation import EXCITED_STD, excited_joints
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import JOINT_SERIES, MotorLog, channels
 
-MAX_LOGS = 16  # of more logs, so many are used, evenly spread over the list
+MAX_LOGS = 16  # if there are more, this many are used, evenly spread over the list
 MIN_SEGMENT = 1.5  # a free run of 1 s and its warm-up [s]; shorter segments are left out
 MIN_SECONDS = 2.0  # of every log [s]
 CHUNK = 2.5  # duration of chunks that alternate between training and test [s]
@@ -28,13 +28,13 @@ class Split:
     rule: str
 
     def map(self, change: Callable[[MotorLog], MotorLog]) -> Split:
-        """The same with every log changed."""
+        """The same split with a function applied to every log."""
         train, test = ({name: change(log) for name, log in logs.items()} for logs in (self.train, self.test))
         return Split(train, test, self.rule)
 
 
 def spread_windows(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
-    """A window of each log, of ``seconds`` together, from the beginning of the first to the end of the last.
+    """A window of each log, ``seconds`` in all, from the beginning of the first to the end of the last.
 
     Logs of the same motion cover it together; a log that is shorter than its window is used whole.
     """
@@ -48,15 +48,15 @@ def _window(log: MotorLog, seconds: float, index: int, count: int) -> MotorLog:
 
 
 def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: float) -> Split:
-    """Every second log against the others; first against second halves; or alternating chunks.
+    """Split into every second log and the others, into halves, or into alternating chunks.
 
     Halves if there is one log, or if a joint moves in the test logs only. Chunks if different joints move in the two
     halves, as where joints are moved one after the other. Static rows at the ends of a log are left out.
 
     Args:
         logs: of the same joints, of which some move.
-        train_seconds: training rows of all logs together, at least MIN_SECONDS of each.
-        test_seconds: test rows, the same.
+        train_seconds: duration of all training rows [s], at least MIN_SECONDS per log.
+        test_seconds: duration of all test rows [s], likewise.
 
     Raises:
         LogError: no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
@@ -142,7 +142,7 @@ def _chunks(
 
 
 def _cut(log: MotorLog) -> list[MotorLog]:
-    """Chunks of about CHUNK, two at least of a segment that is long enough."""
+    """Chunks of about CHUNK, at least two of a segment that is long enough."""
     found = []
     for part in log.segment_slices():
         seconds = float(log.time[part.stop - 1] - log.time[part.start])
@@ -153,7 +153,7 @@ def _cut(log: MotorLog) -> list[MotorLog]:
 
 
 def _spread(chunks: Sequence[tuple[str, MotorLog]], seconds: float) -> dict[str, MotorLog]:
-    """Chunks of so many seconds, evenly spread, with one at least in which each joint moves; joined by log."""
+    """Evenly spread chunks of ``seconds`` in all, with each joint moving in at least one; joined by log."""
     count = min(len(chunks), max(1, round(seconds / CHUNK)))
     taken = {round(place) for place in np.linspace(0, len(chunks) - 1, count)}
     moving = [set(excited_joints(chunk).tolist()) for _, chunk in chunks]

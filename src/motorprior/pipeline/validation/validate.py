@@ -1,4 +1,4 @@
-"""Closed-loop fidelity of motor priors against the physical motors they learned from."""
+"""Closed-loop fidelity of motor priors, compared with the physical motors that they learned from."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.metrics import BENCH_METRICS, COLUMNS
+from motorprior.transfer.metrics import BENCH_METRICS, FIDELITY_METRICS
 from motorprior.transfer.robot_fidelity import robot_fidelity
 
 TRACES = "traces.safetensors"
@@ -67,11 +67,11 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
     for seconds in config.adapt_seconds:
         require_number("adapt_seconds", seconds, 1.0, 600.0)
     robot = load_robot(config.robot)
-    priors, facts = load_priors(robot, config.priors)
+    priors, bench = load_priors(robot, config.priors)
     wanted = description("validate", asdict(config), [*config.priors, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            _measure(config, robot, priors, facts, progress)
+            _measure(config, robot, priors, bench, progress)
     return read_results(config.out)
 
 
@@ -85,34 +85,34 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
     if not paths:
         raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
     priors: dict[str, MotorPrior] = {}
-    facts: list[BenchSettings] = []
+    benches: list[BenchSettings] = []
     for path in paths:
         prior = load_prior(path, robot)
         if prior.preset in priors:
             raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
         priors[prior.preset] = prior
-        facts.append(bench_from_json(prior.provenance.get("bench"), str(path)))
-        first, own = facts[0], facts[-1]
+        benches.append(bench_from_json(prior.provenance.get("bench"), str(path)))
+        first, own = benches[0], benches[-1]
         if (own.fleet, own.motors, own.seed) != (first.fleet, first.motors, first.seed):
             problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
             raise ConfigError(problem, where=path, remedy=remedy)
-    if robot.legs and facts[0].motors < robot.num_joints:
+    if robot.legs and benches[0].motors < robot.num_joints:
         raise ConfigError(
-            f"its bench has {facts[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
+            f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
             remedy=f"record a bench of {robot.num_joints} motors or more",
         )  # fmt: skip
-    return priors, facts[0]
+    return priors, benches[0]
 
 
 def _measure(
-    config: Validate, robot: Robot, priors: dict[str, MotorPrior], facts: BenchSettings, progress: Progress
+    config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
 ) -> None:
     from motorprior.identification.baselines.pd_fit import repeated
 
-    motors = facts.physical_motors()
-    tuned = _tune_baselines(config.out, robot, motors, facts, progress)
+    motors = bench.physical_motors()
+    tuned = _tune_baselines(config.out, robot, motors, bench, progress)
     baselines: dict[str, ModelOfMotors] = {
-        "ideal_pd": lambda index: nominal_pd(facts.fleet, len(index)),
+        "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
         "tuned_pd": lambda index: repeated(tuned, len(index)),
     }
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
@@ -121,7 +121,7 @@ def _measure(
         write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
         task.advance()
     if config.held_out:
-        results += _held_out(config, robot, priors, facts, baselines, progress)
+        results += _held_out(config, robot, priors, bench, baselines, progress)
     results += _residuals(priors)
     for name, path in zip(priors, config.priors, strict=True):
         with suppress(ArtifactError):  # not in a folder that identify wrote
@@ -133,40 +133,40 @@ def _held_out(
     config: Validate,
     robot: Robot,
     priors: dict[str, MotorPrior],
-    facts: BenchSettings,
+    bench: BenchSettings,
     baselines: dict[str, ModelOfMotors],
     progress: Progress,
 ) -> Results:
-    """The same quantities on other motors; adaptation and distribution of a prior of physics."""
+    """The same quantities on other motors; adaptation and distribution of a physics-based prior."""
     from motorprior.pipeline.validation import held_out  # here: it imports JAX
 
     paths = dict(zip(priors, config.priors, strict=True))
     title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
-        motors = held_out.held_out_motors(facts)
-        adapted = held_out.adapt_all(robot, priors, paths, motors, facts)
+        motors = held_out.held_out_motors(bench)
+        adapted = held_out.adapt_all(robot, priors, paths, motors, bench)
         models = baselines | held_out.adapted_models(priors, adapted, len(motors))
         task.advance()
-        results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=COLUMNS)
+        results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=FIDELITY_METRICS)
         of_physics = [name for name, prior in priors.items() if name in adapted and prior.network.motor is not None]
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
             prior, seconds = priors[name], config.adapt_seconds
             results += held_out.adaptation(
-                robot, prior, paths[name], facts, seconds, adapted[name], config.seed, task.advance
+                robot, prior, paths[name], bench, seconds, adapted[name], config.seed, task.advance
             )
-            results += held_out.distribution(prior, facts, config.out / "behaviour_quantiles.png")
+            results += held_out.distribution(prior, bench, config.out / "behaviour_quantiles.png")
     return results
 
 
-def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchSettings, progress: Progress) -> IdealPd:
+def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress) -> IdealPd:
     """Fit both PDs to the bench log, write them, and return the tuned one."""
     # Imported here: scipy's optimizers take half a second.
     from motorprior.identification.baselines.pd_fit import GAINS_ALONE, TUNING, best_gains, tuned_pd
 
-    nominal = nominal_pd(facts.fleet, 1)
+    nominal = nominal_pd(bench.fleet, 1)
     with progress.start("tune the PD baselines on the bench log", GAINS_ALONE + TUNING) as task:
-        log = record(motors, bench_preset("rollout").for_robot(robot), facts.steps, facts.seed, facts.fleet)
+        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
         gains, tuned = best_gains(log, nominal, task.advance), tuned_pd(log, task.advance)
     for name, model in ((GAINS_FILE, gains), (TUNED, tuned)):
         write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
@@ -176,7 +176,7 @@ def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, facts: BenchSet
 def fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], motor_set: str, seed: int, task: Task
 ) -> Results:
-    """Medians and means of `COLUMNS` and the displacement error of the base; three advances of ``task``."""
+    """Medians and means of `FIDELITY_METRICS` and the displacement error of the base; three advances of ``task``."""
     rows: list[Result] = []
 
     def add(quantity: str, unit: str, values: Mapping[str, np.ndarray], mean: bool = True) -> None:

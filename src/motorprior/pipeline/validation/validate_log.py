@@ -72,8 +72,8 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
         and mean over motors, and of each motor (``part``). Models: ADAPTED, the prior adapted to the training rows;
         PRIOR, its motor of the same name or else its central motor; and the baselines of `log_baselines`.
         ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and ``whole_run_coverage90`` of samples of the
-        posterior and of z ~ N(0, I). TRAINED_ON: 1 if the prior was trained on the log, so that the figures are no
-        test, otherwise 0.
+        posterior and of z ~ N(0, I). TRAINED_ON: 1 if the prior was trained on the log, so that the figures are not
+        a test, otherwise 0.
 
     Raises:
         LogError, ArtifactError: a log or a prior that cannot be used.
@@ -170,6 +170,6 @@ def _draw_motors(
     for motor, joint in enumerate(joint_names):
         bands = {level: (low[:, motor], high[:, motor]) for level, (low, high) in traces.bands.items()}
         target, pos, model = traces.position_target, traces.joint_pos, traces.model
-        shown = log_against_bands(traces.time, target[:, motor], pos[:, motor], model[:, motor], bands, joint)
+        figure = log_against_bands(traces.time, target[:, motor], pos[:, motor], model[:, motor], bands, joint)
         with atomic_path(folder / f"{joint}.png") as temporary:
-            temporary.write_bytes(png_bytes(shown, dpi=110))  # small files
+            temporary.write_bytes(png_bytes(figure, dpi=110))  # small files

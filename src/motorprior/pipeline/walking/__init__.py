@@ -1,1 +1,1 @@
-"""Policies learn to walk on motors drawn for every episode."""
+"""Training of walking policies on motors drawn for every episode."""

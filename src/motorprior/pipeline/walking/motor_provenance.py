@@ -79,9 +79,9 @@ def _relative(file: Path, folder: Path) -> str | None:
 
 
 def _found(name: str, data: dict[str, Any], policy: Path) -> Path:
-    file, beside, wanted = (data[f"{name}{ending}"] for ending in ("", "_beside", "_sha256"))
+    file, relative_path, wanted = (data[f"{name}{ending}"] for ending in ("", "_beside", "_sha256"))
     file = PurePosixPath(file).name
-    for relative in (beside, file):
+    for relative in (relative_path, file):
         if relative is not None and not PurePosixPath(relative).is_absolute():
             path = policy.parent / relative
             if path.is_file() and digest(path) == wanted:

@@ -50,7 +50,7 @@ def train_policy(
     """Train a walking policy by augmented random search in MuJoCo, on motors drawn for every episode.
 
     Args:
-        robot: a legged one: a name, the path of a .toml file, or a robot from `load_robot`.
+        robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
         motors: a prior, a posterior or a fleet to draw from; fixed motors; or a function that draws them from a
             generator.
         iterations: maximum, 32 episodes each.
@@ -60,7 +60,7 @@ def train_policy(
         episode_steps: control steps per episode; see `Walk.episode_steps`.
         gait: see `locomotion.gaits`.
         commands: commanded speeds; see `Commands` for the default.
-        randomization: of each episode, besides the motors: floor, masses, slope, sensors, pushes.
+        randomization: of each episode, in addition to the motors: floor, masses, slope, sensors, pushes.
         start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
         symmetric: mirrored observations give mirrored actions, so that the policy cannot limp to one side.
         hidden_units: of the policy, an even number if it is symmetric; 0 for a linear one.

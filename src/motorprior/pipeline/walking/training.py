@@ -113,7 +113,7 @@ class Training:
         return best, curve
 
     def _save_checkpoint(self, state: dict[str, np.ndarray], curve: Curve) -> None:
-        points = curve[: int(state["iteration"])]  # interrupted between the two, the curve is a point ahead
+        points = curve[: int(state["iteration"])]  # after an interruption between the two, the curve is one point ahead
         write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
 
     def _load(self) -> tuple[Ars, BestPolicy, Curve] | None:

@@ -78,7 +78,7 @@ class Walk:
     roughness: float = 0.0
     """Height of the bumps of rough ground [m], up to 4 m from the start; PyBullet only."""
     randomization: Randomization = ROBUST
-    """Randomization of each episode besides the motors: floor, masses, slope, sensors, pushes."""
+    """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     executor: Kind = "threads"
     """serial, threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None

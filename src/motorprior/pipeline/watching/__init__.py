@@ -1,1 +1,1 @@
-"""Trained policies to look at: films, a window, a page."""
+"""Inspection of trained policies: films, MuJoCo's viewer, a report page."""

@@ -31,7 +31,7 @@ from motorprior.simulation.viewer import require_screen, show
 from motorprior.transfer.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
 from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of, with_shared_speeds
 
-Environment = Literal["own", "twin", "hard"]
+EnvironmentName = Literal["own", "twin", "hard"]
 MAX_SECONDS, MAX_POLICIES = 600.0, 4
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
 _TWINS = {"twin": NOISY, "hard": HARD}
@@ -46,7 +46,7 @@ class Play:
     """Policies, or folders that `motorprior walk` wrote."""
     out: Path = Path("runs/play")
     """Folder for the film (play.mp4 or play.gif) and figures.json."""
-    environment: Environment = "own"
+    environment: EnvironmentName = "own"
     """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and noise; hard: the twin
     on unknown ground, with an unknown load and pushes."""
     forward: float | None = None
@@ -202,7 +202,7 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
     if not len(episode.motion):
         upright = float(completed(episode, len(commanded)))
         return Results.of([Result("upright", "1", upright, name, config.environment)])
-    quality = gait_quality(robot, episode, _slowest(commanded[:, 0]), float(commanded[0, 1]), len(commanded))
+    quality = gait_quality(robot, episode, _min_speed(commanded[:, 0]), float(commanded[0, 1]), len(commanded))
     measured = quality_results(quality, robot, name, config.environment)
     if (commanded == commanded[0]).all():
         return measured
@@ -212,7 +212,7 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
     return Results.of(rows)
 
 
-def _slowest(forward: np.ndarray) -> float:
+def _min_speed(forward: np.ndarray) -> float:
     """Commanded speed of the smallest magnitude [m/s]; 0 if the direction changes."""
     return 0.0 if forward.min() < 0.0 < forward.max() else float(forward[np.abs(forward).argmin()])
 

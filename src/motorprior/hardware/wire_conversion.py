@@ -1,4 +1,4 @@
-"""Between the wire and the library: joint signs, telemetry as a `BackendState`, and the firmware's control law."""
+"""Wire values to library values: joint signs, telemetry to `BackendState`; and the firmware's control law."""
 
 from __future__ import annotations
 
