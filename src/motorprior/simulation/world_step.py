@@ -16,7 +16,7 @@ from motorprior.delay_line import row_of_age, write_line
 from motorprior.simulation.mj_call import mj_step
 
 FAULTS = {
-    1: "a coordinate, speed or acceleration is infinite, NaN or too large",
+    1: "a coordinate, speed or acceleration is too large or not finite",
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
 }  # by fault number of `BackendState`
