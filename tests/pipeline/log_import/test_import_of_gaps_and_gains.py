@@ -59,7 +59,7 @@ def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path):
 
 def test_loads_need_the_robot(tmp_path: Path):
     path, columns = write_swing(tmp_path)
-    with pytest.raises(ConfigError, match="no robot was given -> give robot") as refusal:
+    with pytest.raises(ConfigError, match="no model for the loads -> give robot") as refusal:
         import_logs(LogsImport((path,), tmp_path / "out", columns=columns, suspended=True))
     assert refusal.value.argument == "robot" and not (tmp_path / "out").exists()
 
