@@ -16,7 +16,7 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.hardware import commands, robot_link, run_files, session
+from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.serial_link import SerialLink
@@ -177,6 +177,5 @@ def on_its_clock(port: SimulatedPort) -> Iterator[None]:
         mock.patch.object(time, "sleep", port.sleep),
         mock.patch.object(robot_link, "Watchdog", mock.MagicMock()),
         mock.patch.object(session, "real_time", nullcontext),
-        mock.patch.object(run_files, "real_time_permissions", dict),
     ):
         yield

@@ -14,14 +14,6 @@ _SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
 
 
-def real_time_permissions() -> dict[str, bool]:
-    """Whether this process may have real-time priority and lock its memory."""
-    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
-    if normal is not None:
-        _set_scheduler(*normal)
-    return {"real_time_priority": normal is not None, "memory_locked": _may_lock_memory()}
-
-
 @contextmanager
 def real_time() -> Iterator[None]:
     """Real-time priority, locked memory and no garbage collection within this context."""

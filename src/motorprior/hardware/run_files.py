@@ -13,7 +13,6 @@ from typing import Any
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError
 from motorprior.hardware.control_loop import Timing, clock_results
-from motorprior.hardware.real_time import real_time_permissions
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import fault_of
@@ -23,8 +22,7 @@ class RunFiles:
     """Settings, gains, limits, outcome and timing of a run.
 
     run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
-    the name of a signal, or the kind of a fault and its message. Infinite limits are null. "machine": the real-time
-    permissions of the control loop.
+    the name of a signal, or the kind of a fault and its message. Infinite limits are null.
 
     Attributes:
         timing: of the control loop, to be filled.
@@ -45,7 +43,6 @@ class RunFiles:
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
             "gains": asdict(gains),
-            "machine": real_time_permissions(),
             "safety": {name: v if math.isfinite(v) else None for name, v in asdict(self._link.limits).items()},
             **more,
         }

@@ -19,7 +19,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
 from motorprior.logs.validity import checked
-from motorprior.pipeline.log_errors import log_warnings, replay_errors
+from motorprior.pipeline.model_errors import evaluate_replay, log_warnings
 from motorprior.pipeline.prior_file import prior_and_robot, recipe_of, require_same_robot, trained_on
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.stage import description, is_finished, locked, working
@@ -244,7 +244,7 @@ def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress:
     for line in log_warnings(log, recipe):
         progress.note(line)
     if prior.network.motor is not None:
-        replay_errors(LatentActuator(prior.network, found.mean), log, recipe, progress)
+        evaluate_replay(LatentActuator(prior.network, found.mean), log, recipe, progress)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 

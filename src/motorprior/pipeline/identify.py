@@ -20,7 +20,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, logged_gains_of
 from motorprior.logs.validity import checked
-from motorprior.pipeline.log_errors import MAX_UNEXPLAINED, log_warnings, replay_errors
+from motorprior.pipeline.model_errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
 from motorprior.pipeline.progress import SILENT, WARNED, Progress
 from motorprior.pipeline.stage import description, is_finished, locked, working
 from motorprior.pipeline.training_log import Origin, origin_of, training_log
@@ -212,7 +212,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
         progress.note(line)
     network, mean, log_var = found.network, found.mean, found.log_var
     if network.motor is not None:
-        errors = replay_errors(LatentActuator(network, mean), log, found.preset, progress)
+        errors = evaluate_replay(LatentActuator(network, mean), log, found.preset, progress)
         unexplained = float(np.median(errors.unexplained("prior")))
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1

@@ -15,8 +15,8 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.search.ars import ArsConfig
 
 
-def fitted(excitation: str, notes: io.StringIO) -> MotorPrior:
-    log = mp.record_bench(PUPPER_V2, motors=4, steps=1500, preset=excitation)
+def fitted(excitation: str, notes: io.StringIO, steps: int = 1500) -> MotorPrior:
+    log = mp.record_bench(PUPPER_V2, motors=4, steps=steps, preset=excitation)
     return mp.fit_prior(log, "pace", progress=Lines(notes))
 
 
@@ -34,9 +34,11 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     assert "(pupper_v2 has at most 1.26)" in notes.getvalue()
 
 
-def test_with_impacts_only_limits_far_above_the_true_ones_are_noted():
-    prior = fitted("rollout", io.StringIO())
-    limits = prior.network.constants(prior.mean)["torque_limit"]
+def test_impacts_identify_limits_unless_the_log_is_too_short():
+    short, long = (fitted("rollout", io.StringIO(), steps) for steps in (750, 1500))
+    limits, noted = short.network.constants(short.mean)["torque_limit"], unidentified_limits(short.metrics)
+    assert limits.max() > 5.0 and noted["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
+    limits, noted = long.network.constants(long.mean)["torque_limit"], unidentified_limits(long.metrics)
     assert np.median(limits) == pytest.approx(1.26, rel=0.1)
-    noted = unidentified_limits(prior.metrics).get("torque_limit", 0.0)
-    assert noted == (pytest.approx(limits.max(), rel=0.2) if np.any(limits > 2.0) else 0.0)
+    # the search finds another optimum for one of the motors on some processors
+    assert noted.get("torque_limit", 0.0) == (pytest.approx(limits.max(), rel=0.2) if np.any(limits > 2.0) else 0.0)

@@ -13,8 +13,7 @@ from motorprior.logs.doctor.jumps import encoder_step
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
-Gravity = Callable[[np.ndarray], np.ndarray]
-"""Torque of gravity on every joint (N, J) [N·m], at angles (N, J) [rad]."""
+Gravity = Callable[[np.ndarray], np.ndarray]  # angles (N, J) [rad] -> torque of gravity on every joint (N, J) [N·m]
 SLOPES = (0.7, 1.4)  # bounds of the load's torque over joint_torque
 MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that hardly changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14

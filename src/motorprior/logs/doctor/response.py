@@ -11,10 +11,8 @@ from motorprior.logs.motor_log import MotorLog
 
 MIN_CORRELATION = 0.5
 SLOPES = (0.6, 1.5)  # bounds of slow angle per command; otherwise the units differ
-STRAIGHT = (
-    0.9975,
-    0.95,
-)  # correlation above which units explain a small, a large slope: loads and dead bands lower it
+# correlation above which units explain a slope that is too small, too large: loads and dead bands lower it
+STRAIGHT = (0.9975, 0.95)
 VELOCITY_SLOPES = (0.7, 1.4)
 
 

@@ -16,7 +16,7 @@ from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
 from motorprior.pipeline.adapt import motor_constants
 from motorprior.pipeline.identify import PRIOR, fit_prior
-from motorprior.pipeline.log_errors import LogErrors, free_run_spans, model_errors
+from motorprior.pipeline.model_errors import LogErrors, free_run_spans, model_errors
 from motorprior.pipeline.motor_choice import described_pd
 from motorprior.pipeline.prior_file import recipe_of
 from motorprior.pipeline.progress import Progress, WarningCollector

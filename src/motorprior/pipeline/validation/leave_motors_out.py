@@ -14,7 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.pipeline.adapt import adapt_to, first_and_rest
 from motorprior.pipeline.identify import PRIOR, fit_prior, fit_recipe
-from motorprior.pipeline.log_errors import model_errors
+from motorprior.pipeline.model_errors import model_errors
 from motorprior.pipeline.prior_file import recipe_of
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.validation.log_baselines import baseline_recipes, with_gains_of

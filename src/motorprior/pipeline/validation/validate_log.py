@@ -17,7 +17,7 @@ from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.pipeline.adapt import adapt_to, first_and_rest
-from motorprior.pipeline.log_errors import LogErrors, free_run_spans, log_warnings, model_errors
+from motorprior.pipeline.model_errors import LogErrors, free_run_spans, log_warnings, model_errors
 from motorprior.pipeline.prior_file import prior_and_robot, recipe_of, trained_on
 from motorprior.pipeline.progress import SILENT, Progress
 from motorprior.pipeline.stage import description, is_finished, read_results, working, write_results
@@ -121,7 +121,6 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
     for line in log_warnings(test, preset):
         progress.note(line)
     spans = free_run_spans(test, preset)
-    runs = dict(zip(SPANS, spans.values(), strict=True))
     baseline_recipes(train, preset)  # a log that is too short is an error before anything is fitted
     with progress.start(f"adapt to {train.num_joints} motors", 1) as task:
         posterior = adapt_to(prior, config.prior, train, train.source)
@@ -134,8 +133,9 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
         train, preset, BaselineFits(config.out / "baselines", config.adam_steps, config.seed), progress
     )
     results = Results()
-    with progress.start("free runs", len(runs)) as task:
-        for quantity, each in runs.items():
+    with progress.start("free runs", len(spans)) as task:
+        for span, each in spans.items():
+            quantity = f"{span}_rmse"  # a key of SPANS
             found = {name: values[None] for name, values in model_errors(each, models).items()}
             errors = LogErrors((test.source,), test.joint_names, found)
             results += errors.results(quantity, {"median": np.median, "mean": np.mean}).where(log=None)

@@ -8,7 +8,7 @@ from swinging_load import swinging_load
 
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.log_errors import LogErrors, log_warnings
+from motorprior.pipeline.model_errors import LogErrors, log_warnings
 from motorprior.report.log_tables import error_table
 
 TWO = np.repeat([0, 1], 400)

@@ -121,7 +121,7 @@ def model_errors(runs: Sequence[WindowRuns], models: Mapping[str, LogModel]) -> 
     return {name: np.asarray(within_a_turn(values)) for name, values in free_run_errors(runs, models).items()}
 
 
-def replay_errors(motors: LatentActuator, log: MotorLog, recipe: Preset, progress: Progress) -> LogErrors:
+def evaluate_replay(motors: LatentActuator, log: MotorLog, recipe: Preset, progress: Progress) -> LogErrors:
     """Replay a log with its motors and with a PD tuned to it; the errors and their warnings are notes."""
     from motorprior.identification.baselines.pd_fit import TUNING
     from motorprior.identification.evaluation.fit_quality import fit_quality
