@@ -32,20 +32,20 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
+from motorprior.commands.logs_import import LogsImport, import_logs
+from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.exceptions import LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
+from motorprior.identification.prior_file import load_prior
+from motorprior.identification.weak_motors import advice_on_weak_motors
+from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
-from motorprior.pipeline.adapt import POSTERIOR, Adapt, run_adapt
-from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
-from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.prior_file import load_prior
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
-from motorprior.pipeline.weak_motors import advice_on_weak_motors
+from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.search.ars import ArsConfig
+from motorprior.simulation.motor_choice import MotorChoice
 from simulated_port import SimulatedPort, on_its_clock
 from worn_motors import WEAR
 

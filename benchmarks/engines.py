@@ -18,12 +18,12 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.executor import SerialExecutor
+from motorprior.locomotion.policy_search import advance, new_search
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import SerialExecutor
-from motorprior.search.policy_search import advance, new_search
-from motorprior.search.policy_shape import PolicyShape
 from motorprior.signals import rmse
 from motorprior.simulation import bullet_world
 from motorprior.simulation.backend_rollout import BackendSimulator
@@ -33,7 +33,7 @@ from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.robot_fidelity import trot_targets
+from motorprior.studies.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)

@@ -16,18 +16,19 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.identify import Identify, run_identify
+from motorprior.commands.validate import Validate, fidelity, load_priors, run_validate
 from motorprior.identification.evaluation.bench_fidelity import Ensemble, PredictorOfMotors
+from motorprior.identification.evaluation.held_out import held_out_motors
+from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import identification_preset
-from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import seconds_of, write_results
-from motorprior.pipeline.validation.held_out import held_out_motors
-from motorprior.pipeline.validation.validate import Validate, fidelity, load_priors, run_validate
+from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.transfer.metrics import FIDELITY_METRICS
+from motorprior.stage import seconds_of, write_results
+from motorprior.studies.metrics import FIDELITY_METRICS
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",

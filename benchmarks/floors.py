@@ -36,7 +36,7 @@ from motorprior.simulation.build_model import CONTACT_TIME
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.robot_fidelity import STEPS, compare, trot_targets
+from motorprior.studies.robot_fidelity import STEPS, compare, trot_targets
 
 DAMPING_RATIOS = (1.0, 1.5, 2.0, 3.0)
 TROTS, POPULATION, NEURONS, MIN_CONSTANT = 12, 256, 4, 1e-6

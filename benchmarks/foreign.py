@@ -24,15 +24,16 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.identify import Identify, run_identify
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.evaluation.held_out import adapt_all, adapted_models, distribution, held_out_motors
+from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import identification_preset
-from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import FIGURES, description, is_finished, working
-from motorprior.pipeline.validation.held_out import adapt_all, adapted_models, distribution, held_out_motors
+from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.stage import FIGURES, description, is_finished, working
 
 PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = ("gait", "impacts", "chirp")

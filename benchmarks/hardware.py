@@ -28,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing, clock_results
 from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
@@ -39,7 +40,6 @@ from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import StopRequest
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy, zero_policy
-from motorprior.pipeline.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

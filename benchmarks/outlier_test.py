@@ -25,10 +25,10 @@ from motorprior.actuator.physical import scaled
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
+from motorprior.commands.validate import load_priors
+from motorprior.identification.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT_SEED, bench_errors
-from motorprior.pipeline.adapt import FALSE_ALARMS, adapt_to, outlier_test
-from motorprior.pipeline.prior_file import load_prior
-from motorprior.pipeline.validation.validate import load_priors
+from motorprior.identification.prior_file import load_prior
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

@@ -33,6 +33,17 @@ import tyro
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.commands.calibrate import Calibrate, run_calibrate
+from motorprior.commands.logs_import import LogsImport, import_logs
+from motorprior.identification.adapt import adapt_to, first_and_rest
+from motorprior.identification.baselines.log_baselines import (
+    BaselineFits,
+    fitted_baselines,
+    fitted_responses,
+    with_gains_of,
+    with_some_load,
+)
+from motorprior.identification.evaluation.leave_motors_out import leave_motors_out, motor_groups
 from motorprior.identification.evaluation.log_fidelity import (
     LogModel,
     free_run_errors,
@@ -40,30 +51,19 @@ from motorprior.identification.evaluation.log_fidelity import (
     whole_runs,
     within_a_turn,
 )
+from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.identification.presets import PRESETS, Preset
+from motorprior.identification.prior_file import recipe_of
 from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.formats.puppersim import short_name
 from motorprior.logs.formats.registry import read_log
+from motorprior.logs.log_splits import spread_windows
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.resampling import drop_repeats, resample
-from motorprior.pipeline.adapt import adapt_to, first_and_rest
-from motorprior.pipeline.identify import PRIOR, fit_prior
-from motorprior.pipeline.log_import.raw_logs import LogsImport, import_logs
-from motorprior.pipeline.prior_file import recipe_of
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.replay.calibrate import Calibrate, run_calibrate
-from motorprior.pipeline.stage import FIGURES, description, is_finished, working
-from motorprior.pipeline.validation.leave_motors_out import leave_motors_out, motor_groups
-from motorprior.pipeline.validation.log_baselines import (
-    BaselineFits,
-    fitted_baselines,
-    fitted_responses,
-    with_gains_of,
-    with_some_load,
-)
-from motorprior.pipeline.validation.log_splits import spread_windows
+from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
+from motorprior.stage import FIGURES, description, is_finished, working
 
 MODELS = (
     "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",

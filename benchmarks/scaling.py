@@ -17,12 +17,12 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.ars import ArsConfig, Candidate
+from motorprior.locomotion.executor import Executor, make_executor
+from motorprior.locomotion.executor_ray import chunk_size
+from motorprior.locomotion.policy_search import EpisodeTask, Round, advance, episode_seed, new_search, run_task
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.ars import ArsConfig, Candidate
-from motorprior.search.executor import Executor, make_executor
-from motorprior.search.executor_ray import chunk_size
-from motorprior.search.policy_search import EpisodeTask, Round, advance, episode_seed, new_search, run_task
-from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 

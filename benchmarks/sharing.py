@@ -23,13 +23,14 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import BenchSettings, read_bench
 from motorprior.bench.families import require_geared
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.identify import Identify, run_identify
 from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, bench_errors
-from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.stage import FIGURES, description, is_finished, working
+from motorprior.identification.fit_prior import PRIOR
+from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.stage import FIGURES, description, is_finished, working
 
 PRESETS = ("rollout", "per_motor")
 EXCITATIONS = ("gait", "impacts", "chirp")

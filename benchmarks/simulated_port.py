@@ -16,12 +16,12 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
+from motorprior.commands.twin_body import TwinBody, draw_motors
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.framing import command_frame, telemetry_reader
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig, RobotBody
-from motorprior.pipeline.twin_body import TwinBody, draw_motors
 from motorprior.robots.robot import Robot
 
 DELAY = 1e-4  # transmission delay from host to robot [s]

@@ -15,13 +15,13 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
+from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
+from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.body import action_size
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import zero_policy
-from motorprior.pipeline.motor_choice import load_robot_fleet, nominal_pd
-from motorprior.pipeline.prior_file import load_prior
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

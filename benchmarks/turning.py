@@ -11,7 +11,7 @@ from motorprior.locomotion.command import Commands, Timetable
 from motorprior.results import Result
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode
-from motorprior.transfer.gait_quality import WARM_UP, completed, distance_along_heading, headings
+from motorprior.studies.gait_quality import WARM_UP, completed, distance_along_heading, headings
 
 TURNS = "commanded/"  # prefix of the names of these quantities
 # commanded speed and yaw rate over the robot's fastest; forward and left are positive

@@ -30,28 +30,29 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
-from motorprior.bench.fleet import Fleet
+from motorprior.bench.fleet import Fleet, load_robot_fleet
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.identify import Identify, run_identify
+from motorprior.commands.walk import POLICY, Walk, run_walk
+from motorprior.identification.fit_prior import PRIOR
+from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands, Timetable
+from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.identify import PRIOR, Identify, run_identify
-from motorprior.pipeline.motor_choice import MotorChoice, load_robot_fleet, motor_sampler
-from motorprior.pipeline.progress import Lines
-from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
+from motorprior.locomotion.policy_search import BestPolicy, new_search, train, updated_best
+from motorprior.locomotion.policy_shape import PolicyShape
+from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import make_executor
-from motorprior.search.policy_search import BestPolicy, new_search, train, updated_best
-from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.engines import Scene
+from motorprior.simulation.motor_choice import MotorChoice, motor_sampler
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.transfer.gait_quality import gait_quality, quality_results
-from motorprior.transfer.twin import EVALUATION_SEED, HARD, NOISY, twin_of
+from motorprior.studies.gait_quality import gait_quality, quality_results
+from motorprior.studies.twin import EVALUATION_SEED, HARD, NOISY, twin_of
 from turning import TURNS, command_cases, command_errors, command_results
 
 PROGRESS = Lines(sys.stderr)

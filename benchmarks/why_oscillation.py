@@ -37,7 +37,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import high_frequency_rms
-from motorprior.transfer.robot_fidelity import CUTOFF, robot_fidelity
+from motorprior.studies.robot_fidelity import CUTOFF, robot_fidelity
 
 STEPS, MOTORS = 10_000, 32
 LOADS = np.geomspace(3e-4, 3e-2, 13)  # load inertias of the sweep [kg·m²]

@@ -38,7 +38,7 @@ SMALL_SERVO = {
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST_FIRST = (
-    "pipeline/test_demo.py", "cli/test_adapt.py",
+    "commands/test_demo.py", "cli/test_adapt.py",
     "identification/test_train.py", "cli/test_your_robot.py", "identification/test_recovery.py",
     "identification/evaluation/test_reference.py", "identification/latents/test_latent_fit.py",
     "identification/physics/test_fleet_fit.py", "contracts/test_executors.py",
@@ -110,3 +110,14 @@ def grey_network() -> Callable[..., LatentNetwork]:
         )  # fmt: skip
 
     return make
+
+
+@pytest.fixture(scope="session")
+def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a walk, the gait itself."""
+    from motorprior.commands.walk import Walk, run_walk
+    from motorprior.simulation.motor_choice import MotorChoice
+
+    folder = tmp_path_factory.mktemp("walks") / "gait_0"
+    run_walk(Walk(folder, MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    return folder

@@ -13,28 +13,27 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     *("__version__", "compiled", "exceptions", "files", "rotations", "signals", "artifacts", "results"),
-    *("schema", "bounds", "delay_line", "backend"),
+    *("schema", "bounds", "delay_line", "backend", "progress", "stage"),
 }
 ORDER = [
-    *("words", "robots", "logs", "actuator", "bench", "identification", "locomotion", "simulation", "search"),
-    *("transfer", "report", "hardware", "pipeline", "studies", "environments", "public", "cli"),
+    *("words", "robots", "logs", "actuator", "bench", "identification", "locomotion", "simulation", "studies"),
+    *("environments", "report", "hardware", "commands", "public", "cli"),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
     "locomotion": {"simulation"},  # gets a backend handed in
-    "search": {"simulation"},  # gets a rollout handed in
 }
 FOLDERS = {
     **dict.fromkeys(["jax", "optax"], "identification/"),
     "mujoco": ("simulation/", "robots/user_model"),
     "pybullet": "simulation/",
-    "ray": "search/executor",
+    "ray": "locomotion/executor",
     **dict.fromkeys(["serial", "msgpack"], "hardware/"),
     **dict.fromkeys(["pyarrow", "mcap", "mcap_ros2"], "logs/"),
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
-    "filelock": "pipeline/stage",
-    "tensorboardX": "pipeline/walking/walk_metrics",
+    "filelock": "stage",
+    "tensorboardX": "simulation/walk_metrics",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 
@@ -98,11 +97,11 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_folder():
         ("bench/fit.py", "def f():\n    from motorprior import simulation", "bench imports simulation"),
         ("hardware/safety.py", "from motorprior.actuator import latent", "hardware imports actuator"),
         ("actuator/latent.py", "import jax.numpy as jnp", "jax is imported outside identification/"),
-        ("bench/load.py", "importlib.import_module('ray')", "ray is imported outside search/executor"),
+        ("bench/load.py", "importlib.import_module('ray')", "ray is imported outside locomotion/executor"),
         ("robots/spec.py", "c = ['python', '-m', 'motorprior.simulation.render', '-h']", "robots imports simulation"),
         ("misc/thing.py", "", "misc has no layer"),
         ("robots/spec.py", "from motorprior import __version__\nfrom ..signals import lowpass", None),
-        ("cli/main.py", "import tyro\nfrom motorprior.pipeline.walking import walk", None),
+        ("cli/main.py", "import tyro\nfrom motorprior.commands import walk", None),
     ],
 )
 def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: str | None):
@@ -115,7 +114,7 @@ def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: st
     assert found == ([breach] if breach else [])
 
 
-@pytest.mark.parametrize(("name", "least"), [("pipeline", 20), ("identification", 8), ("logs", 2)])
+@pytest.mark.parametrize(("name", "least"), [("commands", 15), ("identification", 8), ("logs", 2)])
 def test_modules_of_a_folder_import_one_way(name: str, least: int):
     """Each folder and module of it counts as one."""
     folder, needs = SOURCE / name, {}
@@ -162,7 +161,7 @@ ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
 TWELVES = {
     "bench/excitation.py": "sines of a multisine",
     "identification/evaluation/distribution.py": "the variance of a rank sum",
-    "transfer/robot_fidelity.py": "draws of motors",
+    "studies/robot_fidelity.py": "draws of motors",
 }
 """Where the number 12 is not the joints of some robot."""
 

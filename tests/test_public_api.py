@@ -67,7 +67,7 @@ def prior(log: mp.MotorLog) -> mp.MotorPrior:
 
 
 def test_a_bench_is_that_of_the_stage(log: mp.MotorLog, tmp_path: Path):
-    from motorprior.pipeline.bench import Bench, run_bench
+    from motorprior.commands.bench import Bench, run_bench
 
     run_bench(Bench(tmp_path, preset="paper", motors=3, steps=300))
     stage = mp.read_log(tmp_path / "log.parquet")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
+    from motorprior.bench.record_bench import record_bench as record_bench
     from motorprior.environments import make_env as make_env
     from motorprior.environments import make_vector_env as make_vector_env
     from motorprior.exceptions import ArtifactError as ArtifactError
@@ -26,21 +27,20 @@ if TYPE_CHECKING:
     from motorprior.exceptions import LogError as LogError
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
+    from motorprior.identification.adapt import adapt as adapt
+    from motorprior.identification.fit_prior import fit_prior as fit_prior
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log
     from motorprior.logs.formats.parquet_io import write_log as write_log
     from motorprior.logs.formats.registry import read_log as read_log
     from motorprior.logs.motor_log import MotorLog as MotorLog
-    from motorprior.pipeline.adapt import adapt as adapt
-    from motorprior.pipeline.bench import record_bench as record_bench
-    from motorprior.pipeline.identify import fit_prior as fit_prior
-    from motorprior.pipeline.progress import Lines as Lines
-    from motorprior.pipeline.simulate import simulate as simulate
-    from motorprior.pipeline.transfer_study.comparison import compare as compare
-    from motorprior.pipeline.walking.train_policy import train_policy as train_policy
+    from motorprior.progress import Lines as Lines
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot
     from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
+    from motorprior.simulation.simulate import simulate as simulate
+    from motorprior.simulation.train_policy import train_policy as train_policy
+    from motorprior.studies.compare import compare as compare
 
 __version__ = "0.1.0"
 
@@ -50,7 +50,7 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "DrivenJoints": "simulation.driven_joints",
     "Fleet": "bench.fleet",
     "IdealPd": "actuator.ideal_pd",
-    "Lines": "pipeline.progress",
+    "Lines": "progress",
     "LogError": "exceptions",
     "MotorLog": "logs.motor_log",
     "MotorPosterior": "actuator.motor_posterior",
@@ -61,18 +61,18 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "Policy": "locomotion.policy",
     "Robot": "robots.robot",
     "SimulationFault": "exceptions",
-    "adapt": "pipeline.adapt",
+    "adapt": "identification.adapt",
     "check_log": "logs.doctor.checks",
-    "compare": "pipeline.transfer_study.comparison",
-    "fit_prior": "pipeline.identify",
+    "compare": "studies.compare",
+    "fit_prior": "identification.fit_prior",
     "load_fleet": "bench.fleet",
     "load_robot": "robots.load",
     "make_env": "environments",
     "make_vector_env": "environments",
     "read_log": "logs.formats.registry",
-    "record_bench": "pipeline.bench",
-    "simulate": "pipeline.simulate",
-    "train_policy": "pipeline.walking.train_policy",
+    "record_bench": "bench.record_bench",
+    "simulate": "simulation.simulate",
+    "train_policy": "simulation.train_policy",
     "write_log": "logs.formats.parquet_io",
 }
 

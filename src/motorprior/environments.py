@@ -23,11 +23,11 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.task import TaskWeights
-from motorprior.pipeline.motor_choice import MotorChoice, MotorSource, motor_sampler
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Scene
+from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain

@@ -12,7 +12,7 @@ from motorprior.bench.bench_folder import bench_from_json, read_bench
 from motorprior.bench.families import OUT_OF_FAMILY, UNITS
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.pipeline.bench import Bench, run_bench
+from motorprior.commands.bench import Bench, run_bench
 
 LEAST = """
 name = "mine"

@@ -14,11 +14,11 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.console import Bar
 from motorprior.cli.main import main
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.walk import Walk, run_walk
 from motorprior.logs.formats.puppersim import csv_columns
-from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking.walk import Walk, run_walk
 from motorprior.robots.pupper_v2 import spec
+from motorprior.simulation.motor_choice import MotorChoice
 
 
 @dataclass(frozen=True)

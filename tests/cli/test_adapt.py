@@ -11,13 +11,13 @@ import closing_the_loop
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.identify import Identify, run_identify
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
-from motorprior.pipeline.bench import Bench, run_bench
-from motorprior.pipeline.identify import Identify, run_identify
-from motorprior.pipeline.stage import read_results
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
+from motorprior.stage import read_results
 
 LOG_BASELINES = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "tuned_pd")
 

@@ -10,7 +10,7 @@ import pytest
 
 from motorprior.cli.console import command_line
 from motorprior.cli.main import COMMANDS, LOGS, parse
-from motorprior.pipeline.demo import Demo
+from motorprior.commands.demo import Demo
 
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 

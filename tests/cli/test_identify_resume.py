@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from motorprior.artifacts import read_json, read_tensors
-from motorprior.pipeline.identify import CHECKPOINT, PRIOR
-from motorprior.pipeline.stage import MARKER
+from motorprior.identification.fit_prior import CHECKPOINT, PRIOR
+from motorprior.stage import MARKER
 
 Command = Callable[..., Any]
 STEPS = 1200  # checkpoints at 500 and 1000
@@ -19,7 +19,7 @@ STEPS = 1200  # checkpoints at 500 and 1000
 KILLED = """
 import os, signal
 from motorprior.cli.main import main
-from motorprior.pipeline import identify
+from motorprior.identification import fit_prior as identify
 
 save = identify._Checkpoint.save
 

@@ -104,7 +104,7 @@ def test_bad_input_is_one_error(refused: Callable, tmp_path: Path, command: str,
 def test_a_virtual_robot_ends_with_the_process_that_started_it():
     """Also if that is killed."""
     code = (
-        "import time\nfrom motorprior.pipeline.virtual_robot import VirtualRobotSettings, running_virtual_robot\n"
+        "import time\nfrom motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot\n"
         "with running_virtual_robot('pupper_v2', VirtualRobotSettings(homing=False)) as port:\n"
         "    print(port, flush=True)\n    time.sleep(60.0)"
     )

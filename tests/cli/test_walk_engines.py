@@ -11,10 +11,10 @@ import pytest
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.policy import Policy
-from motorprior.search.policy_search import EVALUATION_DRAWS
+from motorprior.locomotion.policy_search import EVALUATION_DRAWS
 from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.rollout import WalkSimulator
-from motorprior.transfer import twin
+from motorprior.studies import twin
 
 Command = Callable[..., Any]
 SMALL = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5)

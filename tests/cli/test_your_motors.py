@@ -14,12 +14,12 @@ import pytest
 from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
+from motorprior.commands import demo
 from motorprior.identification import load_fit
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
 from motorprior.logs.formats.bag_columns import CLOCK
 from motorprior.logs.formats.column_map import load_column_map
-from motorprior.pipeline import demo
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800

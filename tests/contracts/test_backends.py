@@ -12,10 +12,10 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
+from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_backend import SerialBackend
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.pipeline.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.bullet_backend import PybulletBackend

@@ -8,12 +8,12 @@ import pytest
 from far_tasks import Counter, count, die, fail, make_walker
 
 from motorprior.exceptions import SimulationFault
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.executor import Executor, make_executor
+from motorprior.locomotion.executor_process import ProcessExecutor
+from motorprior.locomotion.policy_search import BestPolicy, new_search, train
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, make_executor
-from motorprior.search.executor_process import ProcessExecutor
-from motorprior.search.policy_search import BestPolicy, new_search, train
-from motorprior.search.policy_shape import PolicyShape
 
 
 @pytest.fixture

@@ -14,11 +14,11 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.executor import Executor, make_executor
+from motorprior.locomotion.policy_search import BestPolicy, new_search, train
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import Executor, make_executor
-from motorprior.search.policy_search import BestPolicy, new_search, train
-from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig

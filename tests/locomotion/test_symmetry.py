@@ -8,10 +8,10 @@ from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
 from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.locomotion.policy import act
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.locomotion.symmetry import mirror_of
 from motorprior.locomotion.task import observe
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.policy_shape import PolicyShape
 
 RIGHT_TO_LEFT = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 ABDUCTIONS = np.tile([-1.0, 1.0, 1.0], 4)

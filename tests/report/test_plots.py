@@ -18,7 +18,7 @@ from motorprior.report.plots_motor import (
 from motorprior.report.plots_prior import feature_quantiles, null_band
 from motorprior.report.plots_style import png_bytes
 from motorprior.report.plots_walk import footfalls, learning_curves, robustness_maps, transfer_bars
-from motorprior.transfer.robustness import UprightMap
+from motorprior.studies.robustness import UprightMap
 
 TIME = np.arange(0.0, 1.0, 0.01)
 ANGLE = np.sin(6.0 * TIME)

@@ -6,10 +6,10 @@ import numpy as np
 
 from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.running_stats import RunningStats
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
-from motorprior.search.running_stats import RunningStats
 
 ROBOT = SHIPPED[0]
 OBSERVATIONS, ACTIONS = observation_size(ROBOT.num_joints), action_size(ROBOT.num_joints)

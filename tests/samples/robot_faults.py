@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from motorprior.commands.twin_body import TwinBody
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.virtual.firmware import IDLE, MAX_CURRENT, Drive, SensorReadings
-from motorprior.pipeline.twin_body import TwinBody
 from motorprior.robots.robot import Robot
 from simulated_port import SimulatedPort
 

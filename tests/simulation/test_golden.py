@@ -12,11 +12,11 @@ from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.executor import SerialExecutor
+from motorprior.locomotion.policy_search import BestPolicy, new_search, train
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.search.ars import ArsConfig
-from motorprior.search.executor import SerialExecutor
-from motorprior.search.policy_search import BestPolicy, new_search, train
-from motorprior.search.policy_shape import PolicyShape
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator

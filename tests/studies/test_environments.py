@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet
+from motorprior.commands.walk_seeds import SEEDS_APART
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
-from motorprior.pipeline.walking.walk_seeds import SEEDS_APART
+from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.search.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.studies.environments import ENVIRONMENTS, HeldOutWalks, motors_of_robot, walk_seed
-from motorprior.transfer.twin import EVALUATION_SEED
+from motorprior.studies.twin import EVALUATION_SEED
 
 STEPS, STUDY = 200, 4
 FLEET = load_fleet("pupper_v2")

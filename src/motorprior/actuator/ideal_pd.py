@@ -12,10 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
+from motorprior.actuator.actuator import (
+    ActuatorArrays,
+    Factors,
+    empty_arrays,
+    require_step,
+    require_unchanged,
+)
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
+from motorprior.robots.robot import Robot
 
 _KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
 IDEAL_PD_ROWS = 4
@@ -105,3 +112,10 @@ def step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
 
 
 IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=reset_pd, step=step_pd)
+
+
+def described_pd(robot: Robot) -> IdealPd:
+    """An ideal PD with the gains and torque limits of the robot's description."""
+    columns = [np.array([getattr(joint, name) for joint in robot.joints]) for name in ("kp", "kd", "torque_limit")]
+    kp, kd, torque_limit = columns
+    return IdealPd(kp, kd, torque_limit, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import write_text
 from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import generator_of, require_count
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.files import read_toml
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
 
@@ -227,3 +229,41 @@ def write_fleet(path: Path, fleet: Fleet, sources: Mapping[str, str], heading: s
 
 def _text(value: str) -> str:
     return json.dumps(value, ensure_ascii=False)  # a JSON string without ASCII escapes is a TOML basic string
+
+
+def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None, argument: str = "fleet") -> Fleet:
+    """A fleet of this robot, by name or path; the one shipped for the robot if None.
+
+    Args:
+        robot: of the motors.
+        fleet: the fleet, its name or its path.
+        argument: name of the setting, for errors.
+
+    Raises:
+        ArtifactError: see `load_fleet`.
+        ConfigError: a fleet of another robot, or None and no fleet is shipped for the robot.
+    """
+    chosen = robot.default_fleet if fleet is None else fleet
+    try:
+        found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
+    except ArtifactError as error:
+        raise ArtifactError(
+            f"{argument}: {error.problem}", where=error.where, remedy=error.remedy, argument=argument
+        ) from error
+    if found.robot != robot.name:
+        raise ConfigError(
+            f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}",
+            remedy=f"use a fleet of {robot.name}", argument=argument,
+        )  # fmt: skip
+    return found
+
+
+def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
+    """An ideal PD with the gains and the torque limit of the fleet's central motor."""
+    center = fleet.center(1)
+    return IdealPd.uniform(num_motors, center.kp[0], center.kd[0], center.torque_limit[0])
+
+
+def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
+    """The file of a fleet, by name or path; the robot's own if None."""
+    return [fleet_path(robot.default_fleet if fleet is None else fleet)]

@@ -11,9 +11,10 @@ import tyro
 
 from motorprior.actuator.geared_motor_constants import PER_LOGGED
 from motorprior.cli.console import TERMINAL, table
+from motorprior.commands.adapt import Adapt, run_adapt
+from motorprior.identification.adapt import OutlierTest
+from motorprior.identification.evaluation.log_tables import constant_table
 from motorprior.logs.motor_log import MotorLog
-from motorprior.pipeline.adapt import Adapt, OutlierTest, run_adapt
-from motorprior.report.log_tables import constant_table
 
 if TYPE_CHECKING:  # it imports JAX
     from motorprior.identification.latents.latent_fit import Posterior

@@ -41,7 +41,7 @@ class Bar:
 
 
 class Terminal:
-    """`pipeline.progress.Progress` on the terminal; units of work in several threads have a bar each."""
+    """`progress.Progress` on the terminal; units of work in several threads have a bar each."""
 
     def __init__(self):
         count = TextColumn("{task.completed:.0f}/{task.total:.0f}")

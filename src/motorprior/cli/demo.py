@@ -7,8 +7,8 @@ from motorprior.cli.real_motors import show_real_motors
 from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
 from motorprior.cli.validate import show_fidelity
-from motorprior.pipeline.demo import Demo, run_demo
-from motorprior.pipeline.stage import FIGURES, PAGE
+from motorprior.commands.demo import Demo, run_demo
+from motorprior.stage import FIGURES, PAGE
 
 
 def demo(config: Demo) -> None:

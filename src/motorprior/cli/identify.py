@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tyro
 
-from motorprior.pipeline.identify import Identify
+from motorprior.commands.identify import Identify
 
 
 @dataclass(frozen=True)

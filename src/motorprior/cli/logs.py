@@ -8,10 +8,10 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import table
+from motorprior.commands.logs_import import LogsImport, require_paths
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.formats.registry import read_log
-from motorprior.pipeline.log_import.raw_logs import LogsImport, require_paths
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

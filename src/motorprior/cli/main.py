@@ -28,13 +28,13 @@ from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
+from motorprior.commands.bench import Bench, run_bench  # noqa: E402
+from motorprior.commands.demo import Demo  # noqa: E402
+from motorprior.commands.identify import run_identify  # noqa: E402
+from motorprior.commands.logs_import import import_logs  # noqa: E402
+from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
-from motorprior.pipeline.bench import Bench, run_bench  # noqa: E402
-from motorprior.pipeline.demo import Demo  # noqa: E402
-from motorprior.pipeline.identify import run_identify  # noqa: E402
-from motorprior.pipeline.log_import.raw_logs import import_logs  # noqa: E402
-from motorprior.pipeline.motor_choice import MotorChoice  # noqa: E402
-from motorprior.pipeline.simulate import Simulate, run_simulate  # noqa: E402
+from motorprior.simulation.motor_choice import MotorChoice  # noqa: E402
 
 
 @dataclass(frozen=True)

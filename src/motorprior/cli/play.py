@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.watching.play import Play, run_play
+from motorprior.commands.play import Play, run_play
 from motorprior.results import Results
 
 

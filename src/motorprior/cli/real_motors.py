@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from motorprior.cli.console import table
-from motorprior.report.log_tables import FREE_RUN, WHOLE_RUN, constant_table, constants_in, error_table
+from motorprior.identification.evaluation.log_tables import (
+    FREE_RUN,
+    WHOLE_RUN,
+    constant_table,
+    constants_in,
+    error_table,
+)
 from motorprior.results import Results
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.replay.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
-from motorprior.pipeline.replay.replay import Replay, run_replay
+from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
+from motorprior.commands.replay import Replay, run_replay
 from motorprior.report.tables import calibrated_constants, calibration_errors, optima, replay_models, replay_rows
 from motorprior.results import Results
 

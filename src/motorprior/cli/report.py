@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL
-from motorprior.pipeline.watching.walk_report import build_walk_report
+from motorprior.commands.walk_report import build_walk_report
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 

@@ -6,8 +6,8 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.virtual_robot import VirtualRobotSettings, running_virtual_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 

@@ -9,14 +9,14 @@ import tyro
 from rich.markdown import Markdown
 
 from motorprior.cli.console import CONSOLE, TERMINAL, command_line, table
+from motorprior.commands.transfer import Transfer, run_transfer
+from motorprior.commands.transfer_study.settings import Study
+from motorprior.commands.transfer_study.study import TABLES, run_study
 from motorprior.exceptions import ConfigError
-from motorprior.pipeline.stage import PAGE
-from motorprior.pipeline.transfer_study.transfer import Transfer, run_transfer
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
-from motorprior.studies.settings import Study
-from motorprior.studies.transfer import TABLES, run_study
-from motorprior.transfer.twin import DRAWS
+from motorprior.stage import PAGE
+from motorprior.studies.twin import DRAWS
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validation.validate import Validate, run_validate
+from motorprior.commands.validate import Validate, run_validate
 from motorprior.report.tables import fidelity_rows
 from motorprior.results import Results
-from motorprior.transfer.metrics import FIDELITY_METRICS
+from motorprior.studies.metrics import FIDELITY_METRICS
 
 _DISTRIBUTION = (
     "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",

@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.pipeline.validation.validate_log import (
+from motorprior.commands.validate_log import (
     ADAPTED,
     COVERAGE,
     PRIOR,
@@ -17,7 +17,7 @@ from motorprior.pipeline.validation.validate_log import (
     ValidateLog,
     run_validate_log,
 )
-from motorprior.report.log_tables import error_table
+from motorprior.identification.evaluation.log_tables import error_table
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Annotated
 import tyro
 
 from motorprior.cli.console import TERMINAL, table
+from motorprior.commands.walk import POLICY, Walk, run_walk
+from motorprior.commands.walk_seeds import PICTURE, SEED_FOLDER, run_walk_seeds
 from motorprior.locomotion.policy import Policy
-from motorprior.pipeline.motor_choice import MotorChoice
-from motorprior.pipeline.walking.walk import POLICY, Walk, run_walk
-from motorprior.pipeline.walking.walk_seeds import PICTURE, SEED_FOLDER, run_walk_seeds
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.motor_choice import MotorChoice
 
 
 @dataclass(frozen=True)

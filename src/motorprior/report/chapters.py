@@ -19,10 +19,10 @@ from motorprior.report.plots_style import model_label
 from motorprior.report.plots_walk import learning_curves, robustness_maps, transfer_bars
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
-from motorprior.transfer import robot_fidelity
-from motorprior.transfer.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
-from motorprior.transfer.robustness import ROBUSTNESS_DRAWS, UprightMap
-from motorprior.transfer.twin import DRAWS
+from motorprior.studies import robot_fidelity
+from motorprior.studies.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
+from motorprior.studies.robustness import ROBUSTNESS_DRAWS, UprightMap
+from motorprior.studies.twin import DRAWS
 
 Tensors = dict[str, np.ndarray]
 

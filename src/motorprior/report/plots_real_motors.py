@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from motorprior.report.log_tables import Trace
+from motorprior.identification.evaluation.log_tables import Trace
 from motorprior.report.plots_style import (
     INK,
     TIME,

@@ -23,7 +23,7 @@ from motorprior.report.plots_style import (
     panels,
 )
 from motorprior.signals import runs_of_true
-from motorprior.transfer.robustness import UprightMap
+from motorprior.studies.robustness import UprightMap
 
 Curve = tuple[np.ndarray, np.ndarray]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from motorprior.artifacts import read_tensors
-from motorprior.report import plots_real_motors
-from motorprior.report.log_tables import (
+from motorprior.identification.evaluation.log_tables import (
     WHOLE_RUN,
     constant_table,
     constants_in,
@@ -14,6 +13,7 @@ from motorprior.report.log_tables import (
     errors_by_joint,
     from_tensors,
 )
+from motorprior.report import plots_real_motors
 from motorprior.report.page import Section, Table, picture
 from motorprior.results import Results
 

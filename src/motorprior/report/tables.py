@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from motorprior.results import Results
-from motorprior.transfer.metrics import MODELS, TRAINING_CONDITIONS
+from motorprior.studies.metrics import MODELS, TRAINING_CONDITIONS
 
 ColumnsAndRows = tuple[list[str], list[list[str]]]
 

@@ -25,7 +25,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import Episode, WalkConfig
-from motorprior.transfer.twin import HARD, NOISY
+from motorprior.studies.twin import HARD, NOISY
 
 ROBOT_STREAM = 0x20B0  # random stream of a robot's motors, of no bench and no training
 DRAW_STREAM = 0x20B1  # random stream of sensors, floor and pushes

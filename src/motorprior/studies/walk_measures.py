@@ -8,8 +8,8 @@ import numpy as np
 
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode
-from motorprior.transfer.gait_quality import distance_along_heading, gait_quality, headings
-from motorprior.transfer.twin import share_upright
+from motorprior.studies.gait_quality import distance_along_heading, gait_quality, headings
+from motorprior.studies.twin import share_upright
 
 _FROM_QUALITY = ("heading_deg_per_m", "lateral_share", "slip", "transport", "step_frequency", "body_rate")
 _NEED_TORQUES = ("transport", "torque_beyond")

@@ -8,7 +8,7 @@ from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.evaluation.bench_fidelity import Ensemble, held_out_trials, respond
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.transfer.robot_fidelity import robot_fidelity
+from motorprior.studies.robot_fidelity import robot_fidelity
 
 COUNT = 12
 

@@ -8,7 +8,7 @@ from third_party_files import ANGLE, JOINTS, TARGET, TIME
 
 from motorprior.exceptions import LogError
 from motorprior.logs.formats.registry import read_log
-from motorprior.pipeline.log_import.log_folder import read_log_folder
+from motorprior.logs.log_folder import read_log_folder
 
 LINE = "=" * 80
 DEFINITION = "\n".join(

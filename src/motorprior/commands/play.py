@@ -1,0 +1,232 @@
+"""Films of walking policies, MuJoCo's viewer, and measures of the walks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from motorprior.artifacts import atomic_path
+from motorprior.bench.fleet import load_robot_fleet
+from motorprior.bounds import require_number, require_seed
+from motorprior.commands.walk import POLICY
+from motorprior.commands.walk_seeds import SEED_FOLDER
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands, Timetable
+from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.schedule_file import read_schedule
+from motorprior.progress import SILENT, Progress
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.rollout import Episode, WalkConfig
+from motorprior.simulation.viewer import require_screen, show
+from motorprior.stage import locked, write_results
+from motorprior.studies.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
+from motorprior.studies.training_scene import policy_for, training_scene
+from motorprior.studies.twin import EVALUATION_SEED, HARD, NOISY, twin_of, with_shared_speeds
+
+EnvironmentName = Literal["own", "twin", "hard"]
+MAX_SECONDS, MAX_POLICIES = 600.0, 4
+_TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
+_TWINS = {"twin": NOISY, "hard": HARD}
+_STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures that need one constant command
+
+
+@dataclass(frozen=True)
+class Play:
+    """Render policies as a film and measure their walks. Several walks are shown one below the other."""
+
+    policies: tuple[Path, ...]
+    """Policies, or folders that `motorprior walk` wrote."""
+    out: Path = Path("runs/play")
+    """Folder for the film (play.mp4 or play.gif) and figures.json."""
+    environment: EnvironmentName = "own"
+    """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and noise; hard: the twin
+    on unknown ground, with an unknown load and pushes."""
+    forward: float | None = None
+    """Commanded speed [m/s]; the largest in the range of all policies if not given."""
+    yaw_rate: float = 0.0
+    """Commanded yaw rate, to the left [rad/s]."""
+    schedule: Path | None = None
+    """CSV file with the columns time_s, forward_m_s and yaw_rate_rad_s; a row is in force until the next. It replaces
+    the two commands above."""
+    seconds: float = 10.0
+    """Duration [s]."""
+    seed: int = 0
+    """Seed of the motors, the same for all policies on the twin."""
+    viewer: bool = False
+    """Also open MuJoCo's viewer, which needs a screen."""
+    fleet: str | None = None
+    """Fleet of the twin; the robot's own if not given."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """Path of the film, measures of the walks, and number of control steps of each."""
+
+    film: Path
+    results: Results
+    steps: dict[str, int]
+
+
+def run_play(config: Play, progress: Progress = SILENT) -> Played:
+    """Simulate the walks, measure them, write the film, and open the viewer if requested.
+
+    Raises:
+        ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command is outside
+            the range of the robot or of a policy's training; the viewer is requested without a screen.
+    """
+    with locked(config.out):
+        played, walks = _play(config, progress)
+    if config.viewer:
+        robot = load_robot(config.robot)
+        show(robot, walks, robot.control_dt)
+    return played
+
+
+def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
+    """Results and walks (steps, 7 + joints)."""
+    robot, names = load_robot(config.robot), _names(config.policies)
+    require_number("seconds", config.seconds, robot.control_dt, MAX_SECONDS)
+    require_seed(config.seed)
+    if config.viewer:
+        require_screen()
+    commands = commands_of(config, with_shared_speeds(robot, map(Policy.load, names.values())))
+    steps = max(1, round(config.seconds / robot.control_dt))
+    episodes: dict[str, Episode] = {}
+    with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
+        for name, path in names.items():
+            episodes[name] = _walk(config, robot, path, WalkConfig(steps, commands=commands))
+            task.advance()
+    commanded = commands.schedule(robot, EVALUATION_SEED + config.seed, steps)
+    measured = [_measured(config, robot, name, each, commanded) for name, each in episodes.items()]
+    results = sum(measured, Results())
+    write_results(config.out, results)
+    walks = [_until_end(episode.trace, steps) for episode in episodes.values()]
+    titles = [f"{name}, {_TITLES[config.environment]}" for name in names]
+    notes = [_notes(robot, episode, walk, commanded) for episode, walk in zip(episodes.values(), walks, strict=True)]
+    film = _write_film(config.out, robot, walks, titles, notes, progress)
+    return Played(film, results, {name: episode.steps for name, episode in episodes.items()}), walks
+
+
+def _write_film(
+    folder: Path, robot: Robot, walks: list[np.ndarray], titles: list[str], notes: list[list[str]], progress: Progress
+) -> Path:
+    """Write play.mp4, or play.gif where the encoder is not installed; returns its path."""
+    from motorprior.report import film  # here, since it imports matplotlib
+
+    as_mp4 = film.can_write_mp4()
+    path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
+    stride = max(1, round(1.0 / (rate * robot.control_dt)))
+    walks, notes = [walk[::stride] for walk in walks], [each[::stride] for each in notes]
+    seconds, count = stride * robot.control_dt, len(walks[0])
+    with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
+        pictures = film.film(robot, walks, titles, notes, progress.note)
+        counted = (picture for picture in pictures if task.advance() is None)
+        if as_mp4:
+            film.write_mp4(temporary, counted, seconds)
+        else:
+            temporary.write_bytes(film.gif_bytes(counted, seconds))
+    return path
+
+
+def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
+    """Commands of the walk.
+
+    Raises:
+        ConfigError: a command outside the robot's range, a schedule that cannot be read, or two kinds of commands.
+    """
+    size = robot.require_legs()
+    if config.schedule is not None:
+        if config.forward is not None or config.yaw_rate:
+            raise ConfigError(
+                "schedule replaces forward and yaw_rate", remedy="give one or the other", argument="schedule"
+            )
+        return read_schedule(config.schedule, robot)
+    forward = size.forward[1] if config.forward is None else config.forward
+    require_number("forward", forward, *size.forward)
+    require_number("yaw_rate", config.yaw_rate, -size.yaw_rate, size.yaw_rate)
+    return Commands.steady(forward, config.yaw_rate)
+
+
+def _names(policies: Iterable[Path]) -> dict[str, Path]:
+    """Files of the policies by the names of their folders, or of files with other names than policy.safetensors."""
+    files = [_policy_in(path) if path.is_dir() else path for path in policies]
+    if not 1 <= len(files) <= MAX_POLICIES:
+        raise ConfigError(f"{len(files)} policies given", remedy=f"give 1 to {MAX_POLICIES}")
+    names: dict[str, Path] = {}
+    for path in files:
+        name = path.resolve().parent.name if path.name == POLICY else path.stem
+        names[name if name not in names else f"{name} ({len(names) + 1})"] = path
+    return names
+
+
+def _policy_in(folder: Path) -> Path:
+    """The policy of a training; an error for a folder of several seeds names one."""
+    seeds = sorted(folder.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
+    if seeds and not (folder / POLICY).is_file():
+        raise ConfigError(
+            f"no {POLICY} in it, but in {len(seeds)} folders of seeds below", where=folder,
+            remedy=f"give one of these, or up to {MAX_POLICIES}: {seeds[0]}",
+        )  # fmt: skip
+    return folder / POLICY
+
+
+def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
+    policy, robot = policy_for(path, robot)
+    if config.environment in _TWINS:  # without the training motors
+        other = replace(walk, randomization=_TWINS[config.environment], gait=policy.gait)
+        simulator = twin_of(robot, load_robot_fleet(robot, config.fleet), other)
+    else:
+        simulator = training_scene(policy, path, robot, walk).simulator()
+    try:
+        return simulator.run(policy.arrays(), EVALUATION_SEED + config.seed, trace=True)
+    finally:
+        simulator.close()
+
+
+def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded: np.ndarray) -> Results:
+    """Measures of a walk with commands (steps, 2).
+
+    With changing commands, measures that need a constant one are replaced by speed_off, `Episode.speed_error` [m/s].
+    Without torques (PyBullet) only the time upright is known.
+    """
+    if not len(episode.motion):
+        upright = float(completed(episode, len(commanded)))
+        return Results.of([Result("upright", "1", upright, name, config.environment)])
+    quality = gait_quality(robot, episode, _min_speed(commanded[:, 0]), float(commanded[0, 1]), len(commanded))
+    measured = quality_results(quality, robot, name, config.environment)
+    if (commanded == commanded[0]).all():
+        return measured
+    rows = [row for row in measured if row.quantity not in _STEADY_ONLY]
+    if math.isfinite(episode.speed_error):
+        rows.append(Result("speed_off", "m/s", episode.speed_error, name, config.environment))
+    return Results.of(rows)
+
+
+def _min_speed(forward: np.ndarray) -> float:
+    """Commanded speed of the smallest magnitude [m/s]; 0 if the direction changes."""
+    return 0.0 if forward.min() < 0.0 < forward.max() else float(forward[np.abs(forward).argmin()])
+
+
+def _until_end(trace: np.ndarray, steps: int) -> np.ndarray:
+    """The trace, its last frame repeated up to ``steps``."""
+    return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
+
+
+def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarray) -> list[str]:
+    """Per frame: time, distance along the heading, and the command or, after a fall, "fell"."""
+    distance = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
+    notes = []
+    for step, (way, (forward, turn)) in enumerate(zip(distance, commanded, strict=True)):
+        state = f"command {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
+        notes.append(f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {state}")
+    return notes

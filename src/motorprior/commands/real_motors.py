@@ -1,0 +1,190 @@
+"""Quick report of real logs: models of their motors, fitted in a minute and evaluated on held-out logs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.commands.logs_import import with_loads_on_grid
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification.evaluation.log_tables import as_tensors
+from motorprior.logs.doctor.gap_segments import begin_at_gaps
+from motorprior.logs.formats.registry import unit_assumption
+from motorprior.logs.log_folder import LogFolder, read_log_folder
+from motorprior.logs.log_splits import long_segments, moving_joints, split, with_joints
+from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.resampling import drop_repeats, resample
+from motorprior.progress import SILENT, Progress
+from motorprior.results import Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.stage import description, is_finished, read_results, working, write_results
+
+TRACES = "traces.safetensors"
+PERIOD = 0.002  # of the grid that models are fitted on [s]
+# training log for motors and for responses, of all joints together, and the maximum of each joint [s]; the fit takes
+# most of the minute
+MOTOR_SECONDS, RESPONSE_SECONDS, MAX_SECONDS = 144.0, 72.0, 48.0
+TEST_SECONDS = 120.0
+
+
+@dataclass(frozen=True)
+class RealMotors:
+    """Fit models to the motors of real logs, and evaluate them on held-out logs."""
+
+    logs: Path
+    """A log, or a folder of logs of the same joints, in any format of docs/logs.md."""
+    out: Path
+    """Folder for figures.json and the traces of the report."""
+    columns: str | None = None
+    """Column map of tables: a shipped one by name, or your .toml file."""
+    suspended: bool = False
+    """The robot has a free base and was suspended in the air with its body level."""
+    seed: int = 0
+    """Seed of the fits and samples."""
+    robot: str = DEFAULT_ROBOT
+    """Robot of the logs: a shipped one by name, or a .toml file; not used for logs with other joints."""
+
+
+Show: TypeAlias = Callable[[Results, list[str]], None]
+
+
+def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show = lambda found, lines: None) -> Results:
+    """Fit and evaluate, or read the results if the folder holds them already.
+
+    Args:
+        config: settings.
+        progress: where to report to.
+        show: called with the results and lines for the user, also if they are not new.
+
+    Raises:
+        LogError, ArtifactError, ConfigError: a log, column map or robot that cannot be used.
+    """
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    robot, folder = load_robot(config.robot), read_logs_of(config)
+    maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []
+    wanted = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
+    if not is_finished(config.out, wanted):
+        with working(config.out, wanted):
+            _write_report(config, folder, robot, progress)
+    results = read_results(config.out)
+    show(results, read_tensors(config.out / TRACES)[1]["lines"])
+    return results
+
+
+def read_logs_of(config: RealMotors) -> LogFolder:
+    """The logs; those with a column map have the joints of the map unless a robot is given.
+
+    Raises:
+        LogError, ArtifactError: they cannot be read, have different joints, or no joint moves.
+        ConfigError: suspended with a fixed base, or with logs that have another posture.
+    """
+    robot = load_robot(config.robot)
+    if config.suspended and robot.base == "fixed":
+        raise ConfigError(f"the base of {robot.name!r} is fixed", remedy="omit suspended", argument="suspended")
+    unnamed = config.columns is not None and config.robot == DEFAULT_ROBOT
+    found = read_log_folder(config.logs, None if unnamed else robot, config.columns)
+    first = next(iter(found.logs.values())).joint_names
+    for name, log in found.logs.items():
+        if log.joint_names != first:
+            problem = f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
+            raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
+    if config.suspended or (robot.base == "fixed" and _has_joints_of(robot, found)):
+        from motorprior.simulation.suspended_load import require_fixed_base  # here: it imports MuJoCo, which is slow
+
+        for path, log in zip(found.paths, found.logs.values(), strict=True):
+            require_fixed_base(log, robot, path, "suspended" if config.suspended else "")
+    if not moving_joints(found.logs):
+        problem = f"{', '.join(found.logs)}: no joint is excited"
+        raise LogError(problem, where=config.logs, remedy="record with a moving command")
+    return found
+
+
+def is_replayed(config: RealMotors, robot: str) -> bool:
+    """Whether the logs were recorded on this robot, so that its simulation can replay them.
+
+    Raises:
+        LogError, ArtifactError, ConfigError: see `read_logs_of`.
+    """
+    same_joints = _has_joints_of(load_robot(robot), read_logs_of(config))
+    return same_joints and robot == config.robot and config.columns is None
+
+
+def _has_joints_of(robot: Robot, folder: LogFolder) -> bool:
+    return all(log.joint_names == robot.joint_names for log in folder.logs.values())
+
+
+def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
+    from motorprior.identification.evaluation.quick_report import report_with_loads, report_without_loads
+
+    described = robot if _has_joints_of(robot, folder) else None
+    whole, lines = _without_gaps(config, folder)
+    loads, reason = _loads(config, folder.logs, described)
+    together = RESPONSE_SECONDS if loads is None else MOTOR_SECONDS
+    seconds = min(MAX_SECONDS, together / max(1, len(moving_joints(whole))))
+    logs = split(whole, seconds, TEST_SECONDS).map(loads or _on_grid)
+    joints = moving_joints(logs.train)
+    logs = logs.map(lambda log: with_joints(log, joints))
+    if loads is None:
+        report = report_without_loads(logs, config.seed, config.out, progress)
+    else:
+        report = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
+    write_results(config.out, report.results)
+    arrays, names = as_tensors(report.traces)
+    write_tensors(config.out / TRACES, arrays, {"lines": [*lines, reason, logs.rule, *report.lines], "traces": names})
+
+
+def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
+    """The logs with a new segment after each gap, and lines about what was omitted or assumed.
+
+    Raises:
+        LogError: no log has a steady clock.
+    """
+    logs, lines = {}, [f"left out {line}" for line in folder.unreadable]
+    for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
+        try:
+            logs[name], gaps = begin_at_gaps(log)
+        except LogError as error:
+            if len(folder.logs) == 1:
+                raise
+            gaps = f"left out {error}"
+        lines += [f"{name}: {line}" for line in (unit_assumption(path, config.columns), gaps) if line]
+    if not logs:
+        raise LogError("no log has a steady clock", where=config.logs, remedy="give logs of a steady clock")
+    return logs, lines
+
+
+def _loads(
+    config: RealMotors, logs: dict[str, MotorLog], robot: Robot | None
+) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
+    """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""
+    if all(log.load_inertia is not None and log.external_torque is not None for log in logs.values()):
+        return lambda log: resample(log, PERIOD), "loads: from the logs"
+    unknown = "loads: unknown, so only responses are fitted, not motors"
+    if robot is None:
+        return None, f"{unknown} (set robot to a description of these joints)"
+    logged = {POSTURES[code] if code >= 0 else None for log in logs.values() for code in _postures(log)}
+    if robot.base == "fixed" or config.suspended or logged == {"suspended"}:
+        return lambda log: with_loads_on_grid(log, robot, PERIOD), f"loads: rigid bodies of {robot.name}, base fixed"
+    others = " and ".join(sorted(name for name in logged if name not in (None, "suspended")))
+    return None, f"{unknown} ({robot.name} was {others or 'perhaps standing: set suspended if it was not'})"
+
+
+def _postures(log: MotorLog) -> list[int]:
+    return [-1] if log.posture is None else np.unique(log.posture).tolist()
+
+
+def _on_grid(log: MotorLog) -> MotorLog:
+    """Without segments in which nothing moves, repeated rows and short segments."""
+    keep = np.zeros(log.num_rows, dtype=bool)
+    for part in log.segment_slices():
+        keep[part] = np.ptp(log.joint_pos[part], axis=0).any()
+    kept = long_segments(drop_repeats(log.rows(keep) if keep.any() else log))
+    return resample(log if kept is None else kept, PERIOD)

@@ -1,0 +1,64 @@
+"""Excite a simulated robot and record a motor log."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.bounds import require_number, require_seed
+from motorprior.logs.formats.parquet_io import write_log
+from motorprior.progress import SILENT, Progress
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.simulate import excitation_targets, simulated_log
+from motorprior.simulation.suspended_load import with_loads
+from motorprior.stage import description, is_finished, working
+
+LOG = "log.parquet"
+
+
+@dataclass(frozen=True)
+class Simulate:
+    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
+
+    out: Path
+    """Folder for log.parquet."""
+    motors: MotorChoice = field(default_factory=MotorChoice)
+    """The robot's motors."""
+    excitation: str = "sine"
+    """Signal of every joint about the nominal pose: sine, held_steps, gait, creep or chirp."""
+    seconds: float = 10.0
+    """Duration [s]."""
+    amplitude: float = 0.4
+    """Maximum distance of a target from the nominal pose [rad], within the joints' limits."""
+    seed: int = 0
+    """Draws the motors and the excitation."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+
+
+def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
+    """Simulate, unless the stage is finished.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
+        SimulationFault: the motors' gains are too high for the physics step.
+    """
+    require_number("seconds", config.seconds, 0.1)
+    require_number("amplitude", config.amplitude)
+    require_seed(config.seed)
+    robot = load_robot(config.robot)
+    draw = config.motors.sampler(robot)
+    targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
+    wanted = description("simulate", asdict(config), [*config.motors.inputs(robot), *robot.files])
+    if is_finished(config.out, wanted):
+        return
+    title = f"simulate {robot.name}: {config.excitation}, {config.seconds:g} s"
+    with working(config.out, wanted), progress.start(title, 1) as task:
+        motors = draw(np.random.default_rng(config.seed))
+        log = simulated_log(robot, motors, targets, config.motors.physics_dt(robot))
+        write_log(config.out / LOG, with_loads(log, robot))
+        task.advance()

@@ -1,0 +1,117 @@
+"""A virtual robot in this process, or in another process for the commands deploy, record and doctor."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
+
+from motorprior.bench.fleet import load_robot_fleet
+from motorprior.bounds import require_seed
+from motorprior.exceptions import ConfigError, MotorPriorError, RobotFault
+from motorprior.hardware.settings import require_robot_extra
+from motorprior.robots.load import load_robot
+
+if TYPE_CHECKING:
+    from motorprior.commands.twin_body import TwinBody
+    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+    from motorprior.robots.robot import Robot
+
+_MAX_START = 60.0  # [s]
+_HOMING_TIME = 1.0  # [s], a little more than homing takes
+
+
+@dataclass(frozen=True)
+class VirtualRobotSettings:
+    """A simulated robot behind the interface of a real one: pseudo-terminal and firmware, in real time."""
+
+    fleet: str | None = None
+    """Fleet of its motors; the robot's own if not given."""
+    seed: int = 0
+    """Number of the robot; every number has other motors."""
+    suspended: bool = False
+    """Suspended in the air instead of on the ground."""
+    rate: int = 100
+    """Telemetry frames per second, 100 or 200."""
+    currents: bool = False
+    """The firmware sends motor currents."""
+    imu: bool = True
+    """The firmware reads the IMU; without, it sends zeros like the present firmware."""
+    homing: bool = True
+    """Home at the start."""
+
+
+def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, TwinBody]:
+    """A virtual robot and its body, not yet running.
+
+    Raises:
+        ConfigError, ArtifactError: settings out of range, or an unknown fleet.
+    """
+    require_robot_extra()
+    from motorprior.commands.twin_body import TwinBody, draw_motors
+    from motorprior.hardware.virtual.firmware import FirmwareConfig
+    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+
+    require_seed(settings.seed)
+    if settings.rate not in (100, 200):
+        raise ConfigError(
+            f"robot.rate {settings.rate} is not a rate of the firmware", remedy="give 100 or 200", argument="robot.rate"
+        )
+    motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
+    body = TwinBody(robot, motors, settings.suspended, settings.seed)
+    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
+    return VirtualRobot(robot, body, config), body
+
+
+@contextmanager
+def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> Iterator[str]:
+    """Run a virtual robot in another process; yields its port.
+
+    Raises:
+        ConfigError, ArtifactError: see `make_virtual_robot`.
+        RobotFault: it did not start.
+    """
+    context = get_context("spawn")
+    connection, other_end = context.Pipe()
+    process = context.Process(target=_run, args=(robot_name, settings, other_end), daemon=True)
+    process.start()
+    other_end.close()
+    try:
+        answer = None
+        with suppress(EOFError):
+            answer = connection.recv() if connection.poll(_MAX_START) else None
+        if isinstance(answer, MotorPriorError):
+            raise answer
+        if answer is None:
+            raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above")
+        if settings.homing:
+            time.sleep(_HOMING_TIME)
+        yield answer
+    finally:
+        connection.close()  # ends the robot, also if this process is killed
+        process.join(timeout=10.0)
+        process.kill()
+
+
+def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection) -> None:
+    """Send the port, or an error, and run until the other end of the connection is closed."""
+    from motorprior.hardware.real_time import real_time
+
+    os.setsid()  # the terminal's signals go to the host, which must crouch the robot
+    try:
+        virtual, body = make_virtual_robot(load_robot(robot_name), settings)
+    except MotorPriorError as error:
+        connection.send(error)
+        return
+    start = body.simulated.position()
+    connection.send(virtual.port)
+    with real_time():
+        virtual.run(connection.poll)
+    forward, left = body.simulated.position() - start
+    print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)

@@ -1,0 +1,70 @@
+"""The page of trained policies: learning curves, films in the training simulation, robustness."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from motorprior.artifacts import write_text
+from motorprior.commands.walk import CURVE, POLICY
+from motorprior.exceptions import ConfigError
+from motorprior.progress import SILENT, Progress
+from motorprior.robots.load import load_robot
+from motorprior.stage import PAGE
+from motorprior.studies.robustness import robustness
+from motorprior.studies.training_scene import trained_walk
+from motorprior.studies.twin import EVALUATION_SEED
+
+
+def build_walk_report(
+    run: Path, robot_name: str, command: str, with_robustness: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Write report.html on the policies in ``run`` or one folder below it; returns its path.
+
+    Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
+    the first seed.
+
+    Args:
+        run: folder of one training, or of several.
+        robot_name: name or .toml file of the robot.
+        command: the command that makes the same page.
+        with_robustness: also measure `robustness` of each policy on the page, about ten seconds each.
+        progress: where to report to.
+
+    Raises:
+        ConfigError, ArtifactError: no policy there, or one that cannot be read or whose motors cannot be found.
+    """
+    from motorprior.report.chapters import gaits, learning, robustness_section  # here, since they import matplotlib
+    from motorprior.report.page import page
+
+    trainings: dict[str, list[Path]] = {}
+    for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):
+        trainings.setdefault(_training(run, policy.parent), []).append(policy.parent)
+    if not trainings:
+        raise ConfigError(
+            f"no {POLICY} in it or one folder below", where=run,
+            remedy="give a folder that `motorprior walk` wrote",
+        )  # fmt: skip
+    robot, traces, maps = load_robot(robot_name), {}, {}
+    for name, (first, *_) in trainings.items():
+        walker = trained_walk(first / POLICY, robot)
+        traces[name] = walker.simulator.run(walker.policy.arrays(), EVALUATION_SEED, trace=True).trace
+        walker.simulator.close()
+        if with_robustness:
+            maps[name] = robustness(first / POLICY, robot, min(2, os.cpu_count() or 1), progress)
+    learned = {name: [folder for folder in seeds if (folder / CURVE).is_file()] for name, seeds in trainings.items()}
+    learned = {name: seeds for name, seeds in learned.items() if seeds}
+    sections = [learning(learned)] if learned else []
+    sections.append(gaits(robot, traces))
+    if maps:
+        sections.append(robustness_section(maps))
+    settings = {"robot": robot_name, "policies": sum(map(len, trainings.values()))}
+    write_text(run / PAGE, page(f"Policies of robot {robot.name}", sections, settings, command))
+    return run / PAGE
+
+
+def _training(run: Path, folder: Path) -> str:
+    """Name of the training: its folder without the number of a seed."""
+    stem = re.sub(r"_\d+$", "", folder.name)
+    return run.resolve().name if folder == run or stem == "seed" else stem

@@ -1,0 +1,208 @@
+"""Fit a motor prior to motor logs."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
+from motorprior.artifacts import read_tensors, write_tensors
+from motorprior.bench.recording import bench_names
+from motorprior.bounds import require_count, require_seed
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.evaluation.model_errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
+from motorprior.identification.training_log import Origin, origin_of
+from motorprior.logs.joining import joined
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, logged_gains_of
+from motorprior.logs.validity import checked
+from motorprior.progress import SILENT, WARNED, Progress
+from motorprior.stage import description, is_finished, locked, working
+
+if TYPE_CHECKING:  # they import JAX
+    from motorprior.identification.presets import Preset
+    from motorprior.identification.training_data.windows import TrainingData
+
+PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
+
+
+def fit_prior(
+    logs: MotorLog | Sequence[MotorLog],
+    preset: str = "rollout",
+    seed: int = 0,
+    *,
+    steps: int | None = None,
+    out: str | Path | None = None,
+    progress: Progress = WARNED,
+) -> MotorPrior:
+    """Learn the distribution of motors from their logs.
+
+    Args:
+        logs: of some motors, with loads known (preset rollout) or joint_torque (preset paper), at the preset's sample
+            period. Logs of the same joint names are more of the same motors, logs of other names are further motors.
+        preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
+        seed: of weights, windows and noise; same logs, preset and seed, same bytes.
+        steps: Adam steps; the preset's own number if not given; only of presets that train a network.
+        out: folder for prior.safetensors and a checkpoint: the same call resumes from it, or loads the finished prior.
+            Nothing is written without it.
+        progress: where to report to, for example ``Lines(sys.stderr)``; by default warnings are Python warnings.
+
+    Returns:
+        The prior, with the robot, the recipe and the metrics of its training.
+
+    Raises:
+        ConfigError: an unknown preset, a number out of range, or steps of a preset that trains no network.
+        LogError: logs that do not fit together, or that lack a channel, rows or motion that the preset needs.
+        ArtifactError: ``out`` cannot be written.
+    """
+    recipe = _recipe(preset, steps, seed)
+    every = [logs] if isinstance(logs, MotorLog) else logs
+    if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
+        raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
+    parts = [checked(log, where=log.source) for log in every]
+    return fit_recipe(joined(parts), preset, recipe, seed, None if out is None else Path(out), progress, parts)
+
+
+def fit_recipe(
+    log: MotorLog,
+    preset: str,
+    recipe: Preset,
+    seed: int,
+    out: Path | None,
+    progress: Progress = SILENT,
+    parts: Sequence[MotorLog] = (),
+) -> MotorPrior:
+    """`fit_prior` with any recipe; ``parts`` are the logs that ``log`` was joined from, if any."""
+    from motorprior.identification.presets import with_logged_settings
+
+    recipe = with_logged_settings(recipe, log)
+    job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
+    if out is None:
+        return _fitted(job, _data(job), progress, None)
+    wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
+    return _fitted_in(out, wanted | {"inputs": [log_digest(log)]}, job, progress)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A fit: the log, its file, the recipe and the origin of the motors."""
+
+    log: MotorLog
+    where: str
+    preset: str
+    recipe: Preset
+    seed: int
+    origin: Origin
+
+
+def _recipe(preset: str, steps: int | None, seed: int) -> Preset:
+    from motorprior.identification.presets import PRESETS, identification_preset
+
+    require_seed(seed)
+    recipe = identification_preset(preset)
+    if steps is None:
+        return recipe
+    require_count("steps", steps)
+    if not recipe.trains:
+        others = ", ".join(name for name, other in PRESETS.items() if other.trains)
+        problem = f"steps {steps} has no effect on preset {preset!r}, which trains no network"
+        raise ConfigError(problem, remedy=f"leave it out, or use one of {others}", argument="steps")
+    return replace(recipe, steps=steps)
+
+
+def _data(job: _Job) -> TrainingData:
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    from motorprior.identification.training_data.windows import training_data
+
+    gains = logged_gains_of(job.log)
+    if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
+        check_gain_units(gains, job.where)
+    return training_data(job.log, job.recipe, job.where)
+
+
+def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress) -> MotorPrior:
+    """The prior of a folder, fitted unless it is finished there."""
+    if is_finished(out, wanted):
+        progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
+        return MotorPrior.load(out / PRIOR)
+    with locked(out):
+        data = _data(job)  # before the folder counts as unfinished: an error in the log leaves the earlier prior
+        with working(out, wanted):
+            _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted)).save(out / PRIOR)
+            prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
+            (out / CHECKPOINT).unlink(missing_ok=True)
+    return prior
+
+
+def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Checkpoint | None) -> MotorPrior:
+    """Fit the prior and its metrics."""
+    from motorprior.identification.evaluation.reference import reference_metrics
+    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
+    from motorprior.identification.train import identify, work_of
+    from motorprior.identification.training_data.windows import used_seconds_text
+
+    log, recipe, origin = job.log, job.recipe, job.origin
+    if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
+        deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
+        progress.note(
+            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
+            f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
+            f"{RELIABLE_MOTORS} or more)"
+        )
+    progress.note(used_seconds_text(data, recipe))
+    for line in log_warnings(log, recipe):
+        progress.note(line)
+    latest = ""
+    with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
+
+        def report(work: int, text: str) -> None:
+            nonlocal latest
+            latest = text or latest
+            task.advance(work, latest)
+
+        found = identify(data, recipe, job.seed, report, checkpoint)
+        metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+        metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
+        metrics |= reference_metrics(found.network, data, found.preset, found.mean, log)
+    for line in found.notes:
+        progress.note(line)
+    network, mean, log_var = found.network, found.mean, found.log_var
+    if network.motor is not None:
+        errors = evaluate_replay(LatentActuator(network, mean), log, found.preset, progress)
+        unexplained = float(np.median(errors.unexplained("prior")))
+        metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
+        # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
+        factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
+        network, mean, log_var = with_scaled_spread(network, mean, log_var, factor)
+        if network.copula is not None and factor > 1.0:
+            progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
+    names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
+    return MotorPrior(
+        network, mean, log_var, job.preset, origin.robot, origin.motor,
+        origin.provenance | {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": job.seed}, metrics, names,
+        logged_gains_of(log) if network.gain_unit else None,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Checkpoint:
+    """A file next to the prior; ignored if it is of another stage."""
+
+    path: Path
+    stage: dict[str, Any]
+
+    def load(self) -> dict[str, np.ndarray] | None:
+        try:
+            arrays, header = read_tensors(self.path)
+        except ArtifactError:  # missing or damaged: from the start
+            return None
+        return arrays if header == self.stage else None
+
+    def save(self, state: dict[str, np.ndarray]) -> None:
+        write_tensors(self.path, state, self.stage)

@@ -1,0 +1,157 @@
+"""Augmented Random Search (ARS), with an ask-and-tell interface over a flat vector of parameters.
+
+Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for reinforcement
+learning", algorithm 2. Noise is sent to workers as seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.bounds import require_count, require_number
+from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.running_stats import RunningStats
+
+MAX_DIRECTIONS = 10_000
+MAX_SEARCH_SEED = 2**53 - 1  # exact as a float64, as in JSON
+AVERAGING = 0.1  # weight of the newest parameters in their running average
+
+
+@dataclass(frozen=True)
+class ArsConfig:
+    """Settings of the search.
+
+    Attributes:
+        num_directions: N, directions tried per iteration, each with both signs.
+        num_top_directions: b, best directions that the update uses.
+        step_size: α.
+        delta_std: ν, standard deviation of the perturbation of each parameter.
+        normalise: observations by their running mean and standard deviation (ARS V2); otherwise not (V1).
+        seed: seed of all noise, not negative.
+    """
+
+    num_directions: int = 16
+    num_top_directions: int = 8
+    step_size: float = 0.02
+    delta_std: float = 0.03
+    normalise: bool = True
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_count("search.num_directions", self.num_directions, 1, MAX_DIRECTIONS)
+        require_count("search.num_top_directions", self.num_top_directions, 1, MAX_DIRECTIONS)
+        if self.num_top_directions > self.num_directions:
+            raise ConfigError(
+                f"search.num_top_directions {self.num_top_directions} is more than search.num_directions "
+                f"{self.num_directions}",
+                remedy="give at most as many top directions as directions",
+            )
+        for name in ("step_size", "delta_std"):
+            require_number(f"search.{name}", getattr(self, name), 1e-9, 1e3)
+        require_count("search.seed", self.seed, 0, MAX_SEARCH_SEED)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One parameter vector to try, M + sign · ν · δ(direction); sign +1, -1, or 0 for M itself."""
+
+    direction: int
+    sign: int
+
+
+def direction_noise(seed: int, iteration: int, direction: int, size: int) -> np.ndarray:
+    """δ of a direction: standard normal, shape (size,); the same on every worker."""
+    return np.random.default_rng([seed, iteration, direction]).standard_normal(size)
+
+
+def perturbed(parameters: np.ndarray, candidate: Candidate, config: ArsConfig, iteration: int) -> np.ndarray:
+    """Parameters of a candidate, shape of ``parameters``."""
+    if candidate.sign == 0:
+        return parameters
+    noise = direction_noise(config.seed, iteration, candidate.direction, parameters.size)
+    return parameters + candidate.sign * (config.delta_std * noise)
+
+
+class Ars:
+    """State of a search: call `ask`, run an episode per candidate, `tell` the returns.
+
+    Attributes:
+        config: the settings.
+        parameters: M, shape (num_parameters,), zeros at the start.
+        average: A, shape (num_parameters,): A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992).
+        iteration: number of updates so far.
+        observations: running statistics of the observations; normalise with these during an iteration.
+
+    Args:
+        config: the settings.
+        num_parameters: length of the parameter vector.
+        observation_size: length of an observation.
+    """
+
+    def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
+        self.config = config
+        self.parameters = np.zeros(num_parameters)
+        self.average = self.parameters
+        self.iteration = 0
+        self.observations = RunningStats.empty(observation_size)
+
+    def direction(self, index: int) -> np.ndarray:
+        """δ of direction ``index`` in this iteration: standard normal, shape (num_parameters,)."""
+        return direction_noise(self.config.seed, self.iteration, index, self.parameters.size)
+
+    def ask(self) -> list[Candidate]:
+        """Candidates of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
+        return [Candidate(index, sign) for index in range(self.config.num_directions) for sign in (1, -1)]
+
+    def tell(self, returns: np.ndarray, observations: Sequence[RunningStats]) -> None:
+        """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
+
+        σ_R is the standard deviation of those 2b returns. If all returns are equal, M stays.
+
+        Args:
+            returns: shape (num_directions, 2), r⁺ and r⁻ of each direction.
+            observations: statistics of the episodes' observations, merged in the given order.
+
+        Raises:
+            SimulationFault: a return is not finite.
+        """
+        if not np.all(np.isfinite(returns)):
+            raise SimulationFault(f"a return in iteration {self.iteration} is not finite")
+        b = self.config.num_top_directions
+        top = np.argsort(-returns.max(axis=1), kind="stable")[:b]
+        sigma = returns[top].std()
+        if sigma > 0.0:
+            scale = self.config.step_size / (b * sigma)
+            total = np.zeros_like(self.parameters)
+            for index in top:
+                total += (returns[index, 0] - returns[index, 1]) * self.direction(int(index))
+            self.parameters = self.parameters + scale * total
+        self.average = self.average + AVERAGING * (self.parameters - self.average)
+        for each in observations:
+            self.observations = self.observations.merge(each)
+        self.iteration += 1
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Arrays for `restore`."""
+        return {
+            "parameters": self.parameters.copy(),
+            "average": self.average.copy(),
+            "iteration": np.array(self.iteration, dtype=np.int64),
+            "observation_count": np.array(self.observations.count, dtype=np.int64),
+            "observation_mean": self.observations.mean.copy(),
+            "observation_m2": self.observations.m2.copy(),
+        }
+
+    @classmethod
+    def restore(cls, config: ArsConfig, state: Mapping[str, np.ndarray]) -> Ars:
+        """Continue a search from its `state`, to the same bytes as an uninterrupted one."""
+        search = cls(config, state["parameters"].size, state["observation_mean"].size)
+        search.parameters, search.average = state["parameters"], state["average"]
+        search.iteration = int(state["iteration"])
+        search.observations = RunningStats(
+            int(state["observation_count"]), state["observation_mean"], state["observation_m2"]
+        )
+        return search

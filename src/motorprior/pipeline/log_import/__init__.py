@@ -1,1 +1,0 @@
-"""Import recordings of any robot as motor logs."""

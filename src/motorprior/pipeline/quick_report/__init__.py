@@ -1,1 +1,0 @@
-"""Quick report of real logs, the first part of `motorprior demo --logs`."""

@@ -1,1 +1,0 @@
-"""Evaluation of policies on motors that they were not trained on."""

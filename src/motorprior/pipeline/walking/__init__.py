@@ -1,1 +1,0 @@
-"""Training of walking policies on motors drawn for every episode."""

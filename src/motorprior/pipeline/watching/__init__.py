@@ -1,1 +1,0 @@
-"""Inspection of trained policies: films, MuJoCo's viewer, a report page."""

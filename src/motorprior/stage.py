@@ -1,0 +1,170 @@
+"""A stage of work in a folder: settings + digests of the inputs + version -> folder.
+
+``stage.json`` is written last. A stage whose file holds the same description is not run again, so an interrupted
+command continues where it stopped. Paths are no part of it: a folder that was moved or copied is still finished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from filelock import FileLock, Timeout
+
+from motorprior import __version__
+from motorprior.artifacts import read_json, write_json
+from motorprior.exceptions import ArtifactError
+from motorprior.progress import Progress
+from motorprior.results import Results
+
+RESULTS, FIGURES, PAGE, MARKER = "results.json", "figures.json", "report.html", "stage.json"
+LOCK = ".lock"
+Result = TypeVar("Result")
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        ArtifactError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+
+
+def description(
+    name: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Description of a stage as JSON: version, settings, and names and digests of its inputs.
+
+    Args:
+        name: of the stage.
+        settings: resolved options; paths are left out, since ``inputs`` represent them.
+        inputs: all files that the stage reads, in a fixed order.
+        recipe: content of the preset that an option names.
+    """
+    return {
+        "stage": name,
+        "version": __version__,
+        "config": _plain(settings),
+        "recipe": _plain(recipe or {}),
+        "inputs": [f"{path.name} {digest(path)}" for path in inputs],
+    }
+
+
+def write_results(folder: Path, results: Results) -> None:
+    """Write results.json (rows) and figures.json (name -> value)."""
+    results.save(folder / RESULTS)
+    write_json(folder / FIGURES, results.to_figures())
+
+
+def read_results(folder: Path) -> Results:
+    """Results of a finished stage."""
+    return Results.load(folder / RESULTS)
+
+
+def _plain(value: Any) -> Any:
+    """JSON values without paths and fleet files, whose digests are among the inputs."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value if not _is_path(item)]
+    return value
+
+
+def _is_path(value: Any) -> bool:
+    return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
+
+
+def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
+    """Whether ``folder`` has the result of this stage."""
+    try:
+        found = read_json(folder / MARKER)
+    except ArtifactError:
+        return False
+    return isinstance(found, dict) and {name: value for name, value in found.items() if name != "seconds"} == wanted
+
+
+def seconds_of(folder: Path) -> float:
+    """Duration [s] of the finished stage in ``folder``, without interrupted runs."""
+    return float(read_json(folder / MARKER)["seconds"])
+
+
+@contextmanager
+def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
+    """Run a stage in its locked folder; an exit without error marks it as finished.
+
+    Args:
+        folder: of the stage.
+        wanted: its `description`.
+
+    Raises:
+        ArtifactError: the folder cannot be written, or another process or thread writes there.
+    """
+    with locked(folder):
+        (folder / MARKER).unlink(missing_ok=True)
+        started = time.monotonic()
+        yield
+        write_json(folder / MARKER, wanted | {"seconds": time.monotonic() - started})
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Create and lock a folder; the same thread may lock it again. A new folder that stays empty is removed.
+
+    Raises:
+        ArtifactError: another process or thread writes there, or it cannot be created.
+    """
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder.resolve() / LOCK, timeout=0, is_singleton=True)
+        lock.acquire()
+    except Timeout:
+        remedy = "wait until it ends, or choose another folder"
+        raise ArtifactError("another command writes there", where=folder, remedy=remedy) from None
+    except OSError as error:
+        problem = f"cannot write there ({error.strerror or error})"
+        raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
+    try:
+        yield
+    finally:
+        lock.release()
+        if is_new and not lock.is_locked and {path.name for path in folder.iterdir()} <= {LOCK}:
+            (folder / LOCK).unlink(missing_ok=True)
+            folder.rmdir()
+
+
+def usable_threads(workers: int, progress: Progress) -> int:
+    """The smaller of ``workers`` and the number of cores."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers > cores:
+        progress.note(f"note: {workers} workers requested, this machine has {cores} cores: using {cores}")
+    return min(workers, cores)
+
+
+def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, progress: Progress) -> list[Result]:
+    """Results of functions of a `Progress`, in order, ``threads`` at a time.
+
+    Raises:
+        BaseException: the first that a function raises. Functions that already run continue, no other starts.
+    """
+    if threads == 1 or len(works) == 1:
+        return [work(progress) for work in works]
+    pool = ThreadPoolExecutor(threads)
+    try:
+        futures = [pool.submit(work, progress) for work in works]
+        for future in wait(futures, return_when=FIRST_EXCEPTION).done:
+            future.result()
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,155 @@
+"""Least-squares problem of a fleet calibration: the fleet's centre as unknowns, replay errors of logs as residuals.
+
+Unknowns are constants of the central motor, positive ones by their logarithm. The simulated body is not fitted: on logs
+of a real quadruped, foot friction and centre of mass did not improve the replay (docs/calibrate.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.bench.families import FAMILIES, TrueMotors
+from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.exceptions import ConfigError
+from motorprior.robots.robot import Robot
+from motorprior.signals import rms
+from motorprior.studies.gauss_newton import GaussianPrior
+from motorprior.studies.log_replay import Replayer, logged_constants, with_logged_gains
+
+FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
+PER_MOTOR = ("kp", "coulomb")  # constants that differ between motors
+DEVIATION = 0.015  # [rad] residual deviation before the first fit
+_MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
+READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
+_PRIOR_SCALE = 2.0  # on the fleet's centre uncertainty, which may stem from similar logs
+_DIFFERENCE = 3.0  # central differences over a third of the prior deviation, wide enough for stiction
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One constant of the central motor.
+
+    Attributes:
+        name: in the fleet's file.
+        is_log: whether the unknown is the constant's logarithm.
+        mean: prior mean of the unknown.
+        deviation: prior standard deviation of the unknown.
+        spread: standard deviation between motors in the starting fleet.
+        minimum: of the constant.
+    """
+
+    name: str
+    is_log: bool
+    mean: float
+    deviation: float
+    spread: float
+    minimum: float = 0.0
+
+    def value(self, x: float) -> float:
+        """The constant."""
+        return float(np.exp(x)) if self.is_log else max(float(x), self.minimum)
+
+
+def unknowns_of(fleet: Fleet, logged: frozenset[str] = frozenset()) -> tuple[Unknown, ...]:
+    """Unknowns of a fleet's centre, without the ``logged`` constants.
+
+    Raises:
+        ConfigError: the fleet has no uncertain constant.
+    """
+    names = [name for name in FITTED if name not in logged]
+    found = [unknown for name in names if (unknown := _unknown(name, fleet.parameters.get(name))) is not None]
+    if not found:
+        raise ConfigError(
+            f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
+            remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
+            "(docs/calibrate.md)",
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _unknown(name: str, distribution: Distribution | None) -> Unknown | None:
+    if distribution is None or distribution.kind == "constant":
+        return None
+    values, is_log = distribution.values, distribution.kind == "lognormal"
+    if distribution.kind == "uniform":
+        is_log = values["low"] > 0.0
+        low, high = np.log([values["low"], values["high"]]) if is_log else (values["low"], values["high"])
+        deviation = spread = float(high - low) / np.sqrt(12.0)
+    else:
+        deviation, spread = _PRIOR_SCALE * values["center_uncertainty"], values["spread"]
+    mean = float(np.log(distribution.center)) if is_log else distribution.center
+    return Unknown(name, is_log, mean, deviation, spread, values.get("minimum", 0.0)) if deviation > 0.0 else None
+
+
+class FleetProblem:
+    """Residuals of logs as a function of the centre, and of offsets of single motors.
+
+    Args:
+        fleet: start of the fit; constants that are not fitted stay.
+        robot: of the logs.
+        replayers: by log name.
+        deviation: standard deviation of the replay error of a joint [rad].
+
+    Attributes:
+        logged: constants in all logs, which are not fitted.
+    """
+
+    def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
+        self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
+        self.logged = frozenset.intersection(*(logged_constants(each.prepared) for each in replayers.values()))
+        self.unknowns = unknowns_of(fleet, self.logged)
+        prior = np.array([each.deviation for each in self.unknowns])
+        self.prior = GaussianPrior(np.array([each.mean for each in self.unknowns]), prior, prior / _DIFFERENCE)
+        self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
+        self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
+
+    def motors(self, x: np.ndarray, offsets: np.ndarray | None = None) -> TrueMotors:
+        """One motor per joint of the robot, at the fleet's gains.
+
+        Args:
+            x: (unknowns,) the centre.
+            offsets: of single motors from it, flat (excited joints · differing unknowns).
+        """
+        count = self.robot.num_joints
+        values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}
+        own = np.tile(x, (count, 1))
+        if offsets is not None:
+            own[np.ix_(self.joints, self.differing)] += offsets.reshape(len(self.joints), len(self.differing))
+        for column, unknown in enumerate(self.unknowns):
+            values[unknown.name] = np.array([unknown.value(each) for each in own[:, column]])
+        return FAMILIES[self.fleet.family].motors(values)
+
+    def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
+        """The `motors` with the gains of a log."""
+        return with_logged_gains(self.motors(x, offsets), self.replayers[name].prepared).actuator()
+
+    def errors(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> list[np.ndarray]:
+        """(rows, joints) simulated minus measured [rad] of every log; see `Replayer.error`."""
+        return [
+            self.replayers[name].error(self.replayers[name].joint_pos(self.actuator(name, x, offsets)))
+            for name in names
+        ]
+
+    def residuals(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
+        """(N,) errors in units of their deviation; every joint of every log has the same weight."""
+        weigh = np.sqrt(READINGS) / self.deviation
+        return np.concatenate([weigh / np.sqrt(len(e)) * e.ravel() for e in self.errors(names, x, offsets)])
+
+    def rmse(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> float:
+        """Mean RMSE over the excited joints of a log [rad]."""
+        (error,) = self.errors([name], x, offsets)
+        return float(np.mean(rms(error, axis=0)))
+
+    def unit(self, unknown: Unknown) -> str:
+        """Unit of the constant."""
+        return FAMILIES[self.fleet.family].units[unknown.name]
+
+    def with_residual_deviation(self, x: np.ndarray) -> FleetProblem:
+        """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
+        errors = self.errors(list(self.replayers), x)
+        deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))
+        return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _MIN_DEVIATION))

@@ -1,0 +1,94 @@
+"""A minimal demo: every figure and every section; a second run repeats no stage."""
+
+import math
+import re
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from motorprior.artifacts import read_json
+from motorprior.commands.demo import Demo, run_demo
+
+pytestmark = pytest.mark.slow
+LOG = "env_real_1_joint_log.csv.gz"
+MODELS = ("ideal_pd", "tuned_pd", "one_network", "paper", "rollout", "physical")
+CONDITIONS = ("ideal_pd", "paper", "rollout", "oracle")
+WITHOUT_LOGS = (
+    *(f"{figure}/{model}" for figure in ("bench_impact_rmse", "standing_rmse", "suspended_rmse") for model in MODELS),
+    *(f"{figure}/{model}" for figure in ("standing_torque_hf", "suspended_torque_hf") for model in MODELS),
+    *(f"{figure}/{name}" for figure in ("own_speed", "own_upright") for name in CONDITIONS),
+    *(f"{figure}/{name}" for figure in ("twin_speed", "twin_upright", "twin_drift") for name in CONDITIONS),
+)
+WITHOUT_REAL = (
+    *("Bench: excitation and response", "Torque fit: open loop, one step", "Closed loop on the bench"),
+    *("Closed loop inside the robot", "Learning to walk", "Transfer", "Robustness"),
+)
+WITH_REAL = ("Your motors", *WITHOUT_REAL[:4], "Real robot logs", *WITHOUT_REAL[4:])
+
+STAGES = ("bench", "priors", "validate", "replay", "walk", "transfer", "robustness")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished demo."""
+
+    config: Demo
+    figures: dict[str, float]
+    page: str
+
+
+@pytest.fixture(scope="module")
+def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """With one of the real logs, if they are here."""
+    folder = tmp_path_factory.mktemp("demo")
+    logs: Path | None = folder / "logs"
+    try:
+        shared: Path = request.getfixturevalue("shared_data")
+        (folder / "logs").mkdir()
+        shutil.copy(shared / "pupper_v2" / LOG, folder / "logs")
+    except pytest.skip.Exception:
+        logs = None
+    config = Demo(
+        folder / "run", logs=logs, motors=16, bench_steps=1500, adam_steps=30, iterations=2, seeds=1, workers=2
+    )
+    run_demo(config)
+    return finished(config)
+
+
+def finished(config: Demo) -> Run:
+    return Run(config, read_json(config.out / "figures.json"), (config.out / "report.html").read_text("utf-8"))
+
+
+def chapters(page: str) -> list[str]:
+    return [title for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page) if title != "Settings"]
+
+
+def modified(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+def test_every_figure_is_a_finite_number(demo: Run):
+    assert set(WITHOUT_LOGS) <= set(demo.figures)
+    assert [name for name, value in demo.figures.items() if type(value) not in (int, float)] == []
+    assert [name for name, value in demo.figures.items() if not math.isfinite(value)] == []
+
+
+def test_real_logs_have_their_figures(demo: Run):
+    if demo.config.logs is None:
+        pytest.skip("real motor logs are not here")
+    assert {f"real_rmse/1_joint/{model}" for model in ("ideal_pd", "physical", "rollout")} <= set(demo.figures)
+    assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(demo.figures)
+
+
+def test_the_page_has_every_chapter(demo: Run):
+    assert chapters(demo.page) == list(WITHOUT_REAL if demo.config.logs is None else WITH_REAL)
+    assert "not complete" not in demo.page
+
+
+def test_a_second_run_finds_every_stage_done(demo: Run):
+    before = {stage: modified(demo.config.out / stage) for stage in STAGES}
+    run_demo(replace(demo.config, workers=1))
+    assert {stage: modified(demo.config.out / stage) for stage in STAGES} == before
+    assert finished(demo.config).figures == demo.figures

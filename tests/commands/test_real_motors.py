@@ -1,0 +1,126 @@
+"""The quick report of real logs, on small synthetic ones, with and without loads."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.artifacts import read_tensors
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import PRESETS, record
+from motorprior.commands.demo import Demo, with_walking_robot
+from motorprior.commands.real_motors import (
+    TRACES,
+    RealMotors,
+    _loads,
+    read_logs_of,
+    run_real_motors,
+)
+from motorprior.identification.baselines import response_fit
+from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN, WHOLE_RUN, constants_in, from_tensors
+from motorprior.logs.formats.parquet_io import read_parquet, write_log
+from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.report.page import page
+from motorprior.report.real_motors import real_motors
+from motorprior.results import Results
+from motorprior.robots.load import load_robot
+
+JOINTS = ("hip", "knee", "ankle")
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    """A folder with two logs of the same three motors of fleet ``mixed``, their loads known."""
+    fleet = load_fleet("mixed")
+    motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
+    for seed, name in enumerate(("first", "second")):
+        log = record(motors, PRESETS["rollout"], 6000, seed, fleet)
+        write_log(tmp_path / "logs" / f"{name}.parquet", replace(log, joint_names=JOINTS, joint_torque=None))
+    return tmp_path / "logs"
+
+
+def report_of(logs: Path, out: Path) -> tuple[Results, list[str]]:
+    shown: list[str] = []
+    return run_real_motors(RealMotors(logs, out), show=lambda results, lines: shown.extend(lines)), shown
+
+
+def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
+    out = tmp_path / "run" / "real_motors"
+    found, lines = report_of(logs, out)
+    for quantity in (WHOLE_RUN, FREE_RUN):
+        prior, pd = (
+            found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
+        )
+        assert prior < 0.4 * pd
+    assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", statistic=None)} == set(JOINTS)
+    assert any("armature" in name for name in constants_in(found))
+    assert {"loads: from the logs", "train: first; test: second"} <= set(lines)
+    assert from_tensors(*read_tensors(out / TRACES))[0].log == "second"
+    html = page("t", real_motors(tmp_path / "run"), {}, "c")
+    assert "Your motors" in html and html.count("<img") == 2
+    before = (out / TRACES).stat().st_mtime_ns
+    assert report_of(logs, out) == (found, lines)
+    assert (out / TRACES).stat().st_mtime_ns == before, "once"
+
+
+def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    for path in sorted(logs.iterdir()):
+        log = read_parquet(path)
+        write_log(path, replace(log, load_inertia=None, external_torque=None))
+    found, lines = report_of(logs, tmp_path / "out")
+    assert set(found.where(quantity=WHOLE_RUN).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
+    assert any(line.startswith("loads: unknown") for line in lines)
+    assert any("bandwidth" in name for name in constants_in(found))
+    total = {row.model: row.value for row in found.where(quantity=WHOLE_RUN, part=None, log=None)}
+    assert total["second_order"] < total["pure_delay"]
+
+
+ARM = """
+name = "arm"
+motor = "servo"
+model = "arm.xml"
+base = "fixed"
+nominal_pose = 0.0
+kp = 10.0
+kd = 0.5
+torque_limit = 3.0
+"""
+MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<joint name="hip" axis="0 1 0" range="-1 1" limited="true"/>
+<body pos="0 0 -0.2"><inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>
+<joint name="knee" axis="0 1 0" range="-1 1" limited="true"/>
+</body></body></worldbody></mujoco>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    (tmp_path / "arm.toml").write_text(ARM, "utf-8")
+    (tmp_path / "arm.xml").write_text(MODEL, "utf-8")
+    return str(tmp_path / "arm.toml")
+
+
+@pytest.mark.parametrize(
+    "postures", [("suspended", "suspended"), ("suspended", None), ("suspended", "fixed"), ("standing", "fallen")]
+)
+def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(tmp_path: Path, postures: tuple[str | None, ...]):
+    robot = load_robot("pupper_v2")
+    target = np.tile(np.linspace(0.0, 1.0, 50)[:, None], (1, robot.num_joints))
+    log = MotorLog(
+        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=robot.joint_names, robot="r",
+        motor="m", source="log",
+    )  # fmt: skip
+    for number, posture in enumerate(postures):  # suspended in the first row of every log
+        codes = None if posture is None else np.array([1] + 49 * [POSTURES.index(posture)])
+        write_log(tmp_path / "logs" / f"log_{number}.parquet", replace(log, posture=codes))
+    config = RealMotors(tmp_path / "logs", tmp_path / "out")
+    loads, _ = _loads(config, read_logs_of(config).logs, robot)
+    assert (loads is not None) == (set(postures) == {"suspended"})
+
+
+def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):
+    given = Demo(robot=arm, logs=logs)
+    assert with_walking_robot(given) == replace(given, robot=Demo().robot)
+    assert with_walking_robot(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
+    assert with_walking_robot(Demo(logs=logs)) == Demo(logs=logs)

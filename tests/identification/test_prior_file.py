@@ -1,0 +1,35 @@
+"""The recipe in a prior's provenance is read as it was written, or rejected."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exceptions import ArtifactError
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.prior_file import recipe_of
+
+RECIPE = replace(PRESETS["rollout"], taps=(0, 2, 5), num_latents=3, firmware=(("dead_zone", 0.002),))
+
+
+@pytest.fixture
+def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], MotorPrior]:
+    """A prior whose provenance holds this recipe."""
+    network, z = grey_network(), np.zeros((2, 3))
+    return lambda recipe: MotorPrior(network, z, z, "rollout", "pupper_v2", "m", {"recipe": recipe}, {})
+
+
+def test_a_recipe_is_read_as_it_was_written(prior_with: Callable[[Any], MotorPrior]):
+    assert recipe_of(prior_with(json.loads(json.dumps(asdict(RECIPE)))), Path("mine")) == RECIPE
+
+
+@pytest.mark.parametrize("recipe", [None, [], {"period": 0.002}, {**asdict(RECIPE), "new": 1}], ids=repr)
+def test_a_recipe_of_another_version_is_rejected(prior_with: Callable[[Any], MotorPrior], recipe: Any):
+    with pytest.raises(ArtifactError, match="identify it again"):
+        recipe_of(prior_with(recipe), Path("mine"))

@@ -1,0 +1,91 @@
+"""A prior knows the recordings that it was trained on, and figures on them are said to be no test."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.commands import validate_log
+from motorprior.commands.identify import Identify, run_identify
+from motorprior.commands.validate_log import TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.identification import fit_prior as identify
+from motorprior.identification.fit_prior import fit_prior
+from motorprior.identification.prior_file import trained_on
+from motorprior.identification.training_log import MOTIONS
+from motorprior.logs.formats.parquet_io import write_log
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import Lines
+from motorprior.results import Results
+
+WARNING = "warning: the prior was trained on"
+
+
+def log(seed: int) -> MotorLog:
+    time = 0.002 * np.arange(900)
+    angle = np.sin(9.0 * time + seed)[:, None]
+    return MotorLog(
+        time=time, position_target=angle + 0.01, joint_pos=angle, joint_names=("j",), robot="r", motor="m",
+        source=f"log {seed}", load_inertia=np.full_like(angle, 0.01), external_torque=0.0 * angle,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def fit(grey_network: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is fitted: a prior with the provenance of its logs."""
+    z = np.zeros((1, 3))
+
+    def fitted(job: Any, *_: object) -> MotorPrior:
+        return MotorPrior(grey_network(), z, z, job.preset, job.origin.robot, "m", job.origin.provenance, {})
+
+    monkeypatch.setattr(identify, "_fitted", fitted)
+
+
+@pytest.mark.usefixtures("fit")
+def test_a_prior_knows_each_log_that_it_was_trained_on_whoever_joined_them(tmp_path: Path):
+    logs = [log(0), log(1)]
+    prior = fit_prior(logs, "pace")
+    for number, each in enumerate(logs):
+        write_log(tmp_path / f"{number}.parquet", each)
+    run_identify(Identify((tmp_path / "0.parquet", tmp_path / "1.parquet"), tmp_path / "out", "pace"))
+    for same in (prior, MotorPrior.load(tmp_path / "out" / "prior.safetensors")):
+        assert len(same.provenance[MOTIONS]) == 2
+        assert all(trained_on(same, each) for each in logs)
+        assert trained_on(same, replace(logs[0], source="elsewhere", load_inertia=2.0 * log(0).joint_pos))
+        assert not trained_on(same, log(2)) and not trained_on(same, logs[0].rows(slice(0, 800)))
+    assert not trained_on(fit_prior(logs[0], "pace"), logs[1])
+    for older in ({}, {MOTIONS: None}, {MOTIONS: "all"}):
+        assert not trained_on(replace(prior, provenance=older), logs[0])
+
+
+@pytest.mark.usefixtures("fit")
+def test_who_judges_a_log_that_the_prior_was_trained_on_is_warned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(validate_log, "_measure", lambda *_: Results())
+    path = tmp_path / "prior.safetensors"
+    fit_prior(log(0), "pace").save(path)
+    for seed, known in ((0, True), (1, False)):
+        write_log(tmp_path / f"{seed}.parquet", log(seed))
+        said = io.StringIO()
+        found = run_validate_log(ValidateLog(path, tmp_path / f"{seed}.parquet", tmp_path / f"out{seed}"), Lines(said))
+        assert (f"{WARNING} {tmp_path / f'{seed}.parquet'}" in said.getvalue()) is known
+        assert found.where(quantity=TRAINED_ON).value() == float(known)
+
+
+@pytest.mark.usefixtures("fit")
+@pytest.mark.parametrize(("seconds", "rows"), [(None, 450), (0.5, 250), (1.0, 500)])
+def test_the_first_seconds_are_known_and_the_rest_is_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seconds: float | None, rows: int
+):
+    seen: list[MotorLog] = []
+    monkeypatch.setattr(
+        validate_log, "_measure", lambda _, __, known, judged, ___: seen.extend((known, judged)) or Results()
+    )
+    path, recorded = tmp_path / "prior.safetensors", tmp_path / "log.parquet"
+    fit_prior(log(0), "pace").save(path)
+    write_log(recorded, log(1))
+    run_validate_log(ValidateLog(path, recorded, tmp_path / "out", seconds=seconds))
+    assert [each.num_rows for each in seen] == [rows, 900 - rows]
+    np.testing.assert_array_equal(np.concatenate([each.joint_pos for each in seen]), log(1).joint_pos)

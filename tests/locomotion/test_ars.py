@@ -1,0 +1,109 @@
+"""Augmented Random Search: the update by hand, convergence, reproducibility, statistics and resume."""
+
+import numpy as np
+import pytest
+from policies import stats_of
+
+from motorprior.exceptions import SimulationFault
+from motorprior.locomotion.ars import Ars, ArsConfig, perturbed
+from motorprior.locomotion.running_stats import RunningStats
+
+TARGET = np.array([1.0, -2.0, 0.5, 0.0, 3.0])
+
+
+def quadratic(parameters):
+    return -float(np.sum((parameters - TARGET) ** 2))
+
+
+def iterate(search, score=quadratic):
+    """One iteration with two made-up observations per candidate."""
+    tried = [perturbed(search.parameters, c, search.config, search.iteration) for c in search.ask()]
+    returns = np.array([score(parameters) for parameters in tried]).reshape(-1, 2)
+    search.tell(returns, [stats_of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried])
+
+
+def as_bytes(search):
+    return {name: value.tobytes() for name, value in search.state().items()}
+
+
+def test_update_by_hand():
+    search = Ars(ArsConfig(num_directions=3, num_top_directions=2, step_size=0.1, delta_std=0.5), 2, 1)
+    d = [search.direction(k) for k in range(3)]
+    # max(r+, r-) is 4, 1, 3: directions 0 and 2 are on top. Their returns 4, 2, 1, 3 have mean 2.5 and
+    # σ² = (2.25 + 0.25 + 2.25 + 0.25) / 4 = 1.25. Δ = 0.1 / (2 · √1.25) · ((4 - 2) δ0 + (1 - 3) δ2).
+    search.tell(np.array([[4.0, 2.0], [1.0, 0.0], [1.0, 3.0]]), [])
+    np.testing.assert_allclose(search.parameters, 0.1 / (2.0 * np.sqrt(1.25)) * (2.0 * d[0] - 2.0 * d[2]))
+    assert search.iteration == 1
+
+
+def test_candidates_are_mirrored_pairs_drawn_from_their_seed():
+    search = Ars(ArsConfig(num_directions=4, num_top_directions=4, delta_std=0.3, seed=9), 5, 1)
+    search.parameters = np.arange(5.0)
+    search.iteration = 6
+    candidates = search.ask()
+    assert [(c.direction, c.sign) for c in candidates] == [(k, s) for k in range(4) for s in (1, -1)]
+    for c in candidates:
+        noise = np.random.default_rng([9, 6, c.direction]).standard_normal(5)
+        tried = perturbed(search.parameters, c, search.config, search.iteration)
+        np.testing.assert_allclose(tried, np.arange(5.0) + c.sign * 0.3 * noise)
+
+
+def test_climbs_a_quadratic_to_its_top():
+    search = Ars(ArsConfig(step_size=0.05, delta_std=0.05, seed=1), 5, 2)
+    for _ in range(300):
+        iterate(search)
+    np.testing.assert_allclose(search.parameters, TARGET, atol=0.1)
+
+
+def test_same_seed_same_bytes_and_another_seed_others():
+    first, again, other = (Ars(ArsConfig(seed=s), 5, 2) for s in (2, 2, 3))
+    for _ in range(5):
+        for search in (first, again, other):
+            iterate(search)
+    assert as_bytes(first) == as_bytes(again)
+    assert as_bytes(first)["parameters"] != as_bytes(other)["parameters"]
+
+
+def test_resumed_search_gives_the_bytes_of_one_never_stopped():
+    config = ArsConfig(seed=4)
+    through, stopped = Ars(config, 5, 2), Ars(config, 5, 2)
+    for _ in range(8):
+        iterate(through)
+    for _ in range(3):
+        iterate(stopped)
+    resumed = Ars.restore(config, stopped.state())
+    for _ in range(5):
+        iterate(resumed)
+    assert as_bytes(resumed) == as_bytes(through)
+
+
+def test_scaling_or_shifting_all_returns_changes_nothing():
+    plain, scaled = (Ars(ArsConfig(seed=0), 5, 2) for _ in range(2))
+    for _ in range(3):
+        iterate(plain)
+        iterate(scaled, lambda p: 1000.0 * quadratic(p) + 5.0)
+    np.testing.assert_allclose(plain.parameters, scaled.parameters, rtol=1e-9)
+
+
+def test_equal_returns_leave_the_parameters_alone():
+    search = Ars(ArsConfig(), 5, 2)
+    search.tell(np.full((16, 2), 3.0), [])
+    assert not search.parameters.any() and search.iteration == 1
+
+
+def test_merged_statistics_equal_numpy_over_everything():
+    rng = np.random.default_rng(0)
+    parts = [rng.normal(50.0, 3.0, (n, 4)) for n in (7, 0, 1, 120)]
+    merged = RunningStats.empty(4)
+    for part in parts:
+        merged = merged.merge(stats_of(part))
+    everything = np.concatenate(parts)
+    assert merged.count == 128
+    np.testing.assert_allclose(merged.mean, everything.mean(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(merged.m2 / merged.count, everything.var(axis=0), rtol=1e-11)
+    np.testing.assert_allclose(merged.std(), everything.std(axis=0), rtol=1e-11)
+
+
+def test_a_return_that_is_not_finite_is_an_error():
+    with pytest.raises(SimulationFault):
+        Ars(ArsConfig(num_directions=2, num_top_directions=1), 5, 2).tell(np.array([[0.0, 1.0], [2.0, np.nan]]), [])

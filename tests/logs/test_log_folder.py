@@ -1,0 +1,47 @@
+"""A folder of logs: every format, what is no log left out with a reason, and an error that says what would help."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.log_folder import read_log_folder
+from motorprior.robots.load import load_robot
+
+MAP = """
+motor = "servo"
+time = "t"
+position_target = "u_{joint}"
+joint_pos = "q_{joint}"
+[joints.knee]
+"""
+ROBOT = load_robot("pupper_v2")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two tables that a map fits, and one that it does not."""
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    (tmp_path / "map.toml").write_text(MAP, "utf-8")
+    for name in "ab":
+        rows = "".join(f"{0.01 * row},{0.1 * row},{0.1 * row}\n" for row in range(5))
+        (logs / f"{name}.csv").write_text("t,u_knee,q_knee\n" + rows, "utf-8")
+    (logs / "notes.csv").write_text("who,when\nme,today\n", "utf-8")
+    (logs / "README.md").write_text("logs", "utf-8")
+    return logs
+
+
+def test_tables_that_a_map_fits_are_read_and_others_named(folder: Path):
+    found = read_log_folder(folder, None, str(folder.parent / "map.toml"))
+    assert list(found.logs) == ["a", "b"] and found.files == [folder / "a.csv", folder / "b.csv"]
+    assert len(found.unreadable) == 1 and found.unreadable[0].startswith("notes.csv: no column 't'")
+
+
+def test_a_folder_without_logs_says_where_some_are(tmp_path: Path):
+    with pytest.raises(LogError, match="no log of a real robot"):
+        read_log_folder(tmp_path, ROBOT)
+    for robot in (None, replace(ROBOT, name="other")):
+        with pytest.raises(LogError, match="no log in it"):
+            read_log_folder(tmp_path, robot)

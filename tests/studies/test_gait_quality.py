@@ -1,0 +1,174 @@
+"""Measures of constructed walks with known values."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.locomotion.body import body_of, observation_size
+from motorprior.locomotion.control_step import follow_command, new_gait
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.simulation.foot_motion import FootMotion
+from motorprior.simulation.rollout import Episode
+from motorprior.studies import gait_quality as module
+from motorprior.studies.gait_quality import GaitQuality, gait_quality, quality_results
+
+DT, STEPS, JOINTS = ROBOT.control_dt, 500, ROBOT.num_joints
+TIME = DT * np.arange(STEPS)
+
+
+def gliding(
+    speed: float = 0.3, aside: float = 0.0, yaw: np.ndarray | float = 0.0, steps: int = STEPS, height: float = 0.0
+) -> Episode:
+    """A robot in the nominal pose that glides, its feet this high above the floor [m], along its heading."""
+    heading = np.broadcast_to(yaw, (STEPS,))
+    along, left = np.stack([np.cos(heading), np.sin(heading)]), np.stack([-np.sin(heading), np.cos(heading)])
+    velocity = speed * along + aside * left
+    trace, motion = np.zeros((STEPS, 7 + JOINTS)), np.zeros((STEPS, 6 + 2 * JOINTS))
+    trace[1:, :2] = DT * np.cumsum(velocity.T[:-1], axis=0)
+    trace[:, 2], trace[:, 3], trace[:, 6] = ROBOT.standing_height + height, np.cos(heading / 2), np.sin(heading / 2)
+    trace[:, 7:], motion[:, :2] = ROBOT.nominal_pose, velocity.T
+    nothing = np.zeros(23)
+    return Episode(0.0, steps, 0.0, trace[-1, :2], 0, steps, nothing, nothing, trace[:steps], motion[:steps])
+
+
+def measured(episode: Episode, forward: float = 0.3, yaw_rate: float = 0.0) -> GaitQuality:
+    return gait_quality(ROBOT, episode, forward, yaw_rate, STEPS)
+
+
+def test_a_walk_that_follows_its_command_has_no_error():
+    found = measured(gliding(height=0.1))
+    assert found.speed == pytest.approx(0.3) and found.upright == 1.0
+    for name in ("speed_error", "heading_deg_per_m", "lateral_share", "slip", "roll_deg", "pitch_deg", "torque"):
+        assert getattr(found, name) == pytest.approx(0.0, abs=1e-9), name
+
+
+def test_speed_is_along_the_heading_and_its_error_relative_to_the_command():
+    assert measured(gliding(0.27)).speed_error == pytest.approx(0.1)
+    away = measured(gliding(0.3, aside=0.15, yaw=0.5))
+    assert away.speed == pytest.approx(0.3)
+    backward = measured(gliding(-0.1), forward=-0.2)
+    assert (backward.speed, backward.speed_error) == (pytest.approx(-0.1), pytest.approx(0.5))
+    slowly = measured(gliding(0.04), forward=0.05)
+    assert slowly.speed_error == pytest.approx(0.2), "a tenth of the fastest command, 0.5 m/s"
+
+
+def test_lateral_share_is_relative_to_the_commanded_line():
+    assert measured(gliding(0.3, aside=0.015)).lateral_share == pytest.approx(0.05)
+    assert measured(gliding(0.3, aside=-0.015, yaw=2.5)).lateral_share == pytest.approx(0.05)
+
+
+def test_heading_drift_is_per_metre():
+    found = measured(gliding(0.3, yaw=0.1 * TIME))
+    way = 0.3 * (STEPS - 1 - 100) * DT
+    assert found.heading_deg_per_m == pytest.approx(np.degrees(0.1 * TIME[-1]) / way)
+
+
+def test_a_commanded_turn_is_no_error():
+    """The command comes into force over half a second, and a heading goes round."""
+    yaw = commanded_heading(0.6)
+    assert 2.0 * yaw.max() > np.pi
+    found = measured(gliding(0.3, yaw=yaw), yaw_rate=0.6)
+    assert found.heading_deg_per_m == pytest.approx(0.0, abs=1e-6)
+    assert found.lateral_share == pytest.approx(0.0, abs=1e-9)
+    wrong = measured(gliding(0.3, yaw=0.8 * yaw), yaw_rate=0.6)
+    assert wrong.heading_deg_per_m > 10.0
+
+
+def commanded_heading(rate: float) -> np.ndarray:
+    """(steps,) heading [rad] before every control step that follows `follow_command` exactly."""
+    body, gait, headings = body_of(ROBOT), new_gait(JOINTS, len(ROBOT.legs)), [0.0]
+    for _ in range(STEPS - 1):
+        follow_command(body, gait, 0.3, rate, DT, np.zeros(observation_size(JOINTS)))
+        headings.append(headings[-1] + DT * gait.twist[1])
+    return np.array(headings)
+
+
+def test_dragged_feet_slip_the_whole_distance_and_lifted_feet_do_not():
+    assert measured(gliding()).slip == pytest.approx(1.0, rel=0.01)
+    assert measured(gliding(height=0.02)).slip == 0.0
+
+
+def test_foot_lift_is_the_median_of_the_maximum_clearance_of_swings():
+    episode, leg = gliding(), ROBOT.legs[1]
+    _, hip, knee = leg.joints
+    for begin, height in ((110, 0.01), (200, 0.03), (300, 0.02), (490, 0.9)):  # the last one does not end
+        bend = np.sin(np.pi * np.arange(40) / 40)[: STEPS - begin]
+        drop = np.array([leg.hip_height(ROBOT.nominal_pose + b * _bent(leg, height)) for b in bend])
+        assert np.ptp(drop) <= 1.1
+        episode.trace[begin : begin + 40, 7 + hip] += bend * _bent(leg, height)[hip]
+        episode.trace[begin : begin + 40, 7 + knee] += bend * _bent(leg, height)[knee]
+    found = measured(episode).foot_lift_mm
+    assert found[1] == pytest.approx(20.0, abs=0.5)
+    assert found[0] == found[2] == found[3] == 0.0, "never left the ground"
+
+
+def trotting(lifts: np.ndarray, way: float) -> FootMotion:
+    """Feet that go back and forth, a step in 35 frames, each lifted by (feet, steps) of these heights [m] in its swing.
+
+    The second touches the ground in the middle of every swing, and the last stays where it is. A robot that goes
+    ``way`` 1 brings its feet back in the stance, one that goes -1 forward.
+    """
+    step, phase = np.divmod(np.arange(STEPS - 100), 35)
+    turn = 2.0 * np.pi * phase / 35
+    clearance = (lifts[:, step] * np.maximum(0.0, -np.cos(turn))).T
+    clearance[phase == 17, 1] = 0.0
+    ahead = np.outer(-way * 0.02 * np.sin(turn), [1.0, 1.0, 1.0, 0.0])
+    return FootMotion(clearance, np.zeros_like(clearance), ahead)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_dragged_steps_count_a_foot_that_drags_in_six_of_ten_steps(monkeypatch: pytest.MonkeyPatch, way: float):
+    """Ten whole steps; in three of the six it is lifted by less than 2 mm, in three not at all."""
+    lifts = np.full((4, 12), 0.02)
+    lifts[0, [1, 2, 3]], lifts[0, [6, 7, 8]] = 0.0, 0.0015
+    monkeypatch.setattr(module, "foot_motion", lambda *_: trotting(lifts, way))
+    found = measured(gliding(way * 0.3), forward=way * 0.3)
+    assert found.dragged_steps == pytest.approx((0.6 + 0.0 + 0.0) / 3), "of the three feet that make steps"
+    assert found.foot_lift_mm[0] == pytest.approx(20.0, abs=0.2), "of the other four"
+    rows = quality_results(found, ROBOT, "walk", "own")
+    assert rows.value(quantity="dragged_steps") == found.dragged_steps
+
+
+def _bent(leg, height: float) -> np.ndarray:
+    """(joints,) what to add to the nominal pose to lift the foot by ``height`` [m], at most as far as it goes."""
+    _, hip, knee = leg.joints
+    low, high = 0.0, 1.0
+    pose = ROBOT.nominal_pose
+
+    def added(amount: float) -> np.ndarray:
+        out = np.zeros(JOINTS)
+        out[hip], out[knee] = amount, -2.0 * amount
+        return out
+
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (
+            (middle, high) if leg.hip_height(pose) - leg.hip_height(pose + added(middle)) < height else (low, middle)
+        )
+    return added(low)
+
+
+def test_torque_and_cost_of_transport():
+    episode = gliding(height=0.1)
+    velocity, torque = episode.motion[:, 6 : 6 + JOINTS], episode.motion[:, 6 + JOINTS :]
+    velocity[:, 3], torque[:, 3], torque[:, 5] = -2.0, 0.6, 1.1
+    found = measured(episode)
+    assert found.torque == pytest.approx(1.1)
+    assert found.transport == pytest.approx(1.2 / (ROBOT.weight * 0.3)), "only the third joint moves"
+
+
+def test_a_walk_is_measured_up_to_its_fall_and_an_early_fall_has_speed_zero():
+    fell = measured(gliding(0.3, steps=300))
+    assert fell.upright == 0.0 and fell.speed == pytest.approx(0.3)
+    assert measured(replace(gliding(), fault=1)).upright == 0.0
+    late, early = measured(gliding(0.3, steps=250)), measured(gliding(0.3, steps=249))
+    assert (late.speed, early.speed) == (pytest.approx(0.3), 0.0), "a second is left, and a little less"
+    tumbles = gliding(0.3, steps=300)
+    tumbles.motion[-45:, 3:5] = 9.0
+    assert measured(tumbles).body_rate == pytest.approx(fell.body_rate), "tumbling is not measured"
+    at_once = measured(gliding(steps=150))
+    assert (at_once.upright, at_once.speed, at_once.speed_error) == (0.0, 0.0, 1.0) and np.isnan(
+        at_once.foot_lift_mm
+    ).all()
+    assert len(at_once.foot_lift_mm) == 4

@@ -1,0 +1,80 @@
+"""A finished stage is not run again, an interrupted one is, and a folder has one writer."""
+
+import subprocess
+import sys
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from motorprior.exceptions import ArtifactError
+from motorprior.progress import SILENT
+from motorprior.stage import MARKER, description, in_parallel, is_finished, locked, seconds_of, working
+
+WANTED = {"stage": "walk", "config": {"seed": 0}}
+
+
+def test_a_stage_is_finished_once_it_ends_without_error(tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt), working(tmp_path, WANTED):
+        raise KeyboardInterrupt
+    assert not is_finished(tmp_path, WANTED)
+    with working(tmp_path, WANTED):
+        assert not is_finished(tmp_path, WANTED)
+    assert is_finished(tmp_path, WANTED) and seconds_of(tmp_path) >= 0.0
+    assert not is_finished(tmp_path, {"stage": "walk", "config": {"seed": 1}})
+
+
+def test_a_stage_that_writes_nothing_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(ZeroDivisionError), locked(tmp_path / "out"), working(tmp_path / "out", WANTED):
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"seconds": 1.0}'])
+def test_a_damaged_marker_is_none(tmp_path: Path, text: str):
+    (tmp_path / MARKER).write_text(text)
+    assert not is_finished(tmp_path, WANTED)
+
+
+def test_inputs_count_by_content_and_not_by_place(tmp_path: Path):
+    for name, text in (("a/log", "1"), ("b/log", "1"), ("c/log", "2")):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(text)
+    first, moved, changed = (
+        description("fit", {"seed": 0, "log": tmp_path / name}, [tmp_path / name])
+        for name in ("a/log", "b/log", "c/log")
+    )
+    assert first == moved != changed
+
+
+def test_another_process_cannot_write_to_a_locked_folder(tmp_path: Path):
+    code = "import sys; from pathlib import Path; from motorprior.stage import locked\n"
+    code += "with locked(Path(sys.argv[1])): pass"
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with locked(tmp_path), locked(tmp_path):
+        refused = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert refused.returncode == 1 and "another command writes there" in refused.stderr
+    subprocess.run(command, check=True)
+
+
+def test_another_thread_cannot_write_to_a_locked_folder(tmp_path: Path):
+    errors: list[Exception] = []
+
+    def other() -> None:
+        try:
+            with locked(tmp_path):
+                pass
+        except ArtifactError as error:
+            errors.append(error)
+
+    with locked(tmp_path):
+        thread = Thread(target=other)
+        thread.start()
+        thread.join()
+    assert len(errors) == 1
+
+
+def test_results_of_parallel_work_are_in_order_and_errors_reach_the_caller():
+    assert in_parallel([lambda _, n=n: n * n for n in range(5)], 2, SILENT) == [0, 1, 4, 9, 16]
+    with pytest.raises(ZeroDivisionError):
+        in_parallel([lambda _: 1 / 0, lambda _: 1.0], 2, SILENT)
