@@ -38,8 +38,8 @@ from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.exceptions import LogError, RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
+from motorprior.identification.adapt import advice_on_weak_motors
 from motorprior.identification.prior_file import load_prior
-from motorprior.identification.weak_motors import advice_on_weak_motors
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.progress import Lines

@@ -18,9 +18,8 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.validate import Validate, fidelity, load_priors, run_validate
-from motorprior.identification.evaluation.bench_fidelity import Ensemble, PredictorOfMotors
-from motorprior.identification.evaluation.held_out import held_out_motors
+from motorprior.commands.validate import Validate, load_priors, run_validate
+from motorprior.identification.evaluation.bench_truth import PredictorOfMotors, held_out_motors
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import identification_preset
 from motorprior.progress import Lines
@@ -29,6 +28,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import seconds_of, write_results
 from motorprior.studies.metrics import FIDELITY_METRICS
+from motorprior.studies.robot_fidelity import fidelity
 
 PRESETS = (
     "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -80,7 +80,7 @@ def ensemble(settings: Settings) -> Results:
     paths = [identify(settings, "one_network", f"member_{seed}", seed) for seed in range(1, MEMBERS + 1)]
     members, bench = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
     model: dict[str, PredictorOfMotors] = {
-        "ensemble": lambda index: Ensemble(tuple(member.training_motors(index) for member in members))
+        "ensemble": lambda index: tuple(member.training_motors(index) for member in members)
     }
     results = Results((Result("identify_seconds", "s", sum(seconds_of(path.parent) for path in paths), "ensemble"),))
     with PROGRESS.start("the ensemble: bench, standing robot, suspended robot, twice", 6) as task:

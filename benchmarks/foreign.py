@@ -26,8 +26,16 @@ from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
-from motorprior.identification.evaluation.held_out import adapt_all, adapted_models, distribution, held_out_motors
+from motorprior.identification.evaluation.bench_truth import (
+    HELD_OUT,
+    MAX_WORK,
+    ModelOfMotors,
+    adapt_all,
+    adapted_models,
+    bench_errors,
+    distribution,
+    held_out_motors,
+)
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import identification_preset
 from motorprior.progress import Lines
@@ -76,7 +84,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
-    from motorprior.identification.evaluation.coverage import coverage
+    from motorprior.identification.evaluation.bands import bench_coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     bench = read_bench(settings.out / family / "bench")[1]
@@ -86,14 +94,14 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
         found = errors(settings, family, "train", bench.physical_motors(), train | pd)
         task.advance()
         new = held_out_motors(bench)
-        known = adapt_all(robot, priors, paths, new, bench)
+        known = adapt_all(robot, priors, bench)
         found |= errors(settings, family, "new", new, adapted_models(priors, known, len(new)) | pd)
         task.advance()
         prior, preset = priors["rollout"], HELD_OUT.for_robot(robot)
-        covered = coverage(prior.network, prior.metrics, known["rollout"], new, settings.seed, preset)
+        covered = bench_coverage(prior, known["rollout"], new, settings.seed, preset)
         found[f"{family}/coverage90"] = covered.value(quantity="coverage90", part=None)
         task.advance()
-        drawn = distribution(prior, bench, settings.out / family / "measured" / "behaviour_quantiles.png")
+        drawn = distribution(prior, bench)
         found[f"{family}/two_sample_auc"] = drawn.value(quantity="two_sample_auc", statistic="median")
         task.advance()
     return found

@@ -27,7 +27,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.commands.validate import load_priors
 from motorprior.identification.adapt import FALSE_ALARMS, adapt_to, outlier_test
-from motorprior.identification.evaluation.bench_fidelity import HELD_OUT_SEED, bench_errors
+from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED, bench_errors
 from motorprior.identification.prior_file import load_prior
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -68,8 +68,8 @@ def measure(path: Path) -> Results:
             motors = scaled(own, change)
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
-            found = adapt_to(prior, path, log, name)
-            p_value = outlier_test(prior, path, log, name, found).p_value
+            found = adapt_to(prior, log)
+            p_value = outlier_test(prior, log, found).p_value
             model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
             error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
             detected, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
@@ -90,7 +90,7 @@ def measure_fleets(path: Path) -> Results:
                 MOTORS_PER_LOG, np.random.default_rng([HELD_OUT_SEED, STREAM, number]), of_one_robot=True
             )
             log = record(motors, preset, round(LOG_SECONDS / preset.period), HELD_OUT_SEED + number, fleet)
-            found = outlier_test(prior, path, log, name, adapt_to(prior, path, log, name))
+            found = outlier_test(prior, log, adapt_to(prior, log))
             outliers.append([bool(reason) for reason in found.reason])
         rows.append(Result("refused", "1", float(np.mean(np.any(outliers, axis=1))), part=name))
         rows.append(Result("odd", "1", float(np.mean(outliers)), part=name))

@@ -13,9 +13,8 @@ ROBOT/coverage90. tables.md also has all models on the rest of the logs. Finishe
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
 
-leave_one_motor_out: the prior is fitted to the motors of the other legs (recipe quick_report). It is tested on the rest
-of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor; ``same_place`` is the
-mean of the corresponding motors of the other legs.
+leave_one_motor_out: the prior and the PD are fitted to the motors of the other legs (recipe quick). They are tested on
+the rest of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor.
 """
 
 from __future__ import annotations
@@ -37,29 +36,22 @@ from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to, first_and_rest
 from motorprior.identification.baselines.log_baselines import (
-    BaselineFits,
+    baseline_recipes,
     fitted_baselines,
     fitted_responses,
-    with_gains_of,
+    fitted_tuned_pd,
     with_some_load,
 )
-from motorprior.identification.evaluation.leave_motors_out import leave_motors_out, motor_groups
-from motorprior.identification.evaluation.log_fidelity import (
-    LogModel,
-    free_run_errors,
-    log_coverage,
-    whole_runs,
-    within_a_turn,
-)
-from motorprior.identification.fit_prior import PRIOR, fit_prior
-from motorprior.identification.presets import PRESETS, Preset
-from motorprior.identification.prior_file import recipe_of
+from motorprior.identification.evaluation.bands import log_coverage
+from motorprior.identification.evaluation.errors import Motors, free_run_errors, whole_runs, with_gains_of
+from motorprior.identification.fit_prior import fit_prior, fit_recipe
+from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.formats.puppersim import short_name
 from motorprior.logs.formats.registry import read_log
-from motorprior.logs.log_splits import spread_windows
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.log_splits import spread_windows, with_joints
+from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.resampling import drop_repeats, resample
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
@@ -67,9 +59,9 @@ from motorprior.stage import FIGURES, description, is_finished, working
 
 MODELS = (
     "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",
-    "physical", "prior", "adapted", "tuned_pd", "same_place",
+    "physical", "prior", "adapted", "tuned_pd",
 )  # fmt: skip
-TABLE_ONLY = ("tuned_pd", "same_place")
+TABLE_ONLY = "tuned_pd"
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
 RECIPE = PRESETS["rollout"]
 UNSEEN = "unseen_gains"  # name of a test
@@ -131,16 +123,16 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     train = spread_windows([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
     prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
-    preset = with_gains_of(recipe_of(prior, folder / "prior" / PRIOR), train)
-    models = fitted_baselines(train, preset, BaselineFits(folder, steps, seed), PROGRESS)
+    preset = with_gains_of(recipe_of(prior), train)
+    models = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
     models["prior"] = LatentActuator(prior.network, prior.expected(train.joint_names))
     found: list[Figures] = []
     for path in fold.test:
         log = read_parquet(path)
         first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-        posterior = adapt_to(prior, folder / "prior" / PRIOR, first, str(path))
+        posterior = adapt_to(prior, first)
         adapted = {"adapted": LatentActuator(prior.network, posterior.mean)}
-        covered = log_coverage(prior, posterior, whole_runs(rest, preset, str(path)))
+        covered = log_coverage(prior, posterior, whole_runs(rest, preset))
         found.append({
             "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
             "coverage": {str(level): share for level, share in covered.items()},
@@ -149,11 +141,11 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
 
 
 def _errors(
-    log: MotorLog, preset: Preset, models: Mapping[str, LogModel], joints: np.ndarray | slice = slice(None)
+    log: MotorLog, preset: Preset, models: Mapping[str, Motors], joints: np.ndarray | slice = slice(None)
 ) -> dict[str, float]:
-    """Mean errors over some joints [rad]; a whole turn for a diverged simulation."""
-    errors = free_run_errors(whole_runs(with_some_load(log), preset, log.source), models)
-    return {name: float(np.mean(within_a_turn(values)[joints])) for name, values in errors.items()}
+    """Mean errors over some joints [rad]."""
+    errors = free_run_errors(whole_runs(with_some_load(log), preset), models)
+    return {name: float(np.mean(values[joints])) for name, values in errors.items()}
 
 
 def _means(found: Sequence[Figures]) -> Figures:
@@ -169,7 +161,7 @@ def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, flo
     errors = (means.get("whole") or means["rest"]) | {
         name: value for name, value in means.get("rest", {}).items() if name == "adapted"
     }
-    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model not in TABLE_ONLY}
+    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model != TABLE_ONLY}
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
     return keys | {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
 
@@ -185,7 +177,7 @@ def go2(settings: Settings) -> Iterator[Test]:
         yield UNSEEN, [measure(settings, "go2", Fold(UNSEEN, tuple(paths), test))]
     folds = leave_out(paths, [[path] for path in paths])
     yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
-    groups = list(enumerate(motor_groups(load_robot(str(description_file)))))
+    groups = list(enumerate(leg.joints for leg in load_robot(str(description_file)).legs))
     yield MOTORS_OUT, [_motors_out(settings, description_file, paths, *each) for each in groups[: settings.folds]]
 
 
@@ -197,14 +189,28 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             train, log = spread_windows([read_parquet(path) for path in paths], settings.seconds), read_parquet(test)
-            first = min(ADAPTATION_SECONDS, log.duration / 2)
-            found = leave_motors_out(train, log, robot, group, MOTORS_RECIPE, first, folder, settings.seed, PROGRESS)
-            rest = {name: float(np.mean(values)) for name, values in found.errors.items()}
-            errors = {name: values.tolist() for name, values in found.errors.items()}
-            write_json(folder / "joints.json", {"joints": found.joints} | errors)
-            covered = {str(level): share for level, share in found.coverage.items()}
-            write_json(folder / FIGURES, {"rest": rest, "coverage": covered})
+            write_json(folder / FIGURES, leave_motors_out(settings, train, log, group, folder))
     return read_json(folder / FIGURES)
+
+
+def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: Sequence[int], folder: Path) -> Figures:
+    """Models of the joints in the group, tested on the rest of a log: fitted to the other joints, or to its start."""
+    others = with_joints(train, [joint for joint in range(train.num_joints) if joint not in group])
+    first, rest = first_and_rest(with_joints(log, group), min(ADAPTATION_SECONDS, log.duration / 2))
+    alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
+    prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
+    per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
+    posterior = adapt_to(prior, first)
+    models: dict[str, Motors] = {
+        "per_motor": LatentActuator(per_motor.network, per_motor.mean),
+        "prior": LatentActuator(prior.network, prior.expected(rest.joint_names)),
+        "adapted": LatentActuator(prior.network, posterior.mean),
+        "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
+    }
+    runs = whole_runs(rest, recipe_of(prior))
+    errors = {name: float(np.mean(values)) for name, values in free_run_errors(runs, models).items()}
+    covered = {str(level): share for level, share in log_coverage(prior, posterior, runs).items()}
+    return {"rest": errors, "coverage": covered}
 
 
 def so101(settings: Settings) -> Iterator[Test]:
@@ -253,9 +259,13 @@ def pupper(settings: Settings) -> Iterator[Test]:
 
 
 def _responses(settings: Settings, name: str, train: Sequence[MotorLog], test: MotorLog) -> Figures:
-    fits = BaselineFits(settings.out / "pupper" / name, seed=settings.seed)
-    models = fitted_responses(spread_windows(train, settings.seconds), RECIPE, fits, PROGRESS)
-    return {"whole": _errors(test, RECIPE, models, excited_joints(test))}
+    folder, log = settings.out / "pupper" / name, spread_windows(train, settings.seconds)
+    wanted = description("validate", _fold_settings(settings), []) | {"inputs": [log_digest(log), log_digest(test)]}
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            models = fitted_responses(log, RECIPE, settings.seed, PROGRESS)
+            write_json(folder / FIGURES, {"whole": _errors(test, RECIPE, models, excited_joints(test))})
+    return read_json(folder / FIGURES)
 
 
 # folder of each robot's logs, and its tests

@@ -25,7 +25,7 @@ from motorprior.bench.bench_folder import BenchSettings, read_bench
 from motorprior.bench.families import require_geared
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.identification.evaluation.bench_fidelity import HELD_OUT, bench_errors
+from motorprior.identification.evaluation.bench_truth import HELD_OUT, bench_errors
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot

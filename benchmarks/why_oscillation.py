@@ -32,7 +32,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record
-from motorprior.identification.evaluation.bench_fidelity import HELD_OUT_SEED
+from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -242,9 +242,9 @@ def measure(settings: Settings) -> dict[str, Any]:
     for place, suspended in (("standing", False), ("suspended", True)):
         fidelity = robot_fidelity(PUPPER_V2, motors, models, suspended, settings.seed)
         for name in models:
-            variants[name][f"{place}_rmse"] = float(np.median(fidelity.rmse[name]))
-            variants[name][f"{place}_torque_hf"] = float(min(np.median(fidelity.torque_hf[name]), 1e9))
-        physical[f"{place}_torque_hf"] = float(np.median(fidelity.torque_hf["physical"]))
+            variants[name][f"{place}_rmse"] = float(np.median(fidelity[name][0]))
+            variants[name][f"{place}_torque_hf"] = float(np.median(fidelity[name][1]))
+        physical[f"{place}_torque_hf"] = float(np.median(fidelity["physical"][1]))
     return {"loads": LOADS.tolist(), "variants": variants, "physical": physical}
 
 

@@ -12,7 +12,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import trial
-from motorprior.identification.evaluation.bench_fidelity import HELD_OUT
+from motorprior.identification.evaluation.bench_truth import HELD_OUT
 
 MOTORS = 16
 

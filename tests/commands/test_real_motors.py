@@ -6,19 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
-from motorprior.commands.real_motors import (
-    TRACES,
-    RealMotors,
-    _loads,
-    read_logs_of,
-    run_real_motors,
-)
+from motorprior.commands.real_motors import RealMotors, _loads, read_logs_of, run_real_motors
 from motorprior.identification.baselines import response_fit
-from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN, WHOLE_RUN, constants_in, from_tensors
+from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
+from motorprior.identification.evaluation.traces import TRACES, read_traces
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.report.page import page
@@ -48,7 +42,7 @@ def report_of(logs: Path, out: Path) -> tuple[Results, list[str]]:
 def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
     out = tmp_path / "run" / "real_motors"
     found, lines = report_of(logs, out)
-    for quantity in (WHOLE_RUN, FREE_RUN):
+    for quantity in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
         prior, pd = (
             found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
         )
@@ -56,7 +50,7 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", statistic=None)} == set(JOINTS)
     assert any("armature" in name for name in constants_in(found))
     assert {"loads: from the logs", "train: first; test: second"} <= set(lines)
-    assert from_tensors(*read_tensors(out / TRACES))[0].log == "second"
+    assert read_traces(out)[0][0].log == "second"
     html = page("t", real_motors(tmp_path / "run"), {}, "c")
     assert "Your motors" in html and html.count("<img") == 2
     before = (out / TRACES).stat().st_mtime_ns
@@ -70,10 +64,10 @@ def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, monkeypatc
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))
     found, lines = report_of(logs, tmp_path / "out")
-    assert set(found.where(quantity=WHOLE_RUN).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
+    assert set(found.where(quantity=WHOLE_RUN_RMSE).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
     assert any(line.startswith("loads: unknown") for line in lines)
     assert any("bandwidth" in name for name in constants_in(found))
-    total = {row.model: row.value for row in found.where(quantity=WHOLE_RUN, part=None, log=None)}
+    total = {row.model: row.value for row in found.where(quantity=WHOLE_RUN_RMSE, part=None, log=None)}
     assert total["second_order"] < total["pure_delay"]
 
 

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,7 @@ import pytest
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ArtifactError
-from motorprior.identification.presets import PRESETS
-from motorprior.identification.prior_file import recipe_of
+from motorprior.identification.presets import PRESETS, recipe_of
 
 RECIPE = replace(PRESETS["rollout"], taps=(0, 2, 5), num_latents=3, firmware=(("dead_zone", 0.002),))
 
@@ -26,10 +24,10 @@ def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], Mo
 
 
 def test_a_recipe_is_read_as_it_was_written(prior_with: Callable[[Any], MotorPrior]):
-    assert recipe_of(prior_with(json.loads(json.dumps(asdict(RECIPE)))), Path("mine")) == RECIPE
+    assert recipe_of(prior_with(json.loads(json.dumps(asdict(RECIPE))))) == RECIPE
 
 
 @pytest.mark.parametrize("recipe", [None, [], {"period": 0.002}, {**asdict(RECIPE), "new": 1}], ids=repr)
 def test_a_recipe_of_another_version_is_rejected(prior_with: Callable[[Any], MotorPrior], recipe: Any):
     with pytest.raises(ArtifactError, match="identify it again"):
-        recipe_of(prior_with(recipe), Path("mine"))
+        recipe_of(prior_with(recipe))

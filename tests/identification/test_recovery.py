@@ -4,6 +4,8 @@ Four such fleets share one training, each a quarter of the motors, so that the c
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.evaluation.coverage import coverage
+from motorprior.identification.evaluation.bands import bench_coverage
 from motorprior.identification.evaluation.reference import reference_metrics
 from motorprior.identification.latents.latent_fit import Posterior, fit_posterior
 from motorprior.identification.presets import identification_preset
@@ -101,11 +103,13 @@ def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: P
 
 def test_bands_have_about_their_nominal_coverage(log: MotorLog, prior: Identified, posterior: Posterior):
     metrics = reference_metrics(prior.network, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
-    found = coverage(prior.network, metrics, posterior, fleets(NEW, 2), 0)
+    known: Any = SimpleNamespace(network=prior.network, metrics=metrics)
+    found = bench_coverage(known, posterior, fleets(NEW, 2), 0)
     # rather wide after a short training: the pools of residuals include the worst motors
     half, most = (found.value(quantity=name, part=None) for name in ("coverage50", "coverage90"))
     assert 0.35 < half < 0.8 and 0.75 < most < 0.99
     doubled = {key: 2 * value if key.startswith("residual") else value for key, value in metrics.items()}
-    wide = coverage(prior.network, doubled, posterior, fleets(NEW, 2), 0)
+    known.metrics = doubled
+    wide = bench_coverage(known, posterior, fleets(NEW, 2), 0)
     assert wide.value(quantity="coverage50", part=None) > half + 0.1
     assert wide.value(quantity="coverage90", part=None) > most

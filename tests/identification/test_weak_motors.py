@@ -8,7 +8,7 @@ import pytest
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.identification.weak_motors import WEAK_ROBOT, advice_on_weak_motors, weak_below
+from motorprior.identification.adapt import WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motor_choice import MotorChoice
 

@@ -15,7 +15,6 @@ from motorprior.report.plots_motor import (
     robot_traces,
     torque_fit,
 )
-from motorprior.report.plots_prior import feature_quantiles, null_band
 from motorprior.report.plots_style import png_bytes
 from motorprior.report.plots_walk import footfalls, learning_curves, robustness_maps, transfer_bars
 from motorprior.studies.robustness import UprightMap
@@ -74,24 +73,6 @@ def test_the_median_curve_covers_the_range_of_all_seeds():
     x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
     assert x[0] == 0 and x[-1] == 36
     assert y[-1] == pytest.approx((36 / 45 + 2.0) / 2)
-
-
-def test_every_feature_has_a_panel_with_its_unit_and_equal_axes():
-    units = ("-", "s", "rad", "N·m", "rad/s")
-    a, b = RANDOM.normal(1.0, 0.1, (2, 80, 5))
-    figure = feature_quantiles([f"feature {unit}" for unit in units], units, a, b, "rollout", "physical")
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [f"feature {unit} [{unit}]" for unit in units]
-    assert all(axes.get_xlim() == axes.get_ylim() for axes in figure.axes)
-
-
-def test_the_null_band_contains_nine_of_ten_samples_of_the_same_distribution():
-    rng, inside = np.random.default_rng(0), []
-    for _ in range(40):
-        a, b = rng.normal(size=100), rng.normal(size=150)
-        below, above = null_band(b, len(a), rng)
-        quantiles = np.quantile(a, np.linspace(0.01, 0.99, 99))
-        inside.append(((quantiles >= below) & (quantiles <= above))[10:-10].mean())
-    assert 0.82 < np.mean(inside) < 0.97
 
 
 def extents(bars: Collection) -> list[tuple[float, float]]:

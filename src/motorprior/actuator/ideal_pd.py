@@ -9,6 +9,7 @@ implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +23,9 @@ from motorprior.actuator.actuator import (
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
-from motorprior.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from motorprior.robots.robot import Robot
 
 _KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
 IDEAL_PD_ROWS = 4

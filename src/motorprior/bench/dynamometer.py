@@ -85,3 +85,11 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
         arrays, inertia, targets, external, np.ascontiguousarray(stiffness, float), trial.dt, substeps, q, dq, out
     )
     return Response(*out)
+
+
+BENCH = "bench"  # robot name in the log of a bench
+
+
+def bench_names(count: int) -> tuple[str, ...]:
+    """Joint names in the log of a bench; motors of different benches have the same names."""
+    return tuple(f"motor_{index:03d}" for index in range(count))

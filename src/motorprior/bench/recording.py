@@ -14,15 +14,13 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.dynamometer import Response, Trial, run
+from motorprior.bench.dynamometer import BENCH, Response, Trial, bench_names, run
 from motorprior.bench.excitation import excitation_named, zero_order_hold
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
-
-BENCH = "bench"  # robot name in the log of a bench
 
 
 @dataclass(frozen=True)
@@ -138,11 +136,6 @@ def _checked_run(motors: TrueMotors, actuator: Actuator, part: Trial) -> Respons
             argument="fleet",
         )
     return response
-
-
-def bench_names(count: int) -> tuple[str, ...]:
-    """Joint names in the log of a bench; motors of different benches have the same names."""
-    return tuple(f"motor_{index:03d}" for index in range(count))
 
 
 def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorLog:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from motorprior.cli.console import TERMINAL, command_line
-from motorprior.cli.real_motors import show_real_motors
+from motorprior.cli.motors import show_fidelity, show_real_motors
 from motorprior.cli.replay import show_replay
 from motorprior.cli.transfer import show_transfer
-from motorprior.cli.validate import show_fidelity
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.stage import FIGURES, PAGE
 

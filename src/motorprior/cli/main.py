@@ -13,20 +13,25 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import tyro  # noqa: E402
 
-from motorprior.cli.adapt import AdaptCommand, adapt  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
 from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
 from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
-from motorprior.cli.identify import IdentifyCommand  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
+from motorprior.cli.motors import (  # noqa: E402
+    AdaptCommand,
+    IdentifyCommand,
+    ValidateCommand,
+    ValidateLogCommand,
+    adapt,
+    validate,
+    validate_log,
+)
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
 from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
-from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
-from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from motorprior.identification.fit_prior import _fitted_in, _Job, _recipe
-from motorprior.progress import SILENT, Progress
-from motorprior.stage import description
-
-if TYPE_CHECKING:  # they import JAX
-    pass
 from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
-from motorprior.bench.recording import BENCH
+from motorprior.bench.dynamometer import BENCH
+from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.training_log import MOTIONS, Origin, origin_of
+from motorprior.identification.fit_prior import fit_recipe
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.prior_file import provenance_of
 from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import MotorLog, motion_digest
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
@@ -48,41 +46,31 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
     """
-    from motorprior.identification.presets import with_logged_settings
-
-    recipe = _recipe(config.preset, config.steps, config.seed)
-    log, inputs, origin = training_log(config.bench)
-    recipe = with_logged_settings(recipe, log)
-    settings = {name: value for name, value in asdict(config).items() if name != "bench"}  # among the inputs
-    wanted = description("identify", settings, inputs, recipe=asdict(recipe))
+    require_seed(config.seed)
+    recipe = identification_preset(config.preset, config.steps)
+    log, provenance = training_log(config.bench)
     log = log if config.torque else replace(log, joint_torque=None)
-    _fitted_in(config.out, wanted, _Job(log, str(inputs[0]), config.preset, recipe, config.seed, origin), progress)
+    fit_recipe(log, config.preset, recipe, config.seed, config.out, progress, provenance)
 
 
-def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, list[Path], Origin]:
-    """The log of a bench's folder, or all logs as one; the files that the prior depends on, the log first.
+def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, Any]]:
+    """The log of a bench's folder, or all logs as one, named by its file; and its provenance.
 
     Raises:
-        ConfigError: nothing is given, or a folder among several paths.
+        ConfigError: nothing is given.
         LogError, ArtifactError: missing, truncated or inconsistent files.
     """
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
         raise ConfigError("no log given", remedy="give the folder of `motorprior bench`, or motor logs")
-    paths = [path.parent if path.name == LOG and (path.parent / BENCH_JSON).is_file() else path for path in paths]
-    folder = next((path for path in paths if path.is_dir()), None)
-    if folder is None:
-        logs = [read_parquet(path) for path in paths]
-        log = joined(logs)
-        if log.robot == BENCH:
-            remedy = "give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`"
-            raise LogError(f"the log of a bench without its {BENCH_JSON}", where=paths[0], remedy=remedy)
-        return log, paths, origin_of(log, logs)
-    if len(paths) > 1:
-        raise ConfigError("not a motor log", where=folder, remedy="give one bench's folder alone, or .parquet files")
-    if not any((folder / name).is_file() for name in (LOG, BENCH_JSON)):
-        remedy = "give the folder that `motorprior bench` wrote, or motor logs (.parquet)"
-        raise LogError(f"a folder without {LOG}", where=folder, remedy=remedy)
-    log, settings = read_bench(folder)
-    provenance = {"bench": settings.as_json(), MOTIONS: [motion_digest(log)]}
-    return log, [folder / LOG, folder / BENCH_JSON], Origin(settings.fleet.robot, settings.fleet.motor, provenance)
+    folder = paths[0].parent if paths[0].name == LOG and (paths[0].parent / BENCH_JSON).is_file() else paths[0]
+    if len(paths) == 1 and folder.is_dir():
+        log, settings = read_bench(folder)
+        named = replace(log, source=str(folder / LOG), robot=settings.fleet.robot, motor=settings.fleet.motor)
+        return named, provenance_of([log], bench=settings.as_json())
+    logs = [read_parquet(path) for path in paths]
+    log = joined(logs)
+    if log.robot == BENCH:
+        remedy = "give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`"
+        raise LogError(f"the log of a bench without its {BENCH_JSON}", where=paths[0], remedy=remedy)
+    return replace(log, source=str(paths[0])), provenance_of(logs, log=log.source)

@@ -10,10 +10,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.commands.logs_import import with_loads_on_grid
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.evaluation.log_tables import as_tensors
+from motorprior.identification.evaluation.traces import read_traces, write_traces
 from motorprior.logs.doctor.gap_segments import begin_at_gaps
 from motorprior.logs.formats.registry import unit_assumption
 from motorprior.logs.log_folder import LogFolder, read_log_folder
@@ -27,7 +26,6 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
 
-TRACES = "traces.safetensors"
 PERIOD = 0.002  # of the grid that models are fitted on [s]
 # training log for motors and for responses, of all joints together, and the maximum of each joint [s]; the fit takes
 # most of the minute
@@ -75,7 +73,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
         with working(config.out, wanted):
             _write_report(config, folder, robot, progress)
     results = read_results(config.out)
-    show(results, read_tensors(config.out / TRACES)[1]["lines"])
+    show(results, read_traces(config.out)[1])
     return results
 
 
@@ -96,7 +94,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
         if log.joint_names != first:
             problem = f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
-    if config.suspended or (robot.base == "fixed" and _has_joints_of(robot, found)):
+    if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
         from motorprior.simulation.suspended_load import require_fixed_base  # here: it imports MuJoCo, which is slow
 
         for path, log in zip(found.paths, found.logs.values(), strict=True):
@@ -108,23 +106,16 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
 
 def is_replayed(config: RealMotors, robot: str) -> bool:
-    """Whether the logs were recorded on this robot, so that its simulation can replay them.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: see `read_logs_of`.
-    """
-    same_joints = _has_joints_of(load_robot(robot), read_logs_of(config))
-    return same_joints and robot == config.robot and config.columns is None
-
-
-def _has_joints_of(robot: Robot, folder: LogFolder) -> bool:
-    return all(log.joint_names == robot.joint_names for log in folder.logs.values())
+    """Whether the logs were recorded on this robot, so that its simulation can replay them; see `read_logs_of`."""
+    first = next(iter(read_logs_of(config).logs.values()))
+    return first.joint_names == load_robot(robot).joint_names and robot == config.robot and config.columns is None
 
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.evaluation.quick_report import report_with_loads, report_without_loads
 
-    described = robot if _has_joints_of(robot, folder) else None
+    first = next(iter(folder.logs.values()))
+    described = robot if first.joint_names == robot.joint_names else None
     whole, lines = _without_gaps(config, folder)
     loads, reason = _loads(config, folder.logs, described)
     together = RESPONSE_SECONDS if loads is None else MOTOR_SECONDS
@@ -133,12 +124,11 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     joints = moving_joints(logs.train)
     logs = logs.map(lambda log: with_joints(log, joints))
     if loads is None:
-        report = report_without_loads(logs, config.seed, config.out, progress)
+        results, traces, warnings = report_without_loads(logs, config.seed, progress)
     else:
-        report = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
-    write_results(config.out, report.results)
-    arrays, names = as_tensors(report.traces)
-    write_tensors(config.out / TRACES, arrays, {"lines": [*lines, reason, logs.rule, *report.lines], "traces": names})
+        results, traces, warnings = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
+    write_results(config.out, results)
+    write_traces(config.out, traces, [*lines, reason, logs.rule, *warnings])
 
 
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
@@ -170,15 +160,12 @@ def _loads(
     unknown = "loads: unknown, so only responses are fitted, not motors"
     if robot is None:
         return None, f"{unknown} (set robot to a description of these joints)"
-    logged = {POSTURES[code] if code >= 0 else None for log in logs.values() for code in _postures(log)}
+    postures = [np.array([-1]) if log.posture is None else log.posture for log in logs.values()]
+    logged = {POSTURES[code] if code >= 0 else None for code in np.unique(np.concatenate(postures)).tolist()}
     if robot.base == "fixed" or config.suspended or logged == {"suspended"}:
         return lambda log: with_loads_on_grid(log, robot, PERIOD), f"loads: rigid bodies of {robot.name}, base fixed"
     others = " and ".join(sorted(name for name in logged if name not in (None, "suspended")))
     return None, f"{unknown} ({robot.name} was {others or 'perhaps standing: set suspended if it was not'})"
-
-
-def _postures(log: MotorLog) -> list[int]:
-    return [-1] if log.posture is None else np.unique(log.posture).tolist()
 
 
 def _on_grid(log: MotorLog) -> MotorLog:

@@ -2,39 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import atomic_path, write_json
-from motorprior.bench.behaviour import Behaviours
+from motorprior.artifacts import write_json
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.evaluation.bench_fidelity import (
-    HELD_OUT,
+from motorprior.identification.evaluation.bench_truth import (
     ModelOfMotors,
-    PredictorOfMotors,
-    bench_errors,
+    adapt_all,
+    adaptation,
+    adapted_models,
+    armature_results,
+    distribution,
+    held_out_motors,
 )
 from motorprior.identification.prior_file import load_prior
-from motorprior.progress import SILENT, Progress, Task
+from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, seconds_of, working, write_results
 from motorprior.studies.fidelity_traces import write_traces
-from motorprior.studies.metrics import BENCH_METRICS, FIDELITY_METRICS
-from motorprior.studies.robot_fidelity import robot_fidelity
+from motorprior.studies.metrics import FIDELITY_METRICS
+from motorprior.studies.robot_fidelity import fidelity
 
 TRACES = "traces.safetensors"
 GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"  # the PD with the best gains; also with armature and delay
@@ -109,6 +108,7 @@ def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
 ) -> None:
     from motorprior.identification.baselines.pd_fit import repeated
+    from motorprior.identification.evaluation.passivity import residual_results
 
     motors = bench.physical_motors()
     tuned = _tune_baselines(config.out, robot, motors, bench, progress)
@@ -118,12 +118,12 @@ def _measure(
     }
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
-        results = fidelity(robot, motors, models, "train", config.seed, task) + _armature(motors, priors)
+        results = fidelity(robot, motors, models, "train", config.seed, task) + armature_results(motors, priors)
         write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
         task.advance()
     if config.held_out:
         results += _held_out(config, robot, priors, bench, baselines, progress)
-    results += _residuals(priors)
+    results += residual_results(priors)
     for name, path in zip(priors, config.priors, strict=True):
         with suppress(ArtifactError):  # not in a folder that identify wrote
             results += Results.of([Result("identify_seconds", "s", seconds_of(path.parent), model=name)])
@@ -139,38 +139,19 @@ def _held_out(
     progress: Progress,
 ) -> Results:
     """The same quantities on other motors; adaptation and distribution of a physics-based prior."""
-    from motorprior.identification.evaluation import held_out  # here: it imports JAX
-
-    paths = dict(zip(priors, config.priors, strict=True))
     title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
-        motors = held_out.held_out_motors(bench)
-        adapted = held_out.adapt_all(robot, priors, paths, motors, bench)
-        models = baselines | held_out.adapted_models(priors, adapted, len(motors))
+        motors, adapted = held_out_motors(bench), adapt_all(robot, priors, bench)
+        models = baselines | adapted_models(priors, adapted, len(motors))
         task.advance()
         results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=FIDELITY_METRICS)
         of_physics = [name for name, prior in priors.items() if name in adapted and prior.network.motor is not None]
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
-            prior, seconds = priors[name], config.adapt_seconds
-            results += held_out.adaptation(
-                robot, prior, paths[name], bench, seconds, adapted[name], config.seed, task.advance
-            )
-            distribution, sampled, physical = held_out.distribution(prior, bench)
-            results += distribution
-            _draw_behaviours(config.out / "behaviour_quantiles.png", sampled, physical)
+            seconds, seed = config.adapt_seconds, config.seed
+            results += adaptation(robot, priors[name], bench, seconds, adapted[name], seed, task.advance)
+            results += distribution(priors[name], bench)
     return results
-
-
-def _draw_behaviours(path: Path, sampled: Behaviours, physical: Behaviours) -> None:
-    """Write a PNG with the quantiles of every feature."""
-    from motorprior.report.plots_prior import feature_quantiles  # here: it imports matplotlib
-    from motorprior.report.plots_style import png_bytes
-
-    titles = "samples of the prior", "held-out physical motors"
-    figure = feature_quantiles(sampled.names, sampled.units, sampled.values, physical.values, *titles)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(png_bytes(figure))
 
 
 def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress) -> IdealPd:
@@ -185,57 +166,3 @@ def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, bench: BenchSet
     for name, model in ((GAINS_FILE, gains), (TUNED, tuned)):
         write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
     return tuned
-
-
-def fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], motor_set: str, seed: int, task: Task
-) -> Results:
-    """Medians and means of `FIDELITY_METRICS` and the displacement error of the base; three advances of ``task``."""
-    rows: list[Result] = []
-
-    def add(quantity: str, unit: str, values: Mapping[str, np.ndarray], mean: bool = True) -> None:
-        statistics = {"median": np.median, "mean": np.mean} if mean else {"median": np.median}
-        for model, errors in values.items():
-            for statistic, function in statistics.items():
-                value = min(function(errors), np.finfo(np.float64).max)  # JSON has no infinity
-                rows.append(Result(quantity, unit, float(value), model, motor_set, statistic))
-
-    errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
-    for quantity, kind in BENCH_METRICS.items():
-        add(quantity, "rad", errors[kind])
-    task.advance()
-    for place, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
-        found = robot_fidelity(robot, motors, models, suspended, seed)
-        add(f"{place}_rmse", "rad", found.rmse)
-        add(f"{place}_torque_hf", "N·m", found.torque_hf)
-        if not suspended:
-            add("standing_displacement_error", "m", found.displacement_error, mean=False)
-        task.advance()
-    return Results.of(rows)
-
-
-def _armature(motors: TrueMotors, priors: dict[str, MotorPrior]) -> Results:
-    """Mean ratio of the decoded armature to that of the physical motors, and their correlation over the motors."""
-    rows: list[Result] = []
-    for name, prior in priors.items():
-        if prior.network.has_armature or prior.network.motor is not None:
-            decoded = prior.network.armature(prior.mean)
-            ratio = float(np.mean(decoded / motors.armature))
-            rows.append(Result("armature_ratio", "1", ratio, name, "train"))
-            if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
-                correlation = float(np.corrcoef(decoded, motors.armature)[0, 1])
-                rows.append(Result("armature_correlation", "1", correlation, name, "train"))
-    return Results.of(rows)
-
-
-def _residuals(priors: dict[str, MotorPrior]) -> Results:
-    """Work of the residual network on an unpowered motor over a cycle, relative to the work that the physics absorb."""
-    from motorprior.identification.evaluation.passivity import residual_bound, residual_work
-
-    rows: list[Result] = []
-    for name, prior in priors.items():
-        if prior.network.motor is not None:
-            motors = prior.training_motors(np.arange(len(prior.mean)))
-            rows.append(Result("residual_work", "1", residual_work(motors), name, "train"))
-            rows.append(Result("residual_bound", "1", residual_bound(prior.network), name, "train"))
-    return Results.of(rows)

@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import named_multiples, with_logged_gains
-from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.recording import BENCH
 from motorprior.bounds import require_number
-from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
-from motorprior.identification.evaluation.model_errors import evaluate_replay, log_warnings
-from motorprior.identification.prior_file import recipe_of, require_same_robot, trained_on
-from motorprior.identification.weak_motors import advice_on_weak_motors
+from motorprior.exceptions import ConfigError, LogError, listed
+from motorprior.identification.presets import Preset, recipe_of
+from motorprior.identification.prior_file import require_adaptable, trained_on
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.latents.latent_fit import Posterior
-    from motorprior.identification.presets import Preset
     from motorprior.identification.training_data.windows import TrainingData
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
+# a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
+WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
+# ... and below so many standard deviations of log(kp) over samples of the prior. One in fifty healthy robots of twelve
+# motors has a motor below, and one in fifty such a median if the motors of a robot share a third of the variance.
+_FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,9 @@ class OutlierTest:
 
     p_value: np.ndarray
     reason: tuple[str, ...]
+
+
+Show: TypeAlias = "Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]"
 
 
 def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = WARNED) -> MotorPosterior:
@@ -60,26 +65,41 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
     Raises:
         LogError: the log lacks a channel, has another period, is shorter than a window, or has outliers.
         ConfigError: the log names another robot than the prior.
-        ArtifactError: a prior without latents or without the metrics of its own errors.
+        ArtifactError: a prior without latents, or of another version.
     """
     log = checked(log, where=log.source)
-    _note_training_log(prior, log, log.source, progress)
-    if log.robot != BENCH:
-        require_same_robot(prior, log)
-    found = adapt_to(prior, "the prior", log, log.source)
-    outliers = outlier_test(prior, "the prior", log, log.source, found)
-    if not anyway:
-        _require_no_outliers(log, outliers, log.source)
+    require_adaptable(prior, log)
+    note_training_log(prior, log, progress)
+    return adapt_and_show(prior, log, anyway, progress, lambda log, found, outliers, constants: None)
+
+
+def adapt_and_show(prior: MotorPrior, log: MotorLog, anyway: bool, progress: Progress, show: Show) -> MotorPosterior:
+    """`adapt` without its checks of prior and log.
+
+    ``show`` is called with the results before outliers are rejected; the constants (M,) are those of the posterior
+    means, empty for a network.
+    """
+    with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
+        found = adapt_to(prior, log)
+        outliers = outlier_test(prior, log, found)
+        task.advance()
+    show(log, found, outliers, motor_constants(prior, log, found.mean))
+    named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, outliers.reason, strict=True) if reason]
+    if named and not anyway:
+        raise LogError(
+            f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}",
+            where=log.source, argument="anyway",
+            remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
+        )  # fmt: skip
     _note_findings(prior, log, found, progress)
-    return _posterior(prior, log, found, outliers)
+    p_value = tuple(float(value) for value in outliers.p_value)
+    gains = logged_gains_of(log) if prior.network.gain_unit else None
+    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
 
 
-def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
+def first_seconds(log: MotorLog, seconds: float) -> MotorLog:
     """The first rows of a log, without a last segment of a single row."""
-    if seconds is None:
-        return log
-    period = float(np.median(np.diff(log.time)))
-    kept = log.rows(slice(0, max(2, round(seconds / period))))
+    kept = log.rows(slice(0, max(2, round(seconds / float(np.median(np.diff(log.time)))))))
     last = kept.segment_slices()[-1]
     return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
 
@@ -100,27 +120,22 @@ def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
     return first, rest.rows(slice(starts[0], None))
 
 
-def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> Posterior:
-    """Posterior of every motor of the log; ``path`` and ``where``, the files of prior and log, are for errors.
-
-    Raises:
-        LogError: the log lacks a channel, has another period, or is shorter than a window.
-        ArtifactError: a prior without latents or without the metrics of its own errors.
-    """
+def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
+    """Posterior of every motor of the log; raises `LogError` as `adapt`."""
     from motorprior.identification.latents.latent_fit import SAME_JOINT_STD, LatentPrior, fit_posterior
 
-    preset, data, temperature, _ = _prepared(prior, path, log, where)
+    preset, data, temperature, _ = _prepared(prior, log)
     std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
     expected = LatentPrior(prior.expected(log.joint_names), std)
     return fit_posterior(prior.network, data, preset, temperature, prior=expected)
 
 
-def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str, found: Posterior) -> OutlierTest:
-    """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet; raises as `adapt_to`."""
+def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierTest:
+    """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet."""
     from motorprior.identification.evaluation.reference import loss_p_value, num_blocks
     from motorprior.identification.latents.outliers import outliers
 
-    preset, data, temperature, which = _prepared(prior, path, log, where)
+    preset, data, temperature, which = _prepared(prior, log)
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
     if len(prior.mean) > 1:
@@ -131,26 +146,18 @@ def outlier_test(prior: MotorPrior, path: str | Path, log: MotorLog, where: str,
     return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
 
 
-def _prepared(
-    prior: MotorPrior, path: str | Path, log: MotorLog, where: str
-) -> tuple[Preset, TrainingData, float, str]:
+def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.metric_suffix` of the metrics of the outlier test."""
-    from motorprior.identification.evaluation.reference import has_reference_metrics, metric_suffix
+    from motorprior.identification.evaluation.reference import metric_suffix
     from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
-    preset = with_window_that_fits(recipe_of(prior, path), log)
-    if prior.network.num_latents == 0 or not has_reference_metrics(prior.metrics, preset.objective == "rollout"):
-        raise ArtifactError(
-            "it has no latents, or lacks the metrics of its own errors", where=path,
-            remedy="identify it with preset rollout",
-        )  # fmt: skip
-    data = training_data(log, preset, where)
+    preset = with_window_that_fits(recipe_of(prior), log)
+    data = training_data(log, preset, log.source)
     # A prior that was trained without torques uses positions only, even if the log has torques.
     knows_torque = f"loss_mean{metric_suffix(False)}" in prior.metrics or preset.objective == "torque"
     measured = replace(data.measured, torque=data.measured.torque and knows_torque)
-    data = replace(data, measured=measured)
     which = metric_suffix(measured.torque) if knows_torque else ""
-    return preset, data, prior.metrics[f"loss_mean{which}"], which
+    return preset, replace(data, measured=measured), prior.metrics[f"loss_mean{which}"], which
 
 
 def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> dict[str, np.ndarray]:
@@ -166,34 +173,45 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
     return named_multiples(values) if prior.network.gain_unit else values
 
 
-def _note_training_log(prior: MotorPrior, log: MotorLog, where: str, progress: Progress) -> None:
+def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
+    """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
-        progress.note(f"warning: the prior was trained on {where}: losses and p-values of its motors are biased")
+        progress.note(f"warning: the prior was trained on {log.source}: errors, losses and p-values on it are no test")
 
 
 def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
+    """Notes on the motors' errors on the log, and on weak and static motors."""
+    from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings
+
     if progress is SILENT:
         return  # tuning a PD to compare with takes time
-    recipe = recipe_of(prior, "the prior")
+    recipe = recipe_of(prior)
     for line in log_warnings(log, recipe):
         progress.note(line)
     if prior.network.motor is not None:
-        evaluate_replay(LatentActuator(prior.network, found.mean), log, recipe, progress)
+        evaluate_replay(LatentActuator(prior.network, found.mean), None, log, recipe, progress)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 
 
-def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:
-    outlier_p_value = tuple(float(value) for value in outliers.p_value)
-    gains = logged_gains_of(log) if prior.network.gain_unit else None
-    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, outlier_p_value, gains)
+def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:
+    """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
+    if prior.network.motor is None:
+        return ""
+    share, (motor_bound, robot_bound) = kp_ratio(prior.network, latents), weak_below(prior.network)
+    weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
+    if not weak.size:
+        return ""
+    named = listed([f"{names[motor]} {share[motor]:.2f}" for motor in weak], 10)
+    return (
+        f"weak motors, as shares of the central motor's kp: {named}. If they give less torque per ampere, their torque "
+        "limits are also lower, which in-air logs barely identify -> train on this posterior with limit_follows_gain"
+    )
 
 
-def _require_no_outliers(log: MotorLog, outliers: OutlierTest, path: str | Path) -> None:
-    named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, outliers.reason, strict=True) if reason]
-    if named:
-        raise LogError(
-            f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}", where=path,
-            remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
-            argument="anyway",
-        )  # fmt: skip
+def weak_below(network: LatentNetwork) -> tuple[float, float]:
+    """Shares of the central motor's kp below which a motor, and the median of a robot's motors, is weak [-]."""
+    samples = np.random.default_rng(0).standard_normal((1000, network.num_latents))
+    deviation = float(np.std(np.log(kp_ratio(network, samples))))
+    bounds = np.exp(-_FAR_MOTOR * deviation), np.exp(-_FAR_ROBOT * deviation)
+    return min(WEAK_MOTOR, float(bounds[0])), min(WEAK_ROBOT, float(bounds[1]))

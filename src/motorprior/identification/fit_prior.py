@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,11 @@ import numpy as np
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.recording import bench_names
-from motorprior.bounds import require_count, require_seed
+from motorprior.bench.dynamometer import bench_names
+from motorprior.bounds import require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.evaluation.model_errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
-from motorprior.identification.training_log import Origin, origin_of
+from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
+from motorprior.identification.prior_file import provenance_of
 from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, logged_gains_of
 from motorprior.logs.validity import checked
@@ -26,8 +27,10 @@ from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.presets import Preset
+    from motorprior.identification.evaluation.errors import Motors
+    from motorprior.identification.train import Identified
     from motorprior.identification.training_data.windows import TrainingData
+
 
 PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
 
@@ -61,12 +64,15 @@ def fit_prior(
         LogError: logs that do not fit together, or that lack a channel, rows or motion that the preset needs.
         ArtifactError: ``out`` cannot be written.
     """
-    recipe = _recipe(preset, steps, seed)
+    require_seed(seed)
+    recipe = identification_preset(preset, steps)
     every = [logs] if isinstance(logs, MotorLog) else logs
     if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
         raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
     parts = [checked(log, where=log.source) for log in every]
-    return fit_recipe(joined(parts), preset, recipe, seed, None if out is None else Path(out), progress, parts)
+    log = joined(parts)
+    provenance = provenance_of(parts, log=log.source)
+    return fit_recipe(log, preset, recipe, seed, None if out is None else Path(out), progress, provenance)
 
 
 def fit_recipe(
@@ -76,105 +82,70 @@ def fit_recipe(
     seed: int,
     out: Path | None,
     progress: Progress = SILENT,
-    parts: Sequence[MotorLog] = (),
+    provenance: Mapping[str, Any] | None = None,
+    tuned: Motors | None = None,
 ) -> MotorPrior:
-    """`fit_prior` with any recipe; ``parts`` are the logs that ``log`` was joined from, if any."""
-    from motorprior.identification.presets import with_logged_settings
+    """`fit_prior` with any recipe, named ``preset``.
 
-    recipe = with_logged_settings(recipe, log)
-    job = _Job(log, log.source, preset, recipe, seed, origin_of(log, parts or (log,)))
+    ``provenance`` is that of the log, `provenance_of` it if not given; ``tuned`` a PD that was tuned to the log, to
+    compare with; it is tuned here if not given.
+    """
+    recipe, provenance = with_logged_settings(recipe, log), provenance or provenance_of([log], log=log.source)
+    fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress)
     if out is None:
-        return _fitted(job, _data(job), progress, None)
-    wanted = description("identify", {"preset": preset, "seed": seed}, [], asdict(recipe))
-    return _fitted_in(out, wanted | {"inputs": [log_digest(log)]}, job, progress)
-
-
-@dataclass(frozen=True)
-class _Job:
-    """A fit: the log, its file, the recipe and the origin of the motors."""
-
-    log: MotorLog
-    where: str
-    preset: str
-    recipe: Preset
-    seed: int
-    origin: Origin
-
-
-def _recipe(preset: str, steps: int | None, seed: int) -> Preset:
-    from motorprior.identification.presets import PRESETS, identification_preset
-
-    require_seed(seed)
-    recipe = identification_preset(preset)
-    if steps is None:
-        return recipe
-    require_count("steps", steps)
-    if not recipe.trains:
-        others = ", ".join(name for name, other in PRESETS.items() if other.trains)
-        problem = f"steps {steps} has no effect on preset {preset!r}, which trains no network"
-        raise ConfigError(problem, remedy=f"leave it out, or use one of {others}", argument="steps")
-    return replace(recipe, steps=steps)
-
-
-def _data(job: _Job) -> TrainingData:
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    from motorprior.identification.training_data.windows import training_data
-
-    gains = logged_gains_of(job.log)
-    if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
-        check_gain_units(gains, job.where)
-    return training_data(job.log, job.recipe, job.where)
-
-
-def _fitted_in(out: Path, wanted: dict[str, Any], job: _Job, progress: Progress) -> MotorPrior:
-    """The prior of a folder, fitted unless it is finished there."""
+        return fitted(_data(log, recipe), None)
+    settings = {"preset": preset, "seed": seed, "provenance": provenance}
+    wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(replace(log, source=""))]}
     if is_finished(out, wanted):
         progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
     with locked(out):
-        data = _data(job)  # before the folder counts as unfinished: an error in the log leaves the earlier prior
+        data = _data(log, recipe)  # before the folder is unfinished: an error in the log leaves the earlier prior
         with working(out, wanted):
-            _fitted(job, data, progress, _Checkpoint(out / CHECKPOINT, wanted)).save(out / PRIOR)
+            fitted(data, _Checkpoint(out / CHECKPOINT, wanted)).save(out / PRIOR)
             prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
             (out / CHECKPOINT).unlink(missing_ok=True)
     return prior
 
 
-def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Checkpoint | None) -> MotorPrior:
+def _data(log: MotorLog, recipe: Preset) -> TrainingData:
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    from motorprior.identification.training_data.windows import training_data
+
+    gains = logged_gains_of(log)
+    if gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
+        check_gain_units(gains, log.source)
+    return training_data(log, recipe, log.source)
+
+
+def _fitted(
+    log: MotorLog,
+    recipe: Preset,
+    preset: str,
+    seed: int,
+    provenance: Mapping[str, Any],
+    tuned: Motors | None,
+    progress: Progress,
+    data: TrainingData,
+    checkpoint: _Checkpoint | None,
+) -> MotorPrior:
     """Fit the prior and its metrics."""
+    from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
     from motorprior.identification.evaluation.reference import reference_metrics
-    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
-    from motorprior.identification.train import identify, work_of
+    from motorprior.identification.latents.standardise import with_scaled_spread
     from motorprior.identification.training_data.windows import used_seconds_text
 
-    log, recipe, origin = job.log, job.recipe, job.origin
-    if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
-        deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
-        progress.note(
-            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
-            f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
-            f"{RELIABLE_MOTORS} or more)"
-        )
-    progress.note(used_seconds_text(data, recipe))
-    for line in log_warnings(log, recipe):
+    for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
-    latest = ""
-    with progress.start(f"identify {job.preset}", work_of(recipe)) as task:
-
-        def report(work: int, text: str) -> None:
-            nonlocal latest
-            latest = text or latest
-            task.advance(work, latest)
-
-        found = identify(data, recipe, job.seed, report, checkpoint)
-        metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-        metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
-        metrics |= reference_metrics(found.network, data, found.preset, found.mean, log)
+    found = _identified(data, recipe, preset, seed, progress, checkpoint)
+    network, mean, log_var = found.network, found.mean, found.log_var
+    metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
+    metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
+    metrics |= reference_metrics(network, data, found.preset, mean, log)
     for line in found.notes:
         progress.note(line)
-    network, mean, log_var = found.network, found.mean, found.log_var
     if network.motor is not None:
-        errors = evaluate_replay(LatentActuator(network, mean), log, found.preset, progress)
+        errors = evaluate_replay(LatentActuator(network, mean), tuned, log, found.preset, progress)
         unexplained = float(np.median(errors.unexplained("prior")))
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
@@ -183,11 +154,40 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
         if network.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
+    trained = {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": seed}
     return MotorPrior(
-        network, mean, log_var, job.preset, origin.robot, origin.motor,
-        origin.provenance | {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": job.seed}, metrics, names,
+        network, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
         logged_gains_of(log) if network.gain_unit else None,
     )  # fmt: skip
+
+
+def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
+    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS
+
+    if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
+        return []
+    deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
+    return [
+        f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
+        f"reproduces these motors, but the standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} "
+        "or more)"
+    ]
+
+
+def _identified(
+    data: TrainingData, recipe: Preset, preset: str, seed: int, progress: Progress, checkpoint: _Checkpoint | None
+) -> Identified:
+    from motorprior.identification.train import identify, work_of
+
+    latest = ""
+    with progress.start(f"identify {preset}", work_of(recipe)) as task:
+
+        def report(work: int, text: str) -> None:
+            nonlocal latest
+            latest = text or latest
+            task.advance(work, latest)
+
+        return identify(data, recipe, seed, report, checkpoint)
 
 
 @dataclass(frozen=True)

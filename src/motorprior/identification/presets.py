@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
-from motorprior.exceptions import ConfigError
+from motorprior.bounds import require_count
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_means
 
 
@@ -128,11 +131,38 @@ PRESETS = {
 }  # fmt: skip
 
 
-def identification_preset(name: str) -> Preset:
-    """The preset of that name; raises `ConfigError` if there is none."""
+def identification_preset(name: str, steps: int | None = None) -> Preset:
+    """The preset of that name, with this number of Adam steps if given.
+
+    Raises:
+        ConfigError: there is none, or it trains no network.
+    """
     if name not in PRESETS:
         raise ConfigError(f"no identification preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
-    return PRESETS[name]
+    if steps is None:
+        return PRESETS[name]
+    require_count("steps", steps)
+    if not PRESETS[name].trains:
+        others = ", ".join(name for name, other in PRESETS.items() if other.trains)
+        problem = f"steps {steps} has no effect on preset {name!r}, which trains no network"
+        raise ConfigError(problem, remedy=f"leave it out, or use one of {others}", argument="steps")
+    return replace(PRESETS[name], steps=steps)
+
+
+def recipe_of(prior: MotorPrior) -> Preset:
+    """The recipe that a prior was trained with; raises `ArtifactError` if it is missing, or of another version."""
+    try:
+        recipe = prior.provenance["recipe"]
+        if recipe.keys() != {field.name for field in fields(Preset)}:
+            raise KeyError("other entries")
+        return Preset(**{name: _hashable(value) for name, value in recipe.items()})
+    except (KeyError, AttributeError, TypeError) as error:
+        problem = f"its provenance does not hold a recipe of this version ({error})"
+        raise ArtifactError(problem, remedy="identify it again") from error
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
 def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:

@@ -1,93 +1,63 @@
-"""The file of a prior: checks against a robot or a log, and notes on what its logs do not identify."""
+"""The file of a prior: whether it fits a robot or a log, and notes on what its logs do not identify."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, unidentified_limits
-from motorprior.bench.recording import BENCH
+from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.presets import Preset
-from motorprior.identification.training_log import MOTIONS
+from motorprior.identification.presets import recipe_of
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
-from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
+
+if TYPE_CHECKING:
+    from motorprior.robots.robot import Robot
+
+_MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
-def load_prior(path: Path, robot: Robot) -> MotorPrior:
-    """A prior for the simulation of this robot.
+def load_prior(path: Path, of: Robot | MotorLog) -> MotorPrior:
+    """A prior for the simulation of a robot, or for the motors of a log.
 
     Raises:
-        ArtifactError: not the file of a prior.
+        ArtifactError: not the file of a prior, or one that cannot be adapted to a log.
         ConfigError: a prior of another robot, or one that does not fit its physics step.
     """
-    return _loaded(path, lambda prior: prior.require(robot.name, robot.physics_dt))
-
-
-def prior_and_robot(path: Path, log: MotorLog, robot: str | None) -> tuple[MotorPrior, Robot | None]:
-    """A prior for the motors of a log, and the robot; None if none is given and prior and log name the same one.
-
-    The log of a bench names no robot: the default is assumed.
-
-    Raises:
-        ArtifactError: not the file of a prior, or no such robot.
-        ConfigError: a prior of another robot.
-    """
-    if robot is None and log.robot != BENCH:
-        return _loaded(path, lambda prior: require_same_robot(prior, log)), None
-    given = load_robot(robot or DEFAULT_ROBOT)
-    return load_prior(path, given), given
-
-
-def require_same_robot(prior: MotorPrior, log: MotorLog) -> None:
-    """Raise `ConfigError` unless prior and log name the same robot."""
-    if prior.robot != log.robot:
-        raise ConfigError(
-            f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
-            remedy="identify a prior from logs of that robot, or give robot if the log names the wrong one",
-        )
-
-
-def _loaded(path: Path, require: Callable[[MotorPrior], None]) -> MotorPrior:
+    prior = MotorPrior.load(path)
     try:
-        prior = MotorPrior.load(path)
-        require(prior)
+        if isinstance(of, MotorLog):
+            require_adaptable(prior, of)
+        else:
+            prior.require(of.name, of.physics_dt)
     except (ArtifactError, ConfigError) as error:
-        remedy = error.remedy or "use a prior that `motorprior identify` wrote"
-        raise type(error)(error.problem, where=path, remedy=remedy) from error
+        raise type(error)(error.problem, where=path, remedy=error.remedy) from error
     return prior
 
 
-def recipe_of(prior: MotorPrior, where: str | Path) -> Preset:
-    """The recipe that a prior was trained with.
-
-    Raises:
-        ArtifactError: it is missing, or of another version.
-    """
-    try:
-        recipe = prior.provenance["recipe"]
-        if recipe.keys() != {field.name for field in fields(Preset)}:
-            raise KeyError("other entries")
-        return Preset(**{name: _hashable(value) for name, value in recipe.items()})
-    except (KeyError, AttributeError, TypeError) as error:
-        problem = f"its provenance does not hold a recipe of this version ({error})"
-        raise ArtifactError(problem, where=where, remedy="identify it again") from error
+def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
+    """Check that a prior has latents, a recipe of this version, and the robot of the log; a bench's log names none."""
+    recipe_of(prior)
+    if prior.network.num_latents == 0:
+        raise ArtifactError("it has no latents", remedy="identify it with preset rollout")
+    if log.robot not in (BENCH, prior.robot):
+        raise ConfigError(
+            f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
+            remedy="identify a prior from logs of that robot",
+        )
 
 
-def _hashable(value: Any) -> Any:
-    return tuple(map(_hashable, value)) if isinstance(value, list) else value
+def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:
+    """Provenance of a prior that is fitted to these logs, with their ``origin``, such as a file or a bench."""
+    return {**origin, _MOTIONS: [motion_digest(log) for log in logs]}
 
 
 def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
     """Whether the provenance of the prior lists the motion of this log."""
-    motions = prior.provenance.get(MOTIONS)
-    return isinstance(motions, list) and motion_digest(log) in motions
+    return motion_digest(log) in prior.provenance.get(_MOTIONS, ())
 
 
 def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:

@@ -23,7 +23,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError, listed
-from motorprior.identification.evaluation.distribution import aggregate_posterior_kl
+from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from motorprior.identification.evaluation.log_tables import Trace
+from motorprior.identification.evaluation.traces import Trace
 from motorprior.report.plots_style import (
     INK,
     TIME,
@@ -28,7 +28,8 @@ SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
 _STYLES = {
     "ideal_pd": ("ideal_pd", "s"), "tuned_pd": ("tuned_pd", "D"), "prior": ("rollout", "o"),
     "prior_mean": ("rollout", "|"), "pure_delay": ("paper_wide", "x"), "second_order": ("tuned_pd", "D"),
-    "servo_limits": ("one_network", "o"),
+    "servo_limits": ("one_network", "o"), "adapted": ("prior_adapted", "o"), "per_motor": ("prior_robust", "x"),
+    "coulomb_viscous": ("physical", "|"), "stribeck": ("physical", "x"), "pooled_network": ("one_network", "s"),
 }  # fmt: skip
 
 

@@ -13,8 +13,8 @@ from motorprior.actuator.friction_pd import FRICTION_PD, FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd, described_pd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.dynamometer import bench_names
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
-from motorprior.bench.recording import bench_names
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.identification.prior_file import load_prior, robot_gains

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import preset_of_period, trial
-from motorprior.identification.evaluation.bench_fidelity import (
-    HELD_OUT,
-    HELD_OUT_SEED,
-    ModelOfMotors,
-    held_out_trials,
-    teacher_forced_torque,
-)
+from motorprior.identification.evaluation.bench_truth import HELD_OUT, HELD_OUT_SEED, ModelOfMotors, held_out_trials
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
@@ -31,24 +27,19 @@ def write_traces(
     path: Path,
     robot: Robot,
     motors: TrueMotors,
-    models: dict[str, ModelOfMotors],
-    priors: dict[str, MotorPrior],
+    models: Mapping[str, ModelOfMotors],
+    priors: Mapping[str, MotorPrior],
     seed: int,
 ) -> None:
     """Simulate the physical motors and all models, and write the traces."""
     index = np.arange(len(motors))
-    case = held_out_trials("impacts", len(motors), seed, HELD_OUT.for_robot(robot))[0]
+    case = held_out_trials("impacts", motors, seed, HELD_OUT.for_robot(robot))[0][0]
     truth = run(motors.actuator(), case)
-    tensors = {
-        "bench/target": case.position_target[:, 0],
-        "bench/external": case.external_torque[:, 0],
-        "bench/truth": truth.joint_pos[:, 0],
-        "bench/torque": truth.joint_torque[:, 0],
-    }
-    for name, model in models.items():
-        tensors[f"bench/model/{name}"] = run(model(index), case).joint_pos[:, 0]
+    tensors = {"bench/target": case.position_target[:, 0], "bench/truth": truth.joint_pos[:, 0]}
+    tensors |= {f"bench/model/{name}": run(model(index), case).joint_pos[:, 0] for name, model in models.items()}
     for name, prior in priors.items():
-        tensors |= _torque_traces(name, robot, prior, motors, seed)
+        if prior.network.motor is None:
+            tensors |= _torque_traces(f"torque/{name}", robot, prior, motors, seed)
     header = {"bench_dt": case.dt}
     if robot.legs:
         joint = robot.legs[0].joints[-1]
@@ -58,23 +49,30 @@ def write_traces(
 
 
 def _torque_traces(name: str, robot: Robot, prior: MotorPrior, motors: TrueMotors, seed: int) -> dict[str, np.ndarray]:
-    """Torque of the prior from the true history of 1 s of a sinusoid on the bench, at its own sample period."""
-    period = prior.network.period
-    preset = preset_of_period(period).for_robot(robot)
+    """Torque on the first joint [N·m] one step ahead, as in the paper: a network on the true motion of 1 s of a sine.
+
+    It is the actuator's torque minus its damping and minus armature·acceleration, from the first full history on.
+    """
+    period, first = prior.network.period, prior.network.taps[-1]
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
-    case = trial(rng, "sine", round(1.0 / period) + prior.network.taps[-1], len(motors), preset, hold=False)
-    answer = run(motors.actuator(), case)
-    predicted = teacher_forced_torque(prior.network, prior.mean, case, answer)[:, 0]
-    valid = ~np.isnan(predicted)
+    preset = preset_of_period(period).for_robot(robot)
+    case = trial(rng, "sine", round(1.0 / period) + first, len(motors), preset, hold=False)
+    truth, actuator = run(motors.actuator(), case), prior.training_motors(np.arange(len(motors)))
+    arrays, torque = actuator.arrays(period), np.zeros(truth.joint_pos.shape)
+    reset_actuator(arrays, case.position_target[0].copy(), truth.joint_pos[0].copy())
+    for row, inputs in enumerate(zip(case.position_target, truth.joint_pos, truth.joint_vel, strict=True)):
+        step_actuator(arrays, period, *(each.copy() for each in inputs), torque[row])
+        torque[row] -= arrays.damping * truth.joint_vel[row]
+    torque -= actuator.armature * np.gradient(truth.joint_vel, case.dt, axis=0)
     return {
-        f"torque/{name}/time": np.arange(len(predicted))[valid] * period,
-        f"torque/{name}/measured": answer.joint_torque[valid, 0],
-        f"torque/{name}/predicted": predicted[valid],
+        f"{name}/time": np.arange(first, len(torque)) * period,
+        f"{name}/measured": truth.joint_torque[first:, 0],
+        f"{name}/predicted": torque[first:, 0],
     }
 
 
 def _robot_traces(
-    robot: Robot, joint: int, motors: TrueMotors, models: dict[str, ModelOfMotors], seed: int
+    robot: Robot, joint: int, motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int
 ) -> dict[str, np.ndarray]:
     """One joint in a standing trot, positions [rad] and torques [N·m] at every physics step."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
@@ -83,7 +81,6 @@ def _robot_traces(
     every = round(robot.physics_dt / robot.twin_physics_dt)
     truth = replay(fine, motors.take(index).actuator(), targets)
     tensors = {
-        "robot/target": np.repeat(targets[:, joint], coarse.config.substeps),
         "robot/position/truth": truth.joint_pos[every - 1 :: every, joint],
         "robot/torque/truth": truth.joint_torque[every - 1 :: every, joint],
     }

@@ -1,48 +1,66 @@
-"""Closed-loop fidelity inside the robot: models of motors, compared with the physical motors.
+"""Closed-loop fidelity of models of motors, on the bench and inside the robot, compared with the physical motors.
 
-All follow the same trot targets, held at 100 Hz for 2 s, standing and suspended. The physical motors run at the twin's
-physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.
+Inside the robot all follow the same trot targets, held at 100 Hz for 2 s, standing and suspended. The physical motors
+run at the twin's physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import SimulationFault
-from motorprior.identification.evaluation.bench_fidelity import FLOOR_OFFSET, HELD_OUT_SEED, Ensemble, PredictorOfMotors
+from motorprior.identification.evaluation.bench_truth import (
+    FLOOR_OFFSET,
+    HELD_OUT,
+    HELD_OUT_SEED,
+    PredictorOfMotors,
+    bench_errors,
+)
+from motorprior.identification.evaluation.log_tables import MAX_ERROR, capped
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
+from motorprior.progress import Task
+from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
+from motorprior.studies.metrics import BENCH_METRICS
 
-DRAWS = 12
+DRAWS = 12  # samples of one motor per joint
 ROBOT_STREAM = 19
 STEPS = 200
 CUTOFF = 20.0  # [Hz] torque above counts as chatter
-FAULT_RMSE = np.pi  # [rad] of a model whose simulation diverges
+DIVERGED = (MAX_ERROR, 1e3, 1e3)  # results of `compare` of a simulation that diverges
 
 
-@dataclass(frozen=True)
-class RobotFidelity:
-    """Errors by model, (draws,) arrays over samples of motors.
-
-    Attributes:
-        rmse: RMSE of the joint angles [rad].
-        torque_hf: RMS of the torque above 20 Hz, mean over joints [N·m].
-        displacement_error: of the base after 2 s [m]; zero if suspended.
-    """
-
-    rmse: dict[str, np.ndarray]
-    torque_hf: dict[str, np.ndarray]
-    displacement_error: dict[str, np.ndarray]
+def fidelity(
+    robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], motor_set: str, seed: int, task: Task
+) -> Results:
+    """Medians and means of `FIDELITY_METRICS` and the displacement error of the base; three advances of ``task``."""
+    errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
+    measured = {(quantity, "rad"): errors[kind] for quantity, kind in BENCH_METRICS.items()}
+    task.advance()
+    for place, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
+        found = robot_fidelity(robot, motors, models, suspended, seed)
+        for index, quantity in enumerate((("rmse", "rad"), ("torque_hf", "N·m"), ("displacement_error", "m"))):
+            if quantity[1] != "m" or not suspended:
+                measured[f"{place}_{quantity[0]}", quantity[1]] = {name: each[index] for name, each in found.items()}
+        task.advance()
+    statistics: dict[str, Callable[[np.ndarray], np.floating]] = {"median": np.median, "mean": np.mean}
+    return Results.of(
+        Result(quantity, unit, float(function(values)), model, motor_set, statistic)
+        for (quantity, unit), by_model in measured.items()
+        for model, values in by_model.items()
+        for statistic, function in statistics.items()
+        if unit != "m" or statistic == "median"
+    )  # fmt: skip
 
 
 def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
@@ -59,8 +77,8 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 
 def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], suspended: bool, seed: int
-) -> RobotFidelity:
-    """Compare every model, and the floor, over DRAWS samples of one motor per joint."""
+) -> dict[str, np.ndarray]:
+    """(3, DRAWS) results of `compare` for every model, and the floor; a simulation that diverges has the largest."""
     fast = World(WorldConfig.of(robot, suspended=suspended))
     fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
     rows: dict[str, list[tuple[float, float, float]]] = {}
@@ -73,18 +91,18 @@ def robot_fidelity(
         rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth, robot.control_dt))
         for name, model in models.items():
             rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
-    columns = {name: np.array(values).T for name, values in rows.items()}
-    return RobotFidelity(*({name: column[i] for name, column in columns.items()} for i in range(3)))
+    return {name: capped(np.array(values).T, np.array(DIVERGED)[:, None]) for name, values in rows.items()}
 
 
-def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: Playback) -> tuple[float, float, float]:
-    members = model.members if isinstance(model, Ensemble) else (model,)
+def _try(
+    world: World, model: Actuator | tuple[Actuator, ...], targets: np.ndarray, truth: Playback
+) -> tuple[float, float, float]:
     try:
-        found = [replay(world, member, targets) for member in members]
-        mean = Playback(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Playback)))
-        return compare(mean, truth, world.config.control_dt)
+        found = [replay(world, each, targets) for each in (model if isinstance(model, tuple) else (model,))]
     except SimulationFault:
-        return FAULT_RMSE, float("inf"), float("inf")
+        return np.inf, np.inf, np.inf
+    mean = Playback(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Playback)))
+    return compare(mean, truth, world.config.control_dt)
 
 
 def compare(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:

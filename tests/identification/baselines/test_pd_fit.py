@@ -20,7 +20,7 @@ from motorprior.identification.baselines.pd_fit import (
     tuned_pd,
 )
 from motorprior.identification.baselines.replay_error import closed_loop_error, scaled_gains, trials, with_scaled_gains
-from motorprior.identification.evaluation.log_fidelity import free_run_errors, whole_runs
+from motorprior.identification.evaluation.errors import free_run_errors, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
 
@@ -69,7 +69,7 @@ def test_a_pd_is_scaled_to_the_gains_of_each_segment(bench: MotorLog):
     cases = zip(trials(other), other.segments(), strict=True)
     made = [run(at_gains(pd, part), trial).joint_pos for (trial, _), part in cases]
     other = replace(other, joint_pos=np.concatenate(made), joint_vel=None)
-    preset = replace(PRESETS["rollout"], gain_unit=other.gain_unit, warm_up=10)
-    errors = free_run_errors(whole_runs(other, preset, ""), {"scaled": with_scaled_gains(pd, fitted), "fixed": pd})
+    preset = replace(PRESETS["rollout"], warm_up=10)
+    errors = free_run_errors(whole_runs(other, preset), {"scaled": with_scaled_gains(pd, fitted), "fixed": pd})
     assert np.all(errors["scaled"] < 0.2 * errors["fixed"])
     assert with_scaled_gains(pd, bench) is pd

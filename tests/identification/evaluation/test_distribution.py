@@ -1,4 +1,4 @@
-"""Two-sample statistics: calibrated on one fleet, powerful between two, blind to units; the posterior's KL."""
+"""Two-sample statistics: calibrated on one fleet, powerful between two, blind to units."""
 
 from dataclasses import replace
 
@@ -10,7 +10,6 @@ from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.evaluation.distribution import (
-    aggregate_posterior_kl,
     area_under_curve,
     energy_distance,
     feature_auc,
@@ -96,11 +95,3 @@ def test_a_difference_of_correlation_alone_is_detected():
     covariance[0, 1] = covariance[1, 0] = 0.9
     a, b = normal(5), normal(6, covariance=covariance)
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))
-
-
-def test_the_kl_of_the_aggregate_posterior_in_closed_form():
-    mean = np.array([[1.0, 0.0], [-1.0, 0.0]])
-    found = aggregate_posterior_kl(mean, np.log(np.full((2, 2), 0.25)))
-    assert found == pytest.approx(0.5 * (1.5 - 2 - np.log(1.25 * 0.25)))
-    assert aggregate_posterior_kl(np.full((3, 2), 2.0), np.zeros((3, 2))) == pytest.approx(4.0)
-    assert aggregate_posterior_kl(np.zeros((5, 3)), np.zeros((5, 3))) == pytest.approx(0.0)

@@ -6,6 +6,7 @@ from motorprior.identification.latents.standardise import (
     shrunk_correlation,
     standardised,
     std_of_few,
+    with_scaled_spread,
 )
 
 
@@ -46,3 +47,16 @@ def test_with_many_motors_the_assumption_has_no_weight():
     true = 0.02
     z = true * np.random.default_rng(0).standard_normal((4000, 1))
     np.testing.assert_allclose(std_of_few(z, np.array([0.1])), true, rtol=0.05)
+
+
+def test_a_scaled_prior_has_the_same_motors_and_a_larger_standard_deviation(grey_network):
+    rng = np.random.default_rng(0)
+    network, mean = standardised(grey_network(latents=3), rng.standard_normal((40, 3)))
+    wide, moved, log_var = with_scaled_spread(network, mean, np.zeros_like(mean), 1.5)
+    np.testing.assert_allclose(log_var, -2.0 * np.log(1.5))
+    np.testing.assert_allclose(wide.decoder_latents(moved), network.decoder_latents(mean), atol=1e-9)
+    draws = rng.standard_normal((2000, 3))
+    spread = wide.decoder_latents(draws).std(axis=0) / network.decoder_latents(draws).std(axis=0)
+    np.testing.assert_allclose(spread, 1.5, rtol=0.02)
+    middle, wide_middle = (np.median(each.decoder_latents(draws), axis=0) for each in (network, wide))
+    np.testing.assert_allclose(wide_middle, middle, atol=0.1)

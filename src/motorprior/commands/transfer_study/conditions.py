@@ -214,7 +214,7 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
             steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed)
             write_log(log, record(motors, preset, steps, log_seed, fleet))
     if "prior_adapted" in config.conditions:
-        run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True, robot=config.robot), progress)
+        run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True), progress)
     if "pd_adapted" in config.conditions:
         start, pd_folder = _start(config), _robot_folder(config, population, seed, "pd_adapted")
         wanted = description("study", {"start": start, "kinds": WITH_FRICTION}, [log, *robot.files])

@@ -1,4 +1,4 @@
-"""Whether a motor prior matches a fleet: two-sample tests of behaviour features, and moments of the posteriors.
+"""Whether a motor prior matches a fleet: two-sample tests of behaviour features.
 
 Features are standardised by the median and the interquartile range of the pooled samples, x' = (x - median) / (IQR /
 1.349), so that results do not depend on units and the permutation test is exact. If the interquartile range is 0,
@@ -123,15 +123,3 @@ def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
         curvature = (features.T * (share * probability * (1.0 - probability))) @ features + np.diag(penalty)
         weights = weights - np.linalg.solve(curvature, gradient)
     return weights
-
-
-def aggregate_posterior_kl(mean: np.ndarray, log_var: np.ndarray) -> float:
-    """KL divergence from N(0, I) of a normal with the moments of the mixture 1/M·Σᵢ N(μᵢ, σᵢ²) [nat].
-
-    With μ = ``mean``, log σ² = ``log_var`` (both (M, Z)), m = avg μ, C = diag(avg σ²) + avg (μ - m)(μ - m)ᵀ it is
-    (tr C + |m|² - Z - log det C) / 2.
-    """
-    center = mean.mean(axis=0)
-    covariance = np.diag(np.exp(log_var).mean(axis=0)) + (mean - center).T @ (mean - center) / len(mean)
-    log_determinant = np.linalg.slogdet(covariance)[1]
-    return float(0.5 * (np.trace(covariance) + center @ center - len(center) - log_determinant))

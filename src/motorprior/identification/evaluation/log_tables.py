@@ -1,50 +1,23 @@
-"""Tables of models evaluated on logs and of motor constants, and the traces that a page draws."""
+"""Tables of models evaluated on logs, and of motor constants."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from motorprior.results import Results
 
+MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
 # quantities of the quick report: errors of free runs of whole segments and of 1 s, and the prefix of constants
-WHOLE_RUN, FREE_RUN, CONSTANT = "real_motors_rmse", "real_motors_free_run_rmse", "real_motors_"
+WHOLE_RUN_RMSE, FREE_RUN_RMSE, CONSTANT = "real_motors_rmse", "real_motors_free_run_rmse", "real_motors_"
 UNIDENTIFIED = "not_shown"  # statistic of a constant that the logs do not identify; its value is the median of a fit
 
 
-@dataclass(frozen=True)
-class Trace:
-    """One joint of one log: (T,) time [s], target, measured and simulated angles by model [rad]."""
-
-    log: str
-    joint: str
-    time: np.ndarray
-    target: np.ndarray
-    measured: np.ndarray
-    models: dict[str, np.ndarray]
-
-
-def as_tensors(traces: tuple[Trace, ...]) -> tuple[dict[str, np.ndarray], list[list[str]]]:
-    """Arrays by name, and log and joint of each trace."""
-    arrays = {}
-    for index, trace in enumerate(traces):
-        arrays |= {f"{index}/{name}": getattr(trace, name) for name in ("time", "target", "measured")}
-        arrays |= {f"{index}/model/{name}": values for name, values in trace.models.items()}
-    return arrays, [[trace.log, trace.joint] for trace in traces]
-
-
-def from_tensors(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> list[Trace]:
-    """The traces that `as_tensors` wrote; ``header`` has its second value as ``traces``."""
-    found = []
-    for index, (log, joint) in enumerate(header["traces"]):
-        prefix = f"{index}/model/"
-        models = {name.removeprefix(prefix): values for name, values in tensors.items() if name.startswith(prefix)}
-        time, target, measured = (tensors[f"{index}/{name}"] for name in ("time", "target", "measured"))
-        found.append(Trace(log, joint, time, target, measured, models))
-    return found
+def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndarray:
+    """The errors, at most ``limit``, which is also the error of a simulation that diverged."""
+    return np.minimum(np.where(np.isnan(errors), limit, errors), limit)
 
 
 def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
@@ -81,9 +54,13 @@ def error_line(results: Results, quantity: str) -> str:
 
 
 def _summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
-    values = 1e3 * np.array(list(errors.values()))
-    joint = list(errors)[int(values.argmax())]
-    return f"{np.median(values):.1f}", f"{np.mean(values):.1f}", f"{np.max(values):.1f} ({joint})"
+    """Median, mean and maximum [mrad]."""
+    values = np.array(list(errors.values()))
+    median, mean, maximum = (
+        f"{1e3 * value:.1f}" if value < MAX_ERROR else "diverged"
+        for value in (np.median(values), np.mean(values), np.max(values))
+    )
+    return median, mean, f"{maximum} ({list(errors)[int(values.argmax())]})"
 
 
 def constant_table(constants: Mapping[str, Sequence[float] | np.ndarray]) -> tuple[list[str], list[list[str]]]:
@@ -99,7 +76,7 @@ def constants_in(results: Results) -> dict[str, list[float]]:
     """Constants of a quick report, by name and unit: a value per motor, or none if the logs do not identify it."""
     found: dict[str, list[float]] = {}
     for row in results:
-        if row.quantity.startswith(CONSTANT) and row.quantity not in (WHOLE_RUN, FREE_RUN):
+        if row.quantity.startswith(CONSTANT) and row.quantity not in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
             name = row.quantity.removeprefix(CONSTANT).replace("_", " ") + f" [{row.unit}]"
             found.setdefault(name, []).extend([] if row.statistic == UNIDENTIFIED else [row.value])
     return found

@@ -9,6 +9,7 @@ so that over a cycle it adds at most bound·travel. The physics of a grey box ar
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
@@ -17,6 +18,8 @@ from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.learned_kernels import SCALES
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.results import Result, Results
 
 AMPLITUDES = (0.02, 0.1, 0.3, 0.6)  # [rad], from within the backlash to those of a trot
 FREQUENCIES = (0.5, 1.0, 2.0, 4.0)  # [Hz], up to those of a fast trot
@@ -62,3 +65,14 @@ def residual_work(actuator: LatentActuator) -> float:
     """
     works = [cycle_work(actuator, amplitude, frequency) for amplitude, frequency in product(AMPLITUDES, FREQUENCIES)]
     return max(float(np.max(network / np.maximum(-physics, 1e-12))) for network, physics in works)
+
+
+def residual_results(priors: Mapping[str, MotorPrior]) -> Results:
+    """``residual_work`` [-] and ``residual_bound`` [N·m] of the training motors of every grey box."""
+    rows: list[Result] = []
+    for name, prior in priors.items():
+        if prior.network.motor is not None:
+            motors = prior.training_motors(np.arange(len(prior.mean)))
+            rows.append(Result("residual_work", "1", residual_work(motors), name, "train"))
+            rows.append(Result("residual_bound", "1", residual_bound(prior.network), name, "train"))
+    return Results.of(rows)

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy.stats import t as student_t
 
-from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.bench.dynamometer import run
-from motorprior.identification.baselines.replay_error import AtGains, trials
+from motorprior.identification.evaluation.errors import replay_errors
 from motorprior.identification.latents.latent_fit import window_losses
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData, relative_conditions
-from motorprior.logs.motor_log import MotorLog, logged_gains_of
+from motorprior.identification.training_data.windows import TrainingData
+from motorprior.logs.motor_log import MotorLog
 
 LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its own mean loss [s]
-_MAX_SEGMENTS = 20  # log segments that are replayed for the residuals
 _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
 
 
@@ -74,38 +69,8 @@ def loss_metrics(losses: np.ndarray, preset: Preset, suffix: str) -> dict[str, f
     return {f"loss_{name}{suffix}": float(value) for name, value in zip(_LOSS_METRICS, values, strict=True)}
 
 
-def replay_errors(motors: Actuator, log: MotorLog, at_gains: AtGains) -> tuple[np.ndarray, np.ndarray]:
-    """Replay at most _MAX_SEGMENTS segments of a log with known loads from their first rows.
-
-    ``at_gains`` sets gains and conditions of a segment. Returns recorded - simulated angles [rad], both read by the
-    same encoder, and velocities of the simulated joints [rad/s], each (steps of all segments, n).
-    """
-    parts = list(log.segments())
-    places = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
-    errors, velocities = [], []
-    for place in places:
-        ((case, recorded),) = trials(parts[place])
-        simulated = run(at_gains(motors, parts[place]), case)
-        measured = simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos
-        errors.append(recorded - measured)
-        velocities.append(simulated.joint_vel)
-    return np.concatenate(errors), np.concatenate(velocities)
-
-
-def at_log_conditions(motors: Actuator, log: MotorLog, nominal: Mapping[str, float]) -> Actuator:
-    """Learned motors with the gains of a log or segment, if they need any, and under its conditions.
-
-    ``nominal`` are the conditions of the motors' recipe; other actuators are returned as they are.
-    """
-    if not isinstance(motors, LatentActuator):
-        return motors
-    supply, temperature_rise = relative_conditions(log, nominal)
-    motors = replace(motors, conditions=motors.conditions._replace(supply=supply, temperature_rise=temperature_rise))
-    return replace(motors, gains=logged_gains_of(log)) if motors.network.gain_unit else motors
-
-
 def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
-    errors, velocity = replay_errors(motors, log, partial(at_log_conditions, nominal=preset.nominal_conditions))
+    errors, velocity = replay_errors(motors, log, preset.nominal_conditions)
     pool, metrics = _pool(velocity), {}
     for index, name in enumerate(SPEEDS):
         chosen = errors[pool == index]
@@ -122,14 +87,6 @@ def _percentiles(pool: str) -> list[str]:
 def _pool(joint_vel: np.ndarray) -> np.ndarray:
     """Index into SPEEDS for velocities [rad/s]."""
     return np.searchsorted(list(SPEEDS.values()), np.abs(joint_vel))
-
-
-def has_reference_metrics(metrics: dict[str, float], closed_loop: bool) -> bool:
-    """Whether a prior has the metrics for `loss_p_value` and, if trained in closed loop, for `sample_residuals`."""
-    required = {f"loss_{name}" for name in _LOSS_METRICS}
-    if closed_loop:
-        required.update(name for pool in SPEEDS for name in _percentiles(pool))
-    return required <= metrics.keys()
 
 
 def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, suffix: str = "") -> np.ndarray:
@@ -163,3 +120,15 @@ def sample_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_
         chosen = pool == index
         out[chosen] = np.interp(quantile[chosen], [0, *LEVELS, 100], [low, *values, high])
     return out
+
+
+def aggregate_posterior_kl(mean: np.ndarray, log_var: np.ndarray) -> float:
+    """KL divergence from N(0, I) of a normal with the moments of the mixture 1/M·Σᵢ N(μᵢ, σᵢ²) [nat].
+
+    With μ = ``mean``, log σ² = ``log_var`` (both (M, Z)), m = avg μ, C = diag(avg σ²) + avg (μ - m)(μ - m)ᵀ it is
+    (tr C + |m|² - Z - log det C) / 2.
+    """
+    center = mean.mean(axis=0)
+    covariance = np.diag(np.exp(log_var).mean(axis=0)) + (mean - center).T @ (mean - center) / len(mean)
+    log_determinant = np.linalg.slogdet(covariance)[1]
+    return float(0.5 * (np.trace(covariance) + center @ center - len(center) - log_determinant))

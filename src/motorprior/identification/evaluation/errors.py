@@ -1,0 +1,235 @@
+"""Errors of motor models on logs, and the warnings that follow from them.
+
+All models simulate the joints from recorded commands and loads, without feedback from the recorded motion. Errors are
+simulated minus recorded angles, the latter smoothed where readings are noisy (`smoothing`); no mean is removed.
+
+    free run    starts from the recorded joint and from the hidden state of a simulation that followed the recording
+                until then (`window_runs`): over 1 s, or over a whole segment after the warm-up at its beginning
+    replay      starts from the first row of a segment, at rest inside (`dynamometer.run`)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.ideal_pd import GainScaledPd
+from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.optional_terms import Conditions
+from motorprior.bench.dynamometer import run
+from motorprior.exceptions import listed
+from motorprior.identification.baselines.replay_error import trials
+from motorprior.identification.baselines.response_models import ResponseMotors
+from motorprior.identification.evaluation.log_tables import capped, error_line
+from motorprior.identification.physics.term_selection import TERM_OF, min_difference
+from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
+from motorprior.logs.doctor.excitation import excited_joints, static_joints
+from motorprior.logs.motor_log import MotorLog, logged_gains_of, segment_means
+from motorprior.logs.settings_text import range_text
+from motorprior.progress import Progress
+from motorprior.results import Result, Results
+from motorprior.signals import rms
+
+# models of a log's motors: on its loads, at the gains of its segments, or responses that need no loads
+Motors: TypeAlias = Actuator | GainScaledPd | ResponseMotors
+PRIOR, TUNED_PD = "prior", "tuned_pd"
+FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
+SECONDS = 1.0  # of a FREE_RUN
+MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
+ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
+_MAX_SEGMENTS = 20  # of a replay
+
+
+def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
+    """A log as free runs of SECONDS (FREE_RUN) and of whole segments (WHOLE_RUN).
+
+    Raises:
+        LogError: it lacks a channel, has another sample period, or no segment is long enough.
+    """
+    window = round(SECONDS / preset.period)
+    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
+    return {
+        FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
+        WHOLE_RUN: whole_runs(log, preset),
+    }
+
+
+def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
+    """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`."""
+    preset = replace(with_gains_of(preset, log), objective="rollout", window=1)
+    data = training_data(log, preset, log.source)
+    windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
+    return [
+        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
+        for part, window in windows
+        if window > 0
+    ]
+
+
+def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
+    """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
+    return replace(preset, gain_unit=log.gain_unit) if log.stated_kp is not None and not preset.gain_unit else preset
+
+
+def angle_errors(runs: WindowRuns, motors: Motors) -> np.ndarray:
+    """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
+    return motors.errors(runs) if isinstance(motors, ResponseMotors) else POSITION_SCALE * runs.errors(motors)[:, :, 0]
+
+
+def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, Motors]) -> dict[str, np.ndarray]:
+    """(M,) root mean square error [rad] of each model of the log's M motors over all samples, `capped`."""
+    found = {}
+    for name, motors in models.items():
+        parts = [angle_errors(one, motors).reshape(one.num_motors, -1) for one in runs]
+        found[name] = capped(rms(np.concatenate(parts, axis=1, dtype=np.float64), axis=1))
+    return found
+
+
+def replay_errors(motors: Motors, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Replay at most _MAX_SEGMENTS segments of a log with known loads, at their gains and under their conditions.
+
+    ``nominal`` are the conditions of the motors' recipe. Returns recorded - simulated angles [rad], both read by the
+    same encoder, and velocities of the simulated joints [rad/s], each (steps of all segments, M).
+    """
+    parts, work = log.segment_slices(), seconds_since_cold(log)
+    places = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
+    errors, velocities = [], []
+    for rows in (parts[place] for place in places):
+        part = log.rows(rows)
+        ((case, recorded),) = trials(part)
+        simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)
+        errors.append(recorded - (simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos))
+        velocities.append(simulated.joint_vel)
+    return np.concatenate(errors), np.concatenate(velocities)
+
+
+def _at_segment(motors: Motors, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
+    """The motors at the gains and under the conditions of a segment, ``seconds`` after a cold start."""
+    assert not isinstance(motors, ResponseMotors), "responses do not run on loads"
+    gains = logged_gains_of(part)
+    if isinstance(motors, GainScaledPd):
+        return motors.pd if gains is None else motors.at(gains)
+    if not isinstance(motors, LatentActuator):
+        return motors
+    conditions = Conditions(motors.network.warmth(motors.z, seconds), *relative_conditions(part, nominal))
+    return replace(motors, conditions=conditions, gains=gains if motors.network.gain_unit else motors.gains)
+
+
+@dataclass(frozen=True)
+class LogErrors:
+    """Root mean square errors of simulated angles [rad].
+
+    Attributes:
+        logs: L names.
+        joints: J names.
+        models: (L, J) by model; NaN where a joint is not excited.
+    """
+
+    logs: tuple[str, ...]
+    joints: tuple[str, ...]
+    models: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:
+        """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
+        tables = {name: np.stack([found[name] for found in errors]) for name in errors[0]}
+        for row, log in enumerate(logs.values()):
+            static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
+            for table in tables.values():
+                table[row, static] = np.nan
+        return cls(tuple(logs), next(iter(logs.values())).joint_names, tables)
+
+    def results(
+        self, quantity: str, statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] | None = None
+    ) -> Results:
+        """Statistics of each model over all joints and logs, by default the mean; its means by joint and by log."""
+        rows = []
+        for model, values in self.models.items():
+            for statistic, function in (statistics or {None: np.nanmean}).items():
+                rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
+            for column, names, table in (("part", self.joints, values.T), ("log", self.logs, values)):
+                rows += [
+                    replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
+                    for name, row in zip(names, table, strict=True)
+                    if np.isfinite(row).any()
+                ]
+        return Results.of(rows)
+
+    def median_and_max(self, model: str) -> list[tuple[int, int]]:
+        """Log and joint of the median and of the maximum error of a model; once if they are the same."""
+        values = self.models[model]
+        order = np.argsort(values, axis=None)[: int(np.isfinite(values).sum())]  # NaN is last
+        places = [np.unravel_index(order[rank], values.shape) for rank in (len(order) // 2, -1)]
+        return list(dict.fromkeys((int(log), int(joint)) for log, joint in places))
+
+    def unexplained(self, model: str) -> np.ndarray:
+        """(J,) √(max(e² - ENCODER_ERROR², 0)) / e_PD with the mean errors e over the logs [-]."""
+        errors = (self.models[name] for name in (model, TUNED_PD))
+        with np.errstate(invalid="ignore"):  # NaN for joints that are not excited in any log
+            error, baseline = (np.nansum(each, axis=0) / np.isfinite(each).sum(axis=0) for each in errors)
+        return np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0)) / np.maximum(baseline, 1e-9)
+
+    def warnings(self, model: str) -> list[str]:
+        """A warning that names the joints for which too much of the tuned PD's error remains."""
+        share = self.unexplained(model)
+        large = np.flatnonzero(share > MAX_UNEXPLAINED)
+        if not large.size:
+            return []
+        named = listed([f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10)
+        return [
+            f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
+            f"{', '.join(self.logs)}: {named}. The model lacks physics of these motors, they differ from the prior's, "
+            "or the fit did not converge -> do not interpret their constants; try preset long_runs, another seed or "
+            "longer logs"
+        ]
+
+
+def evaluate_replay(
+    motors: Motors, tuned: Motors | None, log: MotorLog, recipe: Preset, progress: Progress
+) -> LogErrors:
+    """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to; notes state them.
+
+    ``tuned`` is a PD that was tuned to the log; it is tuned here if not given.
+    """
+    from motorprior.identification.baselines.log_baselines import fitted_tuned_pd  # here: it imports this module
+
+    models = {PRIOR: motors, TUNED_PD: tuned or fitted_tuned_pd(log, progress)}
+    errors = {
+        name: capped(rms(replay_errors(model, log, recipe.nominal_conditions)[0], axis=0))[None]
+        for name, model in models.items()
+    }
+    replayed = LogErrors((log.source,), log.joint_names, errors)
+    for line in (error_line(replayed.results("replay_rmse"), "replay_rmse"), *replayed.warnings(PRIOR)):
+        progress.note(line)
+    return replayed
+
+
+def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
+    """Warnings about static joints of a log, and about its conditions outside those that a recipe was fitted to."""
+    found = []
+    if static := static_joints(log):
+        found.append(
+            f"warning: did not move: {', '.join(static)}; their constants and errors mean nothing -> exclude these "
+            "joints, or record them in motion"
+        )
+    for name, lowest, nominal, highest in recipe.conditions:
+        modelled = TERM_OF[name] in recipe.terms
+        if getattr(log, name) is None:
+            if modelled:
+                found.append(f"note: the log has no {name}: {range_text(name, nominal, nominal)} is assumed")
+            continue
+        means, margin = segment_means(log, name), min_difference(name, nominal)
+        if means.min() < lowest - margin or means.max() > highest + margin:
+            effect = "extrapolated" if modelled else "not modelled"
+            found.append(
+                f"warning: {name} is {range_text(name, means.min(), means.max())}, in the prior's logs "
+                f"{range_text(name, lowest, highest)}: its effect is {effect} -> check its unit, or identify with "
+                "logs of both"
+            )
+    return found

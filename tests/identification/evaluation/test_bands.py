@@ -1,0 +1,48 @@
+"""Bands of samples have their nominal coverage."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.identification.evaluation.bands import DRAWS, band, log_coverage, zero_shot
+from motorprior.identification.evaluation.reference import LEVELS, SPEEDS
+from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.training_data.windows import TrainingData
+
+PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
+
+
+@pytest.mark.parametrize("level", [50, 90])
+@pytest.mark.parametrize("kind", ["normal", "exponential"])
+def test_a_band_of_few_samples_has_its_nominal_coverage(level: int, kind: str):
+    rng = np.random.default_rng(level)
+    sample = getattr(rng, "standard_" + kind)((DRAWS + 1, 200, 100))
+    low, high = band(sample[:-1], level)
+    inside = np.mean((sample[-1] >= low) & (sample[-1] <= high))
+    assert inside == pytest.approx(level / 100, abs=0.01)  # 20,000 trials: three standard errors
+
+
+def test_bands_on_a_log_have_their_nominal_coverage(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network, rng = grey_network(spread=0.3), np.random.default_rng(4)
+    covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
+    true = 0.5 * rng.standard_normal((24, 3))
+    runs = WindowRuns(decoder_data(network, true, segments=3), PRESET)
+    speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in LEVELS for speed in SPEEDS}
+    prior: Any = SimpleNamespace(network=network, metrics=speeds)
+    central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
+    found = log_coverage(prior, central, [runs])
+    assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
+    wide = WindowRuns(decoder_data(network, rng.standard_normal((24, 3)), segments=3), PRESET)
+    found_zero_shot = log_coverage(prior, zero_shot(prior, 24), [wide])
+    assert 0.35 < found_zero_shot[50] < 0.65 and 0.8 < found_zero_shot[90] <= 0.97
+    sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), [runs])
+    assert sure[90] < 0.3

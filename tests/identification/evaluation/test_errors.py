@@ -1,0 +1,172 @@
+"""The motors that made a log replay it and other models do not; warnings about motors and logs that do not fit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from swinging_load import swinging_load
+
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.optional_terms import Conditions
+from motorprior.bench.dynamometer import run
+from motorprior.bench.fleet import load_fleet
+from motorprior.bench.recording import bench_preset, record
+from motorprior.identification.baselines.log_baselines import fitted_tuned_pd
+from motorprior.identification.baselines.replay_error import trials
+from motorprior.identification.evaluation.errors import (
+    FREE_RUN,
+    WHOLE_RUN,
+    LogErrors,
+    Motors,
+    free_run_errors,
+    free_runs,
+    log_warnings,
+    replay_errors,
+)
+from motorprior.identification.evaluation.log_tables import MAX_ERROR, capped, error_table
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS, with_logged_settings
+from motorprior.identification.training_data.windows import TrainingData
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import SILENT
+from motorprior.signals import rms
+
+MOTORS = 3
+PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
+Z = np.random.default_rng(3).standard_normal((MOTORS, 3))
+
+
+@pytest.fixture(scope="module")
+def log() -> MotorLog:
+    fleet = load_fleet("mixed")
+    return record(fleet.sample(MOTORS, 0), bench_preset("rollout"), 5000, 0, fleet)
+
+
+def pd(kp: float = 12.0) -> IdealPd:
+    return IdealPd.uniform(MOTORS, kp, 0.1 * kp, 1.6)
+
+
+def replayed(motors: Motors, log: MotorLog) -> np.ndarray:
+    return rms(replay_errors(motors, log, {})[0], axis=0)
+
+
+def test_what_made_a_log_runs_freely_as_the_log(
+    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+):
+    network = grey_network()
+    runs = WindowRuns(decoder_data(network, Z), PRESET)
+    truth, other = LatentActuator(network, Z), LatentActuator(network, Z[[1, 2, 0]])
+    errors = free_run_errors([runs], {"truth": truth, "other": other, "pd": pd()})
+    assert np.all(errors["truth"] < 1e-4)
+    assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
+
+
+def test_a_whole_segment_is_one_free_run_and_errors_are_pooled(log: MotorLog):
+    log = log.rows(slice(0, 1030))  # a segment of 1000 rows, and one that is shorter than the warm-up
+    runs = free_runs(log, PRESET)
+    (whole,) = runs[WHOLE_RUN]
+    assert whole.windows == 1 and whole.preset.window == 1000 - 1 - 60
+    assert runs[FREE_RUN][0].windows == 1 and runs[FREE_RUN][0].preset.window == 500
+    one, twice = (free_run_errors(each, {"pd": pd()})["pd"] for each in ([whole], [whole, whole]))
+    np.testing.assert_allclose(one, twice, rtol=1e-6)
+    assert np.all(one > 1e-3)
+
+
+def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log: MotorLog):
+    errors = np.array([0.0, 0.3, MAX_ERROR, 7.0, 1e30, np.inf, np.nan])
+    np.testing.assert_array_equal(capped(errors), [0.0, 0.3, *[MAX_ERROR] * 5])
+    assert capped(np.array([[np.nan, 2.0]]), np.array([[1.0, 5.0]])).tolist() == [[1.0, 2.0]]
+    unstable = IdealPd.uniform(MOTORS, -50.0, 0.0, 1e9)
+    found = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
+    rows = LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}).results("e")
+    assert error_table(rows, {"e": "all"})[1] == [["unstable", "diverged", "diverged", "diverged (motor_000)"]]
+
+
+def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
+    motors = replayed(load_fleet("mixed").sample(MOTORS, 0).actuator(), log)
+    assert np.median(motors) < 1e-9 and np.max(motors) < 2e-3  # dry friction amplifies rounding
+
+
+def test_motors_with_heat_are_replayed_at_the_temperature_of_each_segment(
+    log: MotorLog, grey_network: Callable[..., LatentNetwork]
+):
+    network = grey_network(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
+    motors, angles = LatentActuator(network, np.zeros((MOTORS, network.num_latents))), []
+    for part in log.segments():
+        ((case, _),) = trials(part)
+        warmth = network.warmth(motors.z, float(np.median(part.time - log.time[0])))
+        response = run(replace(motors, conditions=Conditions(warmth)), case)
+        angles.append(response.encoder_pos if log.encoder == "rotor" else response.joint_pos)
+    assert np.all(network.warmth(motors.z, log.duration) > 0.6)
+    assert np.max(replayed(motors, replace(log, joint_pos=np.concatenate(angles)))) < 1e-6
+
+
+def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
+    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(MOTORS)
+    logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
+    made = [
+        run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
+        for gain, (case, _) in zip((1.0, 6.0), trials(logged), strict=True)
+    ]
+    logged = replace(logged, joint_pos=np.concatenate(made), joint_vel=None)
+    plain = replace(logged, stated_kp=None, stated_kd=None)
+    scaled, fixed = (replayed(fitted_tuned_pd(each, SILENT), each) for each in (logged, plain))
+    assert np.median(scaled) < 0.3 * np.median(fixed)
+    assert np.median(fixed) <= np.median(replayed(pd(), plain))
+
+
+TWO = np.repeat([0, 1], 400)
+KNOWN = swinging_load(800, segment=TWO, supply_voltage=np.where(TWO == 0, 12.0, 9.6)[:, None])
+RECIPE = with_logged_settings(PRESETS["long_runs"], KNOWN)
+
+
+def at(*volts: float) -> MotorLog:
+    return swinging_load(800, segment=TWO, supply_voltage=np.repeat(volts, 800 // len(volts))[:, None])
+
+
+@pytest.mark.parametrize("terms", [(), ("supply",)])
+def test_voltages_between_those_of_the_training_logs_give_no_warning(terms: tuple[str, ...]):
+    for volts in ((10.0,), (12.2,), (12.0, 9.6)):
+        assert log_warnings(at(*volts), replace(RECIPE, terms=terms)) == []
+
+
+@pytest.mark.parametrize(("terms", "effect"), [((), "not modelled"), (("supply",), "extrapolated")])
+def test_a_voltage_outside_them_in_any_segment_gives_a_warning(terms: tuple[str, ...], effect: str):
+    (line,) = log_warnings(at(24.0, 11.0), replace(RECIPE, terms=terms))
+    assert "supply_voltage is 11 to 24 V, in the prior's logs 9.6 to 12 V" in line and effect in line
+
+
+def test_the_usual_voltage_is_assumed_for_a_log_without_one():
+    (line,) = log_warnings(swinging_load(800), replace(RECIPE, terms=("supply",)))
+    assert "no supply_voltage: 10.8 V is assumed" in line
+    assert log_warnings(swinging_load(800), RECIPE) == []
+
+
+def a_log(moving: list[bool]) -> MotorLog:
+    target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
+    return MotorLog(
+        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=("hip", "knee"), robot="r",
+        motor="m", source="log",
+    )  # fmt: skip
+
+
+def test_joints_that_are_not_excited_do_not_count():
+    logs = {"a": a_log([True, False]), "b": a_log([True, True])}
+    errors = LogErrors.of(logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}])
+    rows = errors.results("e")
+    assert rows.value(part=None, log=None) == pytest.approx(0.005)
+    assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
+    assert errors.median_and_max("prior") == [(1, 0), (1, 1)]
+    assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0 (knee)"]]
+
+
+def test_joints_with_more_than_a_third_of_the_tuned_pds_error_are_named():
+    models = {"prior": np.array([[0.002, 0.004]]), "tuned_pd": np.array([[0.001, 0.01]])}
+    errors = LogErrors(("log",), ("hip", "knee"), models)
+    np.testing.assert_allclose(errors.unexplained("prior"), [0.0, np.sqrt(0.004**2 - 0.002**2) / 0.01])
+    assert errors.warnings("prior") == []
+    worse = LogErrors(("log",), ("hip", "knee"), models | {"prior": np.array([[0.002, 0.005]])})
+    (line,) = worse.warnings("prior")
+    assert "knee 46 %" in line and "hip" not in line
