@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from motorprior.identification.evaluation.log_tables import MAX_ERROR
 from motorprior.results import Results
-from motorprior.studies.metrics import MODELS, TRAINING_CONDITIONS
+from motorprior.studies.metrics import DIVERGED, MODELS, TRAINING_CONDITIONS
 
 ColumnsAndRows = tuple[list[str], list[list[str]]]
 
@@ -63,7 +64,12 @@ def fidelity_rows(results: Results, columns: tuple[str, ...], motors: str = "tra
     found = results.where(motors=motors, statistic="median")
     first = found.where(quantity=columns[0]).distinct("model")
     models = sorted(first, key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
-    return [[model, *(f"{found.value(quantity=name, model=model):.4f}" for name in columns)] for model in models]
+    return [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
+
+
+def _fidelity_cell(results: Results, quantity: str, model: str) -> str:
+    value, limit = results.value(quantity=quantity, model=model), MAX_ERROR if "rmse" in quantity else DIVERGED
+    return f"{value:.4f}" if value < limit else "diverged"
 
 
 def calibration_errors(results: Results) -> ColumnsAndRows:

@@ -12,6 +12,7 @@ BENCH_METRICS = {
 ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf")
 # joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's
 FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
+DIVERGED = 1e3  # torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is MAX_ERROR
 MODELS = (  # actuator models
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network", "one_motor",
     "per_motor", "rollout", "physical",

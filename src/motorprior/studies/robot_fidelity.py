@@ -31,13 +31,12 @@ from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
-from motorprior.studies.metrics import BENCH_METRICS
+from motorprior.studies.metrics import BENCH_METRICS, DIVERGED
 
 DRAWS = 12  # samples of one motor per joint
 ROBOT_STREAM = 19
 STEPS = 200
 CUTOFF = 20.0  # [Hz] torque above counts as chatter
-DIVERGED = (MAX_ERROR, 1e3, 1e3)  # results of `compare` of a simulation that diverges
 
 
 def fidelity(
@@ -91,7 +90,8 @@ def robot_fidelity(
         rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth, robot.control_dt))
         for name, model in models.items():
             rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
-    return {name: capped(np.array(values).T, np.array(DIVERGED)[:, None]) for name, values in rows.items()}
+    limits = np.array([[MAX_ERROR], [DIVERGED], [DIVERGED]])
+    return {name: capped(np.array(values).T, limits) for name, values in rows.items()}
 
 
 def _try(

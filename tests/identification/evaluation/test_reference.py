@@ -1,59 +1,17 @@
 """The false-alarm rate of the loss test is the stated one for logs of any length."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import PRESETS, record
 from motorprior.identification.evaluation.reference import (
     aggregate_posterior_kl,
     loss_metrics,
     loss_p_value,
     num_blocks,
-    reference_metrics,
 )
-from motorprior.identification.latents.latent_fit import fit_posterior
-from motorprior.identification.latents.standardise import standard_posterior
-from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
-from motorprior.identification.physics.initial_motor import with_motor
-from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.residual import without_residual
-from motorprior.identification.training_data.windows import training_data
 
-FLEET, NEW = load_fleet("mixed"), 32
-RECIPE = replace(identification_preset("rollout"), num_neurons=0)
-
-
-@pytest.fixture(scope="module")
-def p_values():
-    """{seconds: (NEW,) p-values of held-out motors}, adapted to a log of this length."""
-    rng = np.random.default_rng(5)
-    log = record(FLEET.sample(24, rng), PRESETS["rollout"], 5000, 0, FLEET)
-    data = training_data(log, RECIPE, "log")
-    bare = without_residual(data.scales, RECIPE)
-    fit = fit_fleet(bare, WindowRuns(data, RECIPE), (), True, 0, turns=(*TURNS[:2], *TURNS[-4:]))
-    recipe = replace(RECIPE, num_latents=len(fit.center))
-    network, mean, _ = standard_posterior(with_motor(bare, fit.center, fit.terms), data, recipe, fit.offsets)
-    metrics = reference_metrics(network, data, recipe, mean, log)
-    new, found = FLEET.sample(NEW, rng), {}
-    for seconds in (2, 5, 10, 30):
-        log = record(new, PRESETS["adapt"], round(seconds / recipe.period), 70 + seconds, FLEET)
-        data = training_data(log, recipe, "log")
-        posterior = fit_posterior(network, data, recipe, metrics["loss_mean"])
-        found[seconds] = loss_p_value(metrics, posterior.loss, num_blocks(posterior.windows, recipe))
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seconds", [2, 5, 10, 30])
-def test_new_motors_of_the_fleet_are_rarely_outliers_for_any_length_of_the_log(p_values, seconds):
-    own = p_values[seconds]
-    for level in (0.01, 0.05, 0.1):  # three standard errors of NEW motors
-        assert np.mean(own < level) <= level + 3 * np.sqrt(level * (1 - level) / NEW), level
-    assert 0.2 < np.median(own) < 0.8
+RECIPE = identification_preset("rollout")
 
 
 def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray:

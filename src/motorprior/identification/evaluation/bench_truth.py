@@ -21,7 +21,6 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, bench_preset, preset_of_period, record, trial
 from motorprior.identification.adapt import FALSE_ALARMS, adapt_to, outlier_test
-from motorprior.identification.evaluation import distribution as two_sample
 from motorprior.identification.evaluation.log_tables import capped
 from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Result, Results
@@ -188,6 +187,8 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
         the first comparison ``energy_p_value`` and per feature ``behaviour_auc`` (0.5 is ideal, above it the prior's
         values are larger); and ``aggregate_posterior_kl``, of the training motors' posteriors to N(0, I) [nat].
     """
+    from motorprior.identification.evaluation import distribution as two_sample  # here: it imports scipy.stats
+
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, _SAMPLES])
     pairs = []
     for _ in range(COMPARISONS):

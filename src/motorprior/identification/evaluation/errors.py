@@ -25,7 +25,6 @@ from motorprior.exceptions import listed
 from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.baselines.response_models import ResponseMotors
 from motorprior.identification.evaluation.log_tables import capped, error_line
-from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
@@ -212,6 +211,8 @@ def evaluate_replay(
 
 def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     """Warnings about static joints of a log, and about its conditions outside those that a recipe was fitted to."""
+    from motorprior.identification.physics.term_selection import TERM_OF, min_difference  # here: it imports scipy.stats
+
     found = []
     if static := static_joints(log):
         found.append(
