@@ -35,13 +35,12 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
-from motorprior.identification.adapt import adapt_to, first_and_rest
+from motorprior.identification.adapt import adapt_to
 from motorprior.identification.baselines.log_baselines import (
     BaselineFits,
     fitted_baselines,
     fitted_responses,
     with_gains_of,
-    with_some_load,
 )
 from motorprior.identification.evaluation.leave_motors_out import leave_motors_out, motor_groups
 from motorprior.identification.evaluation.log_fidelity import (
@@ -55,12 +54,13 @@ from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.identification.presets import PRESETS, Preset
 from motorprior.identification.prior_file import recipe_of
 from motorprior.logs.doctor.excitation import excited_joints
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.formats.puppersim import short_name
-from motorprior.logs.formats.registry import read_log
-from motorprior.logs.log_splits import spread_windows
+from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.resampling import drop_repeats, resample
+from motorprior.logs.operations import drop_repeats, resample
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.readers.puppersim import short_name
+from motorprior.logs.splits import first_and_rest, spread_windows
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.stage import FIGURES, description, is_finished, working

@@ -18,8 +18,8 @@ from motorprior.commands import demo
 from motorprior.identification import load_fit
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
-from motorprior.logs.formats.bag_columns import CLOCK
-from motorprior.logs.formats.column_map import load_column_map
+from motorprior.logs.column_map import load_column_map
+from motorprior.logs.readers.bag_columns import CLOCK
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800

@@ -19,8 +19,8 @@ from motorprior.commands.real_motors import (
 )
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN, WHOLE_RUN, constants_in, from_tensors
-from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.report.page import page
 from motorprior.report.real_motors import real_motors
 from motorprior.results import Results

@@ -17,13 +17,13 @@ from motorprior.identification.adapt import (
     _posterior,
     _require_no_outliers,
     adapt_to,
-    first_seconds,
     motor_constants,
     outlier_test,
 )
 from motorprior.identification.prior_file import prior_and_robot
-from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.splits import first_seconds
 from motorprior.progress import SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 

@@ -16,9 +16,9 @@ from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
 from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.training_log import MOTIONS, Origin, origin_of
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, motion_digest
+from motorprior.logs.operations import joined
+from motorprior.logs.readers.motor_log_file import read_parquet
 
 
 @dataclass(frozen=True)

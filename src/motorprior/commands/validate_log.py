@@ -13,7 +13,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.adapt import adapt_to, first_and_rest
+from motorprior.identification.adapt import adapt_to
 from motorprior.identification.baselines.log_baselines import (
     BaselineFits,
     baseline_recipes,
@@ -22,9 +22,10 @@ from motorprior.identification.baselines.log_baselines import (
 )
 from motorprior.identification.evaluation.model_errors import LogErrors, free_run_spans, log_warnings, model_errors
 from motorprior.identification.prior_file import prior_and_robot, recipe_of, trained_on
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog, other_firmware
+from motorprior.logs.operations import joined
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.splits import first_and_rest
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.stage import description, is_finished, read_results, working, write_results
@@ -98,7 +99,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _train_and_test(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    from motorprior.identification.evaluation.log_fidelity import train_test_halves
+    from motorprior.logs.splits import train_test_halves
 
     log = replace(log, source=str(config.log))
     if config.seconds is not None and config.fitted_on:

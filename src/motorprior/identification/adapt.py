@@ -13,12 +13,11 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import BENCH
-from motorprior.bounds import require_number
-from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
+from motorprior.exceptions import ArtifactError, LogError, listed
 from motorprior.identification.evaluation.model_errors import evaluate_replay, log_warnings
 from motorprior.identification.prior_file import recipe_of, require_same_robot, trained_on
 from motorprior.identification.weak_motors import advice_on_weak_motors
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 
@@ -72,32 +71,6 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
         _require_no_outliers(log, outliers, log.source)
     _note_findings(prior, log, found, progress)
     return _posterior(prior, log, found, outliers)
-
-
-def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
-    """The first rows of a log, without a last segment of a single row."""
-    if seconds is None:
-        return log
-    period = float(np.median(np.diff(log.time)))
-    kept = log.rows(slice(0, max(2, round(seconds / period))))
-    last = kept.segment_slices()[-1]
-    return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
-
-
-def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
-    """`first_seconds`, and the remaining rows, without a first segment of a single row.
-
-    Raises:
-        ConfigError: nothing would remain.
-    """
-    require_number("seconds", seconds, 0.0, log.duration)
-    first = first_seconds(log, seconds)
-    rest = log.rows(slice(first.num_rows, None))
-    starts = [part.start for part in rest.segment_slices() if part.stop - part.start > 1]
-    if not starts:
-        problem = f"seconds {seconds:g} of {log.duration:.4g} s of log: nothing remains"
-        raise ConfigError(problem, where=log.source, remedy="give fewer seconds", argument="seconds")
-    return first, rest.rows(slice(starts[0], None))
 
 
 def adapt_to(prior: MotorPrior, path: str | Path, log: MotorLog, where: str) -> Posterior:
@@ -160,7 +133,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
     """
     if prior.network.motor is None:
         return {}
-    values, gains = prior.network.constants(latents), logged_gains_of(log)
+    values, gains = prior.network.constants(latents), log.gains
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_logged_gains(values, *gains)
     return named_multiples(values) if prior.network.gain_unit else values
@@ -185,7 +158,7 @@ def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress:
 
 def _posterior(prior: MotorPrior, log: MotorLog, found: Posterior, outliers: OutlierTest) -> MotorPosterior:
     outlier_p_value = tuple(float(value) for value in outliers.p_value)
-    gains = logged_gains_of(log) if prior.network.gain_unit else None
+    gains = log.gains if prior.network.gain_unit else None
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, outlier_p_value, gains)
 
 

@@ -19,8 +19,8 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.evaluation.model_errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
 from motorprior.identification.training_log import Origin, origin_of
-from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, logged_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest
+from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
@@ -120,7 +120,7 @@ def _data(job: _Job) -> TrainingData:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.training_data.windows import training_data
 
-    gains = logged_gains_of(job.log)
+    gains = job.log.gains
     if gains is not None and job.recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(gains, job.where)
     return training_data(job.log, job.recipe, job.where)
@@ -186,7 +186,7 @@ def _fitted(job: _Job, data: TrainingData, progress: Progress, checkpoint: _Chec
     return MotorPrior(
         network, mean, log_var, job.preset, origin.robot, origin.motor,
         origin.provenance | {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": job.seed}, metrics, names,
-        logged_gains_of(log) if network.gain_unit else None,
+        log.gains if network.gain_unit else None,
     )  # fmt: skip
 
 

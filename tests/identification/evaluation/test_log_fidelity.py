@@ -19,7 +19,6 @@ from motorprior.identification.evaluation.log_fidelity import (
     free_run_errors,
     free_runs,
     log_coverage,
-    train_test_halves,
     whole_runs,
     within_a_turn,
     zero_shot,
@@ -31,6 +30,7 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.splits import train_test_halves
 
 Z = np.array([[0.5, -1.0, 0.3], [0.0, 0.3, -0.8], [-1.2, 0.8, 0.1]])
 PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)

@@ -7,11 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.identification.fit_prior import fit_recipe
+from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.progress import SILENT, Progress, WithoutNotes
 from motorprior.stage import description, is_finished, working
@@ -134,11 +133,3 @@ def fitted_responses(
             write_tensors(out / RESPONSES, {name: model.constants for name, model in found.items()}, header)
     kept = read_tensors(out / RESPONSES)[0]
     return {name: ResponseMotors(name, constants) for name, constants in kept.items()}
-
-
-def with_some_load(log: MotorLog) -> MotorLog:
-    """The log, with a placeholder load if it has none: responses do not read it."""
-    if log.external_torque is not None and log.load_inertia is not None:
-        return log
-    shape = log.joint_pos.shape
-    return replace(log, external_torque=np.zeros(shape), load_inertia=np.ones(shape))

@@ -11,13 +11,13 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.identification.adapt import adapt_to, first_and_rest
+from motorprior.identification.adapt import adapt_to
 from motorprior.identification.baselines.log_baselines import baseline_recipes, with_gains_of
 from motorprior.identification.evaluation.model_errors import model_errors
 from motorprior.identification.fit_prior import PRIOR, fit_prior, fit_recipe
 from motorprior.identification.prior_file import recipe_of
-from motorprior.logs.log_splits import with_joints
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.splits import first_and_rest
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.robot import Robot
 
@@ -85,8 +85,8 @@ def leave_motors_out(
     from motorprior.identification.evaluation.log_fidelity import log_coverage, whole_runs
     from motorprior.identification.presets import identification_preset
 
-    others = with_joints(train, [joint for joint in range(train.num_joints) if joint not in group])
-    of_group = with_joints(test, group)
+    others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
+    of_group = test.with_joints(group)
     first, rest = first_and_rest(of_group, seconds)
     alone = baseline_recipes(first, identification_preset(preset), {PER_MOTOR}).get(PER_MOTOR)
     prior, path = fit_prior(others, preset, seed, out=out / "others", progress=progress), out / "others" / PRIOR

@@ -33,13 +33,6 @@ LogModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors  # motors on the 
 _STREAM = 53
 
 
-def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
-    starts = [part.start for part in log.segment_slices()[1:]]
-    cut = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
-    return log.rows(slice(0, cut)), log.rows(slice(cut, log.num_rows))
-
-
 def free_runs(log: MotorLog, preset: Preset, where: str) -> WindowRuns:
     """The log as free runs of FREE_RUN, with the warm-up of a recipe; raises `LogError` (see `training_data`)."""
     preset = replace(preset, objective="rollout", window=round(FREE_RUN / preset.period))

@@ -18,7 +18,7 @@ from motorprior.exceptions import listed
 from motorprior.identification.evaluation.log_tables import error_line
 from motorprior.identification.presets import Preset
 from motorprior.logs.doctor.excitation import excited_joints, static_joints
-from motorprior.logs.motor_log import MotorLog, segment_means
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.settings_text import range_text
 from motorprior.progress import Progress
 from motorprior.results import Result, Results
@@ -155,7 +155,8 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
             if modelled:
                 found.append(f"note: the log has no {name}: {range_text(name, nominal, nominal)} is assumed")
             continue
-        means, margin = segment_means(log, name), min_difference(name, nominal)
+        means = np.array([part.conditions[name] for part in log.segments()])
+        margin = min_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
             found.append(

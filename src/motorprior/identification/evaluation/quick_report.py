@@ -18,15 +18,15 @@ from motorprior.identification.baselines.log_baselines import (
     fitted_responses,
     fitted_tuned_pd,
     with_gains_of,
-    with_some_load,
 )
 from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN, UNIDENTIFIED, WHOLE_RUN, Trace
 from motorprior.identification.evaluation.model_errors import LogErrors, free_run_spans, model_errors
 from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.identification.prior_file import recipe_of
-from motorprior.logs.joining import joined
-from motorprior.logs.log_splits import Split
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
+from motorprior.logs.loads import with_some_load
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.operations import joined
+from motorprior.logs.splits import Split
 from motorprior.progress import Progress, WarningCollector
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
@@ -123,7 +123,7 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, LogModel]:
     joints = [] if robot is None else [robot.joint_names.index(name) for name in log.joint_names]
     limit = np.full(log.num_joints, 1e9) if described is None else described.torque_limit[joints]
     zero = np.zeros(log.num_joints)
-    if log.stated_kd is not None and log.gain_unit == PHYSICAL_GAINS and (gains := logged_gains_of(log)) is not None:
+    if log.stated_kd is not None and log.gain_unit == PHYSICAL_GAINS and (gains := log.gains) is not None:
         return {"ideal_pd": IdealPd(gains[0], gains[1], limit, zero, zero)}
     if described is None or log.stated_kp is not None:
         return {}

@@ -17,7 +17,7 @@ from motorprior.identification.baselines.replay_error import AtGains, trials
 from motorprior.identification.latents.latent_fit import window_losses
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, relative_conditions
-from motorprior.logs.motor_log import MotorLog, logged_gains_of
+from motorprior.logs.motor_log import MotorLog
 
 LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
@@ -101,7 +101,7 @@ def at_log_conditions(motors: Actuator, log: MotorLog, nominal: Mapping[str, flo
         return motors
     supply, temperature_rise = relative_conditions(log, nominal)
     motors = replace(motors, conditions=motors.conditions._replace(supply=supply, temperature_rise=temperature_rise))
-    return replace(motors, gains=logged_gains_of(log)) if motors.network.gain_unit else motors
+    return replace(motors, gains=log.gains) if motors.network.gain_unit else motors
 
 
 def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
