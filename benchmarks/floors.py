@@ -30,9 +30,9 @@ from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.evaluation.distribution import two_sample_auc
 from motorprior.identification.latents.standardise import standardised
+from motorprior.robots.build_model import CONTACT_TIME
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.build_model import CONTACT_TIME
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig

@@ -34,25 +34,25 @@ from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
-from motorprior.identification.adapt import adapt_to, first_and_rest
+from motorprior.identification.adapt import adapt_to
 from motorprior.identification.baselines.log_baselines import (
     baseline_recipes,
     fitted_baselines,
     fitted_responses,
     fitted_tuned_pd,
-    with_some_load,
 )
 from motorprior.identification.evaluation.bands import log_coverage
 from motorprior.identification.evaluation.errors import Motors, free_run_errors, whole_runs, with_gains_of
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.logs.doctor.excitation import excited_joints
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.formats.puppersim import short_name
-from motorprior.logs.formats.registry import read_log
-from motorprior.logs.log_splits import spread_windows, with_joints
+from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest
-from motorprior.logs.resampling import drop_repeats, resample
+from motorprior.logs.operations import drop_repeats, resample
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.readers.puppersim import short_name
+from motorprior.logs.splits import first_and_rest, spread_windows
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.stage import FIGURES, description, is_finished, working
@@ -195,8 +195,8 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
 
 def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: Sequence[int], folder: Path) -> Figures:
     """Models of the joints in the group, tested on the rest of a log: fitted to the other joints, or to its start."""
-    others = with_joints(train, [joint for joint in range(train.num_joints) if joint not in group])
-    first, rest = first_and_rest(with_joints(log, group), min(ADAPTATION_SECONDS, log.duration / 2))
+    others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
+    first, rest = first_and_rest(log.with_joints(group), min(ADAPTATION_SECONDS, log.duration / 2))
     alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
     prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
     per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)

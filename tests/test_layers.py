@@ -25,7 +25,7 @@ FORBIDDEN = {
 }
 FOLDERS = {
     **dict.fromkeys(["jax", "optax"], "identification/"),
-    "mujoco": ("simulation/", "robots/user_model"),
+    "mujoco": ("simulation/", "robots/user_model", "robots/build_model", "logs/loads"),
     "pybullet": "simulation/",
     "ray": "locomotion/executor",
     **dict.fromkeys(["serial", "msgpack"], "hardware/"),

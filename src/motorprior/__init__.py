@@ -1,7 +1,7 @@
 """Learn the distribution of a robot's motors from logs, and train policies on samples of it.
 
     import motorprior as mp
-    prior = mp.fit_prior(mp.record_bench())    # own log: mp.fit_prior(mp.read_log("log.parquet"))
+    prior = mp.fit_prior(mp.record_bench())    # own log: mp.load_log("log.csv", columns="columns.toml", …)
     motors = mp.Motors(prior.sample(12, seed=0), dt=0.002, joint_pos=start)
     torque, damping = motors.step(position_target, joint_pos, joint_vel)
 
@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from motorprior.identification.fit_prior import fit_prior as fit_prior
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log
-    from motorprior.logs.formats.parquet_io import write_log as write_log
-    from motorprior.logs.formats.registry import read_log as read_log
+    from motorprior.logs.load_log import load_log as load_log
     from motorprior.logs.motor_log import MotorLog as MotorLog
+    from motorprior.logs.read_log import read_log as read_log
+    from motorprior.logs.readers.motor_log_file import write_log as write_log
     from motorprior.progress import Lines as Lines
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot
@@ -66,14 +67,15 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "compare": "studies.compare",
     "fit_prior": "identification.fit_prior",
     "load_fleet": "bench.fleet",
+    "load_log": "logs.load_log",
     "load_robot": "robots.load",
     "make_env": "environments",
     "make_vector_env": "environments",
-    "read_log": "logs.formats.registry",
+    "read_log": "logs.read_log",
     "record_bench": "bench.record_bench",
     "simulate": "simulation.simulate",
     "train_policy": "simulation.train_policy",
-    "write_log": "logs.formats.parquet_io",
+    "write_log": "logs.readers.motor_log_file",
 }
 
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]

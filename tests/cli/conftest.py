@@ -16,7 +16,7 @@ from motorprior.cli.console import Bar
 from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.walk import Walk, run_walk
-from motorprior.logs.formats.puppersim import csv_columns
+from motorprior.logs.readers.puppersim import csv_columns
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.motor_choice import MotorChoice
 

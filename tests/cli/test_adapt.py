@@ -15,7 +15,7 @@ from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
-from motorprior.logs.formats.parquet_io import read_parquet, write_log
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 from motorprior.stage import read_results
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.logs.formats.parquet_io import write_log
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World

@@ -14,8 +14,8 @@ from policies import as_file_content
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.locomotion.policy import zero_policy
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.formats.robot_run import read_robot_run
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.readers.robot_run import read_robot_run
 from motorprior.robots import load
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
+from motorprior.logs.readers.bag_columns import CLOCK
 from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
@@ -18,8 +19,7 @@ from motorprior.commands import demo
 from motorprior.identification import load_fit
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
-from motorprior.logs.formats.bag_columns import CLOCK
-from motorprior.logs.formats.column_map import load_column_map
+from motorprior.logs.column_map import load_column_map
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from third_party_files import JOINTS, write_csv, write_lerobot, write_parquet
 
-from motorprior.commands.logs_import import LogsImport, import_logs, smooth_on_grid
+from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import ConfigError
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.doctor.gap_segments import begin_at_gaps
-from motorprior.logs.formats.parquet_io import read_parquet, write_log
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import begin_at_gaps, smooth_on_grid
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 

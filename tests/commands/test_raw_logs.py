@@ -14,8 +14,8 @@ from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
-from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

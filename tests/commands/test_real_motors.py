@@ -13,8 +13,8 @@ from motorprior.commands.real_motors import RealMotors, _loads, read_logs_of, ru
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
 from motorprior.identification.evaluation.traces import TRACES, read_traces
-from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.report.page import page
 from motorprior.report.real_motors import real_motors
 from motorprior.results import Results

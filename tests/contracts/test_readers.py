@@ -8,13 +8,13 @@ import pytest
 from third_party_files import write_bam, write_lerobot, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.formats import registry
-from motorprior.logs.formats.log_reader import LogReader
-from motorprior.logs.formats.parquet_io import write_log
-from motorprior.logs.formats.puppersim import csv_columns
-from motorprior.logs.formats.registry import READERS, read_log
-from motorprior.logs.formats.robot_run import Mode, run_columns
+from motorprior.logs import read_log as registry
+from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import READERS, read_log
+from motorprior.logs.readers.motor_log_file import write_log
+from motorprior.logs.readers.puppersim import csv_columns
+from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.load import load_robot
 
 ROBOT = load_robot("pupper_v2")

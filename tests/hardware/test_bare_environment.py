@@ -13,7 +13,7 @@ import replay_policy
 from policies import as_file_content, random_policy
 
 from motorprior import hardware
-from motorprior.logs.formats.robot_run import read_robot_run
+from motorprior.logs.readers.robot_run import read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BARE = Path(__file__).with_name("bare_environment.py")

@@ -11,7 +11,7 @@ from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.formats.robot_run import Mode, read_robot_run
+from motorprior.logs.readers.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from simulated_port import SimulatedPort, on_its_clock

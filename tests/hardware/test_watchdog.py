@@ -16,7 +16,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.virtual.firmware import IDLE
 from motorprior.hardware.virtual.virtual_robot import VirtualRobot
-from motorprior.logs.formats.robot_run import Mode, read_robot_run
+from motorprior.logs.readers.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 pytestmark = pytest.mark.real_time

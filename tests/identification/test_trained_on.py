@@ -16,8 +16,8 @@ from motorprior.commands.validate_log import TRAINED_ON, ValidateLog, run_valida
 from motorprior.identification import fit_prior as identify
 from motorprior.identification.fit_prior import fit_prior
 from motorprior.identification.prior_file import trained_on
-from motorprior.logs.formats.parquet_io import write_log
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import Lines
 from motorprior.results import Results
 

@@ -10,8 +10,8 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.gaits import GAITS
 from motorprior.locomotion.trajectory_generator import add_support, foot_path, joint_targets
+from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.build_model import build_model
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig

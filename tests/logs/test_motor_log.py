@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import channels
+from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
-from motorprior.logs.resampling import drop_repeats, repeated_rows, resample
+from motorprior.logs.operations import drop_repeats, repeated_rows, resample
 
 
 def test_a_uniform_log_is_its_own_resampling(make_log):

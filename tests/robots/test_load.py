@@ -11,10 +11,10 @@ from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.trajectory_generator import open_loop_gait
+from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.build_model import build_model
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world import World

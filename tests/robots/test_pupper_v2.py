@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.simulation.build_model import build_model
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
-from motorprior.simulation.suspended_load import gravity_torque
 
 JOINTS = ("shoulder", "elbow")
 KP, FRICTION, LAG = 20.0, 0.01, 0.03

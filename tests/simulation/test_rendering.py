@@ -5,9 +5,9 @@
 import mujoco
 import numpy as np
 
+from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.build_model import build_model
 from motorprior.simulation.rendering import set_view_and_light
 from motorprior.simulation.skeleton import skeleton
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet, load_robot_fleet, nominal_pd
-from motorprior.logs.formats.puppersim import read_puppersim_logs
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.puppersim import read_puppersim_logs
 from motorprior.robots.load import load_robot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.fleet_problem import FleetProblem

@@ -13,8 +13,8 @@ from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
 from motorprior.bench.fleet import Fleet, distributions_of
 from motorprior.bounds import MAX_SEED, require_count
 from motorprior.exceptions import LogError
-from motorprior.logs.formats.parquet_io import read_parquet
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
 
 LOG, BENCH_JSON = "log.parquet", "bench.json"

@@ -11,7 +11,7 @@ from motorprior.cli.console import table
 from motorprior.commands.logs_import import LogsImport, require_paths
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.formats.registry import read_log
+from motorprior.logs.read_log import read_log
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -41,16 +41,12 @@ def run_logs_check(config: LogsCheck) -> None:
     Raises:
         LogError: after all logs are checked, if one has errors.
     """
-    from motorprior.simulation.suspended_load import gravity_torque
-
     require_paths(config.paths)
     robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:
         log = read_log(path, given, config.columns)
-        matches = config.robot is not None or log.joint_names == robot.joint_names
-        limits, gravity = (robot.limits_of(log.joint_names), gravity_torque(log, robot)) if matches else (None, None)
-        report = check_log(log, limits, gravity)
+        report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
             for found in report.findings

@@ -6,9 +6,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.bounds import require_number
-from motorprior.identification.adapt import Show, adapt_and_show, first_seconds, note_training_log
+from motorprior.identification.adapt import Show, adapt_and_show, note_training_log
 from motorprior.identification.prior_file import load_prior
-from motorprior.logs.formats.parquet_io import read_parquet
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.splits import first_seconds
 from motorprior.progress import SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
@@ -54,8 +55,7 @@ def run_adapt(
     if is_finished(config.out, wanted):
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
         return
-    used = log if config.seconds is None else first_seconds(log, config.seconds)
     with locked(config.out):
-        posterior = adapt_and_show(prior, used, config.anyway, progress, show)
+        posterior = adapt_and_show(prior, first_seconds(log, config.seconds), config.anyway, progress, show)
         with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
             posterior.save(config.out / POSTERIOR)

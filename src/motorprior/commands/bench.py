@@ -10,7 +10,7 @@ from motorprior.bench.bench_folder import BENCH_JSON, LOG, BenchSettings, requir
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_seed
-from motorprior.logs.formats.parquet_io import write_log
+from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

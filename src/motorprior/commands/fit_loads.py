@@ -1,4 +1,4 @@
-"""Import logs of motors that each carry a rigid body of unknown inertia: fit the loads, report and save them."""
+"""Fit the loads of motors that each carry a rigid body of unknown inertia; report and save them."""
 
 from __future__ import annotations
 
@@ -9,38 +9,39 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motorprior.artifacts import write_json
-from motorprior.logs.formats.parquet_io import write_log
-from motorprior.logs.joining import joined
+from motorprior.logs.load_log import PERIOD
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined, smooth_on_grid
 from motorprior.progress import Progress
 
 if TYPE_CHECKING:  # importing it compiles
     from motorprior.identification.load_fit import FittedLoad
 
 
-def write_with_fitted_loads(logs: Mapping[Path, MotorLog], out: Path, progress: Progress) -> None:
-    """Fit one load per joint to all logs together, and write the logs with them.
+def with_fitted_loads(logs: Mapping[Path, MotorLog], out: Path, progress: Progress) -> dict[Path, MotorLog]:
+    """The logs on a grid, with one load per joint that is fitted to all of them together; writes loads.json.
 
     Args:
-        logs: output file -> log of the same motors and loads, on the grid of a prior.
+        logs: output file -> log of the same motors and loads, with the recorded rows.
         out: folder for loads.json.
         progress: reports the loads.
 
     Raises:
         LogError: see `identification.load_fit.fit_loads`, or logs of different motors.
-        ArtifactError: a file cannot be written.
+        ArtifactError: the file cannot be written.
     """
-    from motorprior.identification.load_fit import MAX_ROUNDS, fit_loads, with_fitted_loads
+    from motorprior.identification import load_fit
 
-    log = joined(list(logs.values()))
-    with progress.start(f"fit the loads of {log.num_joints} joints", MAX_ROUNDS * log.num_joints) as task:
-        loads = fit_loads(log, task.advance)
-    motion = np.std(log.joint_pos, axis=0)
-    for name, load, std in zip(log.joint_names, loads, motion, strict=True):
-        progress.note(_load_text(name, load, float(std)))
-    for target, each in logs.items():
-        write_log(target, with_fitted_loads(each, loads))
-    joints = {
+    for log in logs.values():
+        load_fit.require_physical_kp(log)
+    smooth = {target: smooth_on_grid(log, PERIOD) for target, log in logs.items()}
+    log = joined(list(smooth.values()))
+    with progress.start(f"fit the loads of {log.num_joints} joints", load_fit.MAX_ROUNDS * log.num_joints) as task:
+        loads = load_fit.fit_loads(log, task.advance)
+    joints = dict(zip(log.joint_names, loads, strict=True))
+    for (name, load), motion in zip(joints.items(), np.std(log.joint_pos, axis=0).tolist(), strict=True):
+        progress.note(_load_text(name, load, motion))
+    described = {
         name: {
             "inertia_kg_m2": load.inertia,
             "inertia_log_deviation": load.inertia_deviation,
@@ -50,9 +51,10 @@ def write_with_fitted_loads(logs: Mapping[Path, MotorLog], out: Path, progress: 
             "armature_log_deviation": load.armature_deviation,
             "left_rad": load.error,
         }
-        for name, load in zip(log.joint_names, loads, strict=True)
+        for name, load in joints.items()
     }
-    write_json(out / "loads.json", {"joints": joints, "logs": [target.name for target in logs]})
+    write_json(out / "loads.json", {"joints": described, "logs": [target.name for target in logs]})
+    return {target: load_fit.with_fitted_loads(each, loads) for target, each in smooth.items()}
 
 
 def _load_text(name: str, load: FittedLoad, motion: float) -> str:

@@ -13,9 +13,9 @@ from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.prior_file import provenance_of
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
+from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
 
 

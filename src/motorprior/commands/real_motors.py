@@ -10,15 +10,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.commands.logs_import import with_loads_on_grid
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.evaluation.traces import read_traces, write_traces
-from motorprior.logs.doctor.gap_segments import begin_at_gaps
-from motorprior.logs.formats.registry import unit_assumption
+from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.log_folder import LogFolder, read_log_folder
-from motorprior.logs.log_splits import long_segments, moving_joints, split, with_joints
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.resampling import drop_repeats, resample
+from motorprior.logs.operations import begin_at_gaps, drop_repeats, resample, smooth_on_grid
+from motorprior.logs.read_log import reader_of
+from motorprior.logs.splits import long_segments, moving_joints, split
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
@@ -95,10 +94,8 @@ def read_logs_of(config: RealMotors) -> LogFolder:
             problem = f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
     if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
-        from motorprior.simulation.suspended_load import require_fixed_base  # here: it imports MuJoCo, which is slow
-
         for path, log in zip(found.paths, found.logs.values(), strict=True):
-            require_fixed_base(log, robot, path, "suspended" if config.suspended else "")
+            require_fixed_base(log, robot, path)
     if not moving_joints(found.logs):
         problem = f"{', '.join(found.logs)}: no joint is excited"
         raise LogError(problem, where=config.logs, remedy="record with a moving command")
@@ -122,7 +119,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     seconds = min(MAX_SECONDS, together / max(1, len(moving_joints(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(loads or _on_grid)
     joints = moving_joints(logs.train)
-    logs = logs.map(lambda log: with_joints(log, joints))
+    logs = logs.map(lambda log: log.with_joints(joints))
     if loads is None:
         results, traces, warnings = report_without_loads(logs, config.seed, progress)
     else:
@@ -145,7 +142,8 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
             if len(folder.logs) == 1:
                 raise
             gaps = f"left out {error}"
-        lines += [f"{name}: {line}" for line in (unit_assumption(path, config.columns), gaps) if line]
+        assumed = "" if config.columns else reader_of(path).assumption
+        lines += [f"{name}: {line}" for line in (assumed, gaps) if line]
     if not logs:
         raise LogError("no log has a steady clock", where=config.logs, remedy="give logs of a steady clock")
     return logs, lines
@@ -163,7 +161,9 @@ def _loads(
     postures = [np.array([-1]) if log.posture is None else log.posture for log in logs.values()]
     logged = {POSTURES[code] if code >= 0 else None for code in np.unique(np.concatenate(postures)).tolist()}
     if robot.base == "fixed" or config.suspended or logged == {"suspended"}:
-        return lambda log: with_loads_on_grid(log, robot, PERIOD), f"loads: rigid bodies of {robot.name}, base fixed"
+        return lambda log: with_loads(
+            smooth_on_grid(log, PERIOD), robot
+        ), f"loads: rigid bodies of {robot.name}, base fixed"
     others = " and ".join(sorted(name for name in logged if name not in (None, "suspended")))
     return None, f"{unknown} ({robot.name} was {others or 'perhaps standing: set suspended if it was not'})"
 

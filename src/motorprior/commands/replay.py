@@ -66,7 +66,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     load_robot_fleet(robot, config.fleet)
     folder, prepared = read_logs(config.logs, robot)
     for name, log in folder.logs.items():
-        for finding in check_log(log, robot.limits).findings:
+        for finding in check_log(log, robot).findings:
             if finding.severity != "info":
                 progress.note(f"log {name}: {finding.severity}: {finding.message}")
     prior = load_prior(config.prior, robot)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.bounds import require_number, require_seed
-from motorprior.logs.formats.parquet_io import write_log
+from motorprior.logs.loads import with_loads
+from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.simulate import excitation_targets, simulated_log
-from motorprior.simulation.suspended_load import with_loads
 from motorprior.stage import description, is_finished, working
 
 LOG = "log.parquet"

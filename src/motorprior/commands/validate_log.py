@@ -12,7 +12,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.adapt import adapt_to, first_and_rest, note_training_log
+from motorprior.identification.adapt import adapt_to, note_training_log
 from motorprior.identification.baselines.log_baselines import baseline_recipes, fitted_baselines
 from motorprior.identification.evaluation.errors import (
     PRIOR,
@@ -28,9 +28,10 @@ from motorprior.identification.evaluation.errors import (
 from motorprior.identification.evaluation.traces import traces, write_traces
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.prior_file import load_prior, trained_on
-from motorprior.logs.formats.parquet_io import read_parquet
-from motorprior.logs.joining import joined
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.splits import first_and_rest, train_test_halves
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.stage import PAGE, description, is_finished, read_results, working, write_results
@@ -96,12 +97,8 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 def _train_and_test(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, MotorLog]:
     if config.seconds is not None and config.fitted_on:
         raise ConfigError("seconds given together with fitted_on", remedy="omit one of them", argument="seconds")
-    if config.seconds is not None:
-        return first_and_rest(log, config.seconds)
-    if not config.fitted_on:  # at the segment start nearest to the middle row; one segment at its middle row
-        starts = [part.start for part in log.segment_slices()[1:]]
-        cut = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
-        return log.rows(slice(0, cut)), log.rows(slice(cut, log.num_rows))
+    if not config.fitted_on:
+        return train_test_halves(log) if config.seconds is None else first_and_rest(log, config.seconds)
     train = joined([read_parquet(path) for path in config.fitted_on])
     if train.joint_names != log.joint_names:
         problem = f"joints {', '.join(train.joint_names)}; {config.log} has {', '.join(log.joint_names)}"

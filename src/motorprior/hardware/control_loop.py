@@ -12,7 +12,7 @@ import numpy as np
 from motorprior.hardware.health import SlowHost
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.formats.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode
 from motorprior.results import Result, Results
 from motorprior.robots.wire import SafetyLimits
 

@@ -20,7 +20,7 @@ from motorprior.hardware.wire_conversion import backend_state
 from motorprior.locomotion.body import YAW_RATE, action_size
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import Policy, act
-from motorprior.logs.formats.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 
 _GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit

@@ -16,7 +16,7 @@ from motorprior.hardware.settings import Excitation
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
-from motorprior.logs.formats.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 
 _SIGNALS: dict[str, excitation.Signal] = {

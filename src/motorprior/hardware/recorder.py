@@ -10,12 +10,12 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.formats.robot_run import Mode, run_columns
+from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.robot import Robot
 
 
 class Recorder:
-    """Writes the format of `logs.formats.robot_run.read_robot_run`; the file is created at the first measurement.
+    """Writes the format of `logs.readers.robot_run.read_robot_run`; the file is created at the first measurement.
 
     A written line survives the death of this process. It is not forced to the disk, which would stop the control loop,
     so a power failure loses the last seconds. Raises ArtifactError if the file exists already.

@@ -18,7 +18,7 @@ from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
 from motorprior.hardware.wire_conversion import from_wire
-from motorprior.logs.formats.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 

@@ -14,7 +14,7 @@ from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import check_before_arming, ramp_to
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.wire_conversion import backend_state, servo_current
-from motorprior.logs.formats.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode
 
 
 class SerialBackend:

@@ -24,7 +24,7 @@ from motorprior.hardware.real_time import real_time
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.logs.formats.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode
 
 _CHECK_DURATION = 0.5  # [s]
 # Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest

@@ -12,11 +12,10 @@ from motorprior.actuator.geared_motor_constants import named_multiples, with_log
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bounds import require_number
-from motorprior.exceptions import ConfigError, LogError, listed
+from motorprior.exceptions import LogError, listed
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable, trained_on
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 
@@ -93,31 +92,8 @@ def adapt_and_show(prior: MotorPrior, log: MotorLog, anyway: bool, progress: Pro
         )  # fmt: skip
     _note_findings(prior, log, found, progress)
     p_value = tuple(float(value) for value in outliers.p_value)
-    gains = logged_gains_of(log) if prior.network.gain_unit else None
+    gains = log.gains if prior.network.gain_unit else None
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
-
-
-def first_seconds(log: MotorLog, seconds: float) -> MotorLog:
-    """The first rows of a log, without a last segment of a single row."""
-    kept = log.rows(slice(0, max(2, round(seconds / float(np.median(np.diff(log.time)))))))
-    last = kept.segment_slices()[-1]
-    return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
-
-
-def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
-    """`first_seconds`, and the remaining rows, without a first segment of a single row.
-
-    Raises:
-        ConfigError: nothing would remain.
-    """
-    require_number("seconds", seconds, 0.0, log.duration)
-    first = first_seconds(log, seconds)
-    rest = log.rows(slice(first.num_rows, None))
-    starts = [part.start for part in rest.segment_slices() if part.stop - part.start > 1]
-    if not starts:
-        problem = f"seconds {seconds:g} of {log.duration:.4g} s of log: nothing remains"
-        raise ConfigError(problem, where=log.source, remedy="give fewer seconds", argument="seconds")
-    return first, rest.rows(slice(starts[0], None))
 
 
 def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
@@ -167,7 +143,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
     """
     if prior.network.motor is None:
         return {}
-    values, gains = prior.network.constants(latents), logged_gains_of(log)
+    values, gains = prior.network.constants(latents), log.gains
     if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_logged_gains(values, *gains)
     return named_multiples(values) if prior.network.gain_unit else values

@@ -20,8 +20,8 @@ from motorprior.bounds import require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.prior_file import provenance_of
-from motorprior.logs.joining import joined
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, logged_gains_of
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest
+from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
@@ -112,7 +112,7 @@ def _data(log: MotorLog, recipe: Preset) -> TrainingData:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     from motorprior.identification.training_data.windows import training_data
 
-    gains = logged_gains_of(log)
+    gains = log.gains
     if gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(gains, log.source)
     return training_data(log, recipe, log.source)
@@ -157,7 +157,7 @@ def _fitted(
     trained = {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": seed}
     return MotorPrior(
         network, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
-        logged_gains_of(log) if network.gain_unit else None,
+        log.gains if network.gain_unit else None,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels, segment_means
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
 
 
 @dataclass(frozen=True)
@@ -173,6 +173,7 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
         return recipe
     conditions = []
     for name in sorted(CONDITIONS.keys() & channels(log).keys()):
-        means, nominal = segment_means(log, name), np.median(channels(log)[name])
+        means = np.array([part.conditions[name] for part in log.segments()])
+        nominal = np.median(channels(log)[name])
         conditions.append((name, float(means.min()), float(nominal), float(means.max())))
     return replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(conditions))

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.logs.formats.column_map import ColumnMap, load_column_map, shipped_maps
-from motorprior.logs.formats.lerobot import is_lerobot_folder, lerobot_files
-from motorprior.logs.formats.puppersim import read_puppersim_logs, short_name
-from motorprior.logs.formats.registry import READERS, TABLES, read_log, recording_name
+from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
+from motorprior.logs.log_reader import GIVE_COLUMNS
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import READERS, read_log, recording_name
+from motorprior.logs.readers.puppersim import short_name
 from motorprior.robots.robot import Robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,8 @@ class LogFolder:
     @property
     def files(self) -> list[Path]:
         """All files of the logs, without the videos of LeRobot datasets."""
-        return [file for path in self.paths for file in _files(path)]
+        found = [file for path in self.paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+        return [file for file in found if file.is_file() and file.suffix != ".mp4"]
 
 
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
@@ -51,35 +51,22 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         ArtifactError: a bad column map.
     """
     column_map = None if columns is None else load_column_map(columns)
-    if path.is_file() or (path.is_dir() and any(reader.matches(path) for reader in READERS)):
+    readers = [reader for reader in READERS if (reader.columns if column_map else reader.read) is not None]
+    if not path.is_dir() or any(reader.matches(path) for reader in readers):
         return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
-    entries = sorted(path.iterdir()) if path.is_dir() else []
-    if column_map is not None and entries:
-        return _readable(path, [entry for entry in entries if entry.name.endswith(TABLES)], robot, column_map)
-    if found := [entry for entry in entries if entry.suffix == ".parquet"]:
+    entries = sorted(path.iterdir())
+    if column_map is None and (found := [entry for entry in entries if entry.suffix == ".parquet"]):
         return LogFolder({recording_name(entry): read_log(entry, robot) for entry in found}, tuple(found))
-    if robot is not None and (found := [entry for entry in entries if short_name(entry)]):
-        return LogFolder(read_puppersim_logs(path, robot), tuple(found))
-    if found := [entry for entry in entries if any(reader.matches(entry) for reader in READERS)]:
-        return _readable(path, found, robot, None)
-    if tensors := [entry for entry in entries if entry.suffix == ".pt"]:
-        read_log(tensors[0], robot)  # its error lists the tensors and the shipped maps
-    if robot is not None and robot.name == DEFAULT_ROBOT:
-        read_puppersim_logs(path, robot)  # its error states where to find logs
-    raise LogError("no log in it", where=path, remedy="give a log, or a folder of logs (docs/logs.md)")
-
-
-def _files(path: Path) -> list[Path]:
-    if is_lerobot_folder(path):
-        return lerobot_files(path)
-    return sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
+    if column_map is None and robot is not None and (found := [entry for entry in entries if short_name(entry)]):
+        return LogFolder({short_name(entry) or "": read_log(entry, robot) for entry in found}, tuple(found))
+    endings = tuple(ending for reader in readers for ending in reader.endings)
+    return _readable(path, [entry for entry in entries if entry.name.endswith(endings)], robot, column_map)
 
 
 def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: ColumnMap | None) -> LogFolder:
     logs: dict[str, MotorLog] = {}
     taken: list[Path] = []
     unreadable: list[str] = []
-    needs_columns = not paths
     for path in paths:
         name = recording_name(path)
         try:
@@ -89,14 +76,10 @@ def _readable(folder: Path, paths: list[Path], robot: Robot | None, columns: Col
             taken.append(path)
         except (LogError, ConfigError, ArtifactError) as error:
             unreadable.append(f"{path.name}: {error.problem}")
-            needs_columns |= error.argument == "columns"
-    if logs:
-        return LogFolder(logs, tuple(taken), tuple(unreadable))
-    remedy = "run `motorprior logs check` on each file"
-    if needs_columns:
+    if not logs:
+        reason = f"; {unreadable[0]}" if unreadable else ""
         remedy = (
-            f"give columns, a column map: one of {', '.join(shipped_maps())}, or your .toml file; or give the robot"
+            f"give logs (docs/logs.md), or read tables {GIVE_COLUMNS} or a shipped map: {', '.join(shipped_maps())}"
         )
-    reason = f"; {unreadable[0]}" if unreadable else ""
-    argument = "columns" if needs_columns else None
-    raise LogError(f"no log in it can be read{reason}", where=folder, remedy=remedy, argument=argument)
+        raise LogError(f"no log in it can be read{reason}", where=folder, remedy=remedy, argument="columns")
+    return LogFolder(logs, tuple(taken), tuple(unreadable))

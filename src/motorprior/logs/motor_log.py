@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
@@ -44,10 +44,11 @@ SIGN_CONVENTION = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotorLog:
-    """One or more contiguous recordings of T rows and J joints.
+    """One or more contiguous recordings (segments) of T rows and J joints.
 
     Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
-    force. With a known load, load_inertia·q̈ = joint_torque + external_torque.
+    force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models read gains, registers and
+    conditions of a segment, or of the whole log, from `gains`, `firmware` and `conditions`.
 
     Attributes:
         time: (T,) [s], strictly increasing within a segment.
@@ -137,10 +138,31 @@ class MotorLog:
         picked = {name: value[selection] for name, value in channels(self).items()}
         return replace(self, **picked)
 
+    def with_joints(self, joints: Sequence[int]) -> MotorLog:
+        """The log of some of its joints."""
+        series = {name: value[:, list(joints)] for name, value in channels(self).items() if name in JOINT_SERIES}
+        return replace(self, joint_names=tuple(self.joint_names[joint] for joint in joints), **series)
+
     def joint(self, index: int) -> MotorLog:
-        """The same log with one joint, J = 1."""
-        series = {name: value[:, [index]] for name, value in channels(self).items() if name in JOINT_SERIES}
-        return replace(self, joint_names=(self.joint_names[index],), **series)
+        """The log of one joint, J = 1."""
+        return self.with_joints([index])
+
+    @property
+    def gains(self) -> np.ndarray | None:
+        """(2, J) logged kp and kd [gain_unit], constant in a segment; of several segments the medians.
+
+        kd equals kp if it is not logged, since models only use its ratio to that of other logs. None without gains.
+        """
+        if self.stated_kp is None:
+            return None
+        first = [part.start for part in self.segment_slices()]
+        kd = self.stated_kp if self.stated_kd is None else self.stated_kd
+        return np.median([self.stated_kp[first], kd[first]], axis=1)
+
+    @property
+    def conditions(self) -> dict[str, np.ndarray]:
+        """(J,) mean of each logged channel of CONDITIONS."""
+        return {name: value.mean(axis=0) for name, value in channels(self).items() if name in CONDITIONS}
 
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
@@ -154,25 +176,6 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     parts = log.segment_slices()
     rows = np.concatenate([np.arange(part.start + 1, part.stop) for part in parts])
     return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
-
-
-def logged_gain_rows(log: MotorLog) -> np.ndarray | None:
-    """(2, T, J) logged kp and kd; kd equals kp if it is not logged. None without gains."""
-    if log.stated_kp is None:
-        return None
-    return np.stack([log.stated_kp, log.stated_kp if log.stated_kd is None else log.stated_kd])
-
-
-def logged_gains_of(log: MotorLog) -> np.ndarray | None:
-    """(2, J) medians of `logged_gain_rows` over segments, or None without gains."""
-    rows = logged_gain_rows(log)
-    return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=1)
-
-
-def segment_means(log: MotorLog, channel: str) -> np.ndarray:
-    """(S, J) means of a channel (T, J) over each segment."""
-    values = getattr(log, channel)
-    return np.array([values[part].mean(axis=0) for part in log.segment_slices()])
 
 
 def is_register(name: str, value: object) -> bool:

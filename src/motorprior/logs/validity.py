@@ -25,6 +25,14 @@ from motorprior.logs.motor_log import (
     is_register,
 )
 
+_BOUNDS = {  # lowest and highest value, and what it is
+    "load_inertia": (float(np.nextafter(0.0, 1.0)), np.inf, "a positive inertia [kg·m²]"),
+    "stated_kp": (float(np.nextafter(0.0, 1.0)), np.inf, "a positive gain"),
+    "stated_kd": (0.0, np.inf, "a gain of 0 or more"),
+    "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
+    **{name: (a, b, f"from {a:g} to {b:g} {CONDITION_UNITS[name]}") for name, (a, b) in CONDITIONS.items()},
+}
+
 
 def checked(log: MotorLog, where: Where = None) -> MotorLog:
     """Return the log with float64 arrays and sorted firmware registers, or raise.
@@ -49,9 +57,12 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
         columns = [column_name(name, index, log.joint_names) for index in range(table.shape[1])]
         require_finite(table, columns, where)
     _check_segments(log, where)
-    for part in log.segment_slices():  # one at a time, to save memory with long logs
-        require_increasing(log.time[part], where, part.start)
-    _check_bounds(log, where)
+    for name, (low, high, expected) in _BOUNDS.items():
+        values = getattr(log, name)
+        if values is not None and np.any(outside := (values < low) | (values > high)):
+            row, *column = np.argwhere(outside)[0].tolist()
+            label, remedy = column_name(name, *column or [0], log.joint_names), "correct it, or leave the channel out"
+            raise bad_value(row, label, values[(row, *column)], expected, where, remedy)
     _check_gains_are_constant(log, where)
     return log
 
@@ -59,11 +70,10 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
 def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
     arrays: dict[str, Any] = {}
     for name in ("time", *JOINT_SERIES, *CODES, "base_orientation"):
-        value = getattr(log, name)
-        if value is None:
+        if getattr(log, name) is None:
             continue
         try:
-            arrays[name] = np.asarray(value, dtype=None if name in CODES else np.float64)
+            arrays[name] = np.asarray(getattr(log, name), dtype=None if name in CODES else np.float64)
         except (ValueError, TypeError) as error:
             problem = f"{name} is not an array of numbers ({error})"
             raise LogError(problem, where=where, remedy="give every row as numbers") from error
@@ -99,25 +109,7 @@ def _check_segments(log: MotorLog, where: Where) -> None:
             problem = f"row {part.start}: segment {index} starts again after it ended"
             raise LogError(problem, where=where, remedy="give each contiguous recording its own index")
         seen.add(index)
-
-
-def _check_bounds(log: MotorLog, where: Where) -> None:
-    tiny = float(np.nextafter(0.0, 1.0))
-    bounds = {
-        "load_inertia": (tiny, np.inf, "a positive inertia [kg·m²]"),
-        "stated_kp": (tiny, np.inf, "a positive gain"),
-        "stated_kd": (0.0, np.inf, "a gain of 0 or more"),
-        "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
-    }
-    for name, (low, high) in CONDITIONS.items():
-        bounds[name] = (low, high, f"from {low:g} to {high:g} {CONDITION_UNITS[name]}")
-    for name, (low, high, expected) in bounds.items():
-        values = getattr(log, name)
-        if values is not None and np.any(outside := (values < low) | (values > high)):
-            row, *column = np.argwhere(outside)[0].tolist()
-            label = column_name(name, column[0] if column else 0, log.joint_names)
-            remedy = "correct it, or leave the channel out"
-            raise bad_value(row, label, values[(row, *column)], expected, where, remedy)
+        require_increasing(log.time[part], where, part.start)
 
 
 def _check_gains_are_constant(log: MotorLog, where: Where) -> None:
@@ -128,9 +120,8 @@ def _check_gains_are_constant(log: MotorLog, where: Where) -> None:
         gains = getattr(log, name)
         if gains is not None and np.any(changed := gains != gains[first]):
             row, column = np.argwhere(changed)[0].tolist()
-            label = column_name(name, column, log.joint_names)
-            remedy = "begin a segment where gains change, or leave them out"
-            raise LogError(f"row {row}, {label} changes within a segment", where=where, remedy=remedy)
+            problem = f"row {row}, {column_name(name, column, log.joint_names)} changes within a segment"
+            raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
 
 
 def _check_firmware(log: MotorLog, where: Where) -> None:
@@ -139,7 +130,5 @@ def _check_firmware(log: MotorLog, where: Where) -> None:
             raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
         if not is_register(name, value):
             low, high = FIRMWARE[name]
-            raise LogError(
-                f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}", where=where,
-                remedy="give it in rad, rad/s or rad/s², or leave it out",
-            )  # fmt: skip
+            problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
+            raise LogError(problem, where=where, remedy="give it in rad, rad/s or rad/s², or leave it out")

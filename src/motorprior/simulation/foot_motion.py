@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
-from motorprior.simulation.build_model import build_model
 
 
 @dataclass(frozen=True, eq=False)

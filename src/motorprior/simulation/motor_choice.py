@@ -18,7 +18,7 @@ from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.identification.prior_file import load_prior, robot_gains
-from motorprior.logs.motor_log import MotorLog, logged_gains_of
+from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 from motorprior.simulation.mujoco_backend import DrawMotors
 
@@ -35,7 +35,7 @@ _MAX_DELAY = 1.0  # [s]; the delay line holds so many physics steps
 
 def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
     """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
-    logged = logged_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
+    logged = log.gains if log.gain_unit == prior.network.gain_unit else None
     return robot_gains(prior, robot) if logged is None else logged
 
 

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.robots.build_model import FLOOR, build_model
 from motorprior.robots.robot import Robot
-from motorprior.simulation.build_model import FLOOR, build_model
 
 WIDTH, HEIGHT = 480, 288  # [pixel], multiples of 16 for video encoders
 REMEDY = "install EGL (Debian: libegl1 with libgl1-mesa-dri), or OSMesa (libosmesa6) and set MUJOCO_GL=osmesa"

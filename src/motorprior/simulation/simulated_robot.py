@@ -11,9 +11,9 @@ import numpy as np
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
 from motorprior.compiled import njit
+from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
+from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
-from motorprior.simulation.build_model import build_model
 
 
 def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
-from motorprior.simulation.build_model import build_model
 from motorprior.simulation.rendering import look_at, set_view_and_light
 
 

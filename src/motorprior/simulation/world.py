@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.kernels import reset_actuator
-from motorprior.simulation.build_model import build_model
+from motorprior.robots.build_model import build_model
 from motorprior.simulation.fatal_errors import install_handler
 from motorprior.simulation.mj_call import mj_step_address, stop_timers
 from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions

@@ -12,8 +12,8 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.excitation import excited_joints
-from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, logged_gain_rows, logged_gains_of
-from motorprior.logs.resampling import drop_repeats, resample
+from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
+from motorprior.logs.operations import drop_repeats, resample
 from motorprior.logs.settings_text import gain_texts
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
@@ -40,7 +40,7 @@ def with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
 
     If only kp is logged, kd = logged kp · kd/kp of the motors.
     """
-    gains = logged_gains_of(log)
+    gains = log.gains
     if gains is None or not logged_constants(log):
         return motors
     kp, kd = gains
@@ -82,8 +82,8 @@ def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
         raise LogError(problem, where=where, remedy=f"needs {robot.joint_names}")
     if not excited_joints(log).size:
         raise LogError("no joint is excited", where=where, remedy="record with a moving command")
-    gains = logged_gain_rows(log) if logged_constants(log) else None
-    if gains is not None and np.ptp(gains, axis=1).any():
+    gains = [part.gains for part in log.segments()] if logged_constants(log) else []
+    if gains and np.ptp(np.array(gains), axis=0).any():
         raise LogError("its segments have different gains", where=where, remedy="split it into a log per set of gains")
     return drop_repeats(log)
 

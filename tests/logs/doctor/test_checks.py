@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.formats.puppersim import read_puppersim_logs
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.resampling import drop_repeats
+from motorprior.logs.operations import drop_repeats
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.puppersim import read_puppersim_logs
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 LIMITS = np.array([[-1.0, 1.0]] * 2)

@@ -7,9 +7,8 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.doctor.gap_segments import begin_at_gaps
 from motorprior.logs.motor_log import MotorLog, channels
-from motorprior.logs.resampling import resample
+from motorprior.logs.operations import begin_at_gaps, resample
 
 Make = Callable[..., MotorLog]
 

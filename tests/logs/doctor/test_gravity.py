@@ -8,9 +8,9 @@ from weighed_arm import JOINTS, slow_motion, write_arm
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
+from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
-from motorprior.simulation.suspended_load import gravity_torque
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import read_log
 
 
 def of_angle(angle: np.ndarray, period: float = 0.01, command: np.ndarray | None = None) -> MotorLog:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.formats.registry import read_log
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import read_log
 
 Change = Callable[[np.ndarray], np.ndarray]
 TIME = 0.01 * np.arange(2400)

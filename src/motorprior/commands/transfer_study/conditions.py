@@ -17,7 +17,7 @@ from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.transfer_study.settings import Study
 from motorprior.identification.fit_prior import PRIOR
-from motorprior.logs.formats.parquet_io import read_parquet, write_log
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import Progress, Task
 from motorprior.robots.load import load_robot
 from motorprior.simulation.motor_choice import MotorChoice

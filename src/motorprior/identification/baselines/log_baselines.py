@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from motorprior.actuator.latent import LatentActuator
 from motorprior.identification import presets
 from motorprior.identification.presets import Preset
+from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Progress, WithoutNotes
 
@@ -105,11 +104,3 @@ def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progres
     runs = whole_runs(with_some_load(log), preset)
     with progress.start("fit responses that need no load", log.num_joints) as task:
         return fit_responses(runs, gravity, seed, task.advance, log.firmware)
-
-
-def with_some_load(log: MotorLog) -> MotorLog:
-    """The log, with a placeholder load if it has none: responses do not read it."""
-    if log.external_torque is not None and log.load_inertia is not None:
-        return log
-    shape = log.joint_pos.shape
-    return replace(log, external_torque=np.zeros(shape), load_inertia=np.ones(shape))

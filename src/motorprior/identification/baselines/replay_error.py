@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.logs.motor_log import MotorLog, logged_gain_rows, logged_gains_of
+from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rmse
 
 # (motors of a log, one of its segments) -> the motors at the gains of that segment
@@ -48,7 +48,7 @@ def scaled_gains(log: MotorLog) -> AtGains:
         return unchanged
 
     def at_gains(motors: Actuator, part: MotorLog) -> Actuator:
-        gains = logged_gains_of(part)
+        gains = part.gains
         if gains is None or not isinstance(motors, IdealPd):
             return motors
         return GainScaledPd(motors, medians).at(gains)
@@ -63,8 +63,8 @@ def with_scaled_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
 
 
 def _median_gains(log: MotorLog) -> np.ndarray | None:
-    rows = logged_gain_rows(log)
-    return None if rows is None else np.median(rows[:, [part.start for part in log.segment_slices()]], axis=(1, 2))
+    gains = [part.gains for part in log.segments() if part.gains is not None]
+    return np.median(gains, axis=(0, 2)) if gains else None
 
 
 def closed_loop_error(

@@ -29,7 +29,7 @@ from motorprior.identification.physics.window_runs import POSITION_SCALE, Window
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
 from motorprior.logs.doctor.excitation import excited_joints, static_joints
-from motorprior.logs.motor_log import MotorLog, logged_gains_of, segment_means
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.settings_text import range_text
 from motorprior.progress import Progress
 from motorprior.results import Result, Results
@@ -111,7 +111,7 @@ def replay_errors(motors: Motors, log: MotorLog, nominal: Mapping[str, float]) -
 def _at_segment(motors: Motors, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
     """The motors at the gains and under the conditions of a segment, ``seconds`` after a cold start."""
     assert not isinstance(motors, ResponseMotors), "responses do not run on loads"
-    gains = logged_gains_of(part)
+    gains = part.gains
     if isinstance(motors, GainScaledPd):
         return motors.pd if gains is None else motors.at(gains)
     if not isinstance(motors, LatentActuator):
@@ -225,7 +225,7 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
             if modelled:
                 found.append(f"note: the log has no {name}: {range_text(name, nominal, nominal)} is assumed")
             continue
-        means, margin = segment_means(log, name), min_difference(name, nominal)
+        means, margin = np.array([part.conditions[name] for part in log.segments()]), min_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
             found.append(

@@ -12,7 +12,7 @@ from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import motor_constants
-from motorprior.identification.baselines.log_baselines import fitted_responses, fitted_tuned_pd, with_some_load
+from motorprior.identification.baselines.log_baselines import fitted_responses, fitted_tuned_pd
 from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
@@ -29,9 +29,10 @@ from motorprior.identification.physics.identifiability import identifiable_const
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.identification.training_data.windows import training_data
-from motorprior.logs.joining import joined
-from motorprior.logs.log_splits import Split
+from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.operations import joined
+from motorprior.logs.splits import Split
 from motorprior.progress import Progress, WarningCollector
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot

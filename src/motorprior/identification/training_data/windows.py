@@ -9,8 +9,8 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.smoothing import smoothed
-from motorprior.logs.motor_log import MotorLog, logged_gain_rows, other_firmware
+from motorprior.logs.motor_log import MotorLog, other_firmware
+from motorprior.logs.operations import with_velocities, without_noise
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         LogError: wrong sample period, a missing channel, another firmware, or segments shorter than a window.
     """
     if preset.objective == "rollout":
-        log = _without_noise(log) if log.encoder == "joint" else _with_velocities(log)
+        log = with_velocities(without_noise(log) if log.encoder == "joint" else log)
     _require(log, preset, where)
     if other := other_firmware(log.firmware, dict(preset.firmware)):
         raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
@@ -97,23 +97,26 @@ def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     if not preset.gain_unit:
         return np.ones((2, *log.joint_pos.shape))
-    rows = logged_gain_rows(log)
-    if rows is None or log.gain_unit != preset.gain_unit:
-        has = "no stated_kp" if rows is None else f"gains in {log.gain_unit}"
+    parts = [(part.gains, part.num_rows) for part in log.segments()]
+    if log.stated_kp is None or log.gain_unit != preset.gain_unit:
+        has = "no stated_kp" if log.stated_kp is None else f"gains in {log.gain_unit}"
         raise LogError(
             f"{has}; the prior's motors have logged gains [{preset.gain_unit}]", where=where,
             remedy="give kp and kd of every joint in the column map or as options of the import",
         )  # fmt: skip
-    return rows
+    return np.concatenate(
+        [np.repeat(gains[:, None], rows, axis=1) for gains, rows in parts if gains is not None], axis=1
+    )
 
 
 def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndarray:
     """(2, M) mean supply voltage over the nominal one [-], motor temperature above it [K]; 1 and 0 if missing."""
     supply, temperature_rise = np.ones(part.num_joints), np.zeros(part.num_joints)
-    if part.supply_voltage is not None and "supply_voltage" in nominal:
-        supply = part.supply_voltage.mean(axis=0) / nominal["supply_voltage"]
-    if part.motor_temperature is not None and "motor_temperature" in nominal:
-        temperature_rise = part.motor_temperature.mean(axis=0) - nominal["motor_temperature"]
+    logged = {name: means for name, means in part.conditions.items() if name in nominal}
+    if "supply_voltage" in logged:
+        supply = logged["supply_voltage"] / nominal["supply_voltage"]
+    if "motor_temperature" in logged:
+        temperature_rise = logged["motor_temperature"] - nominal["motor_temperature"]
     return np.stack([supply, temperature_rise])
 
 
@@ -132,21 +135,6 @@ def seconds_since_cold(log: MotorLog) -> np.ndarray:
         start = start if before <= first <= before + PAUSE else first
         seconds[part], before = log.time[part] - start, log.time[part.stop - 1]
     return seconds
-
-
-def _without_noise(log: MotorLog) -> MotorLog:
-    found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
-    return _with_velocities(log) if found is None else replace(log, joint_pos=found[0], joint_vel=found[1])
-
-
-def _with_velocities(log: MotorLog) -> MotorLog:
-    if log.joint_vel is not None:
-        return log
-    found = np.zeros_like(log.joint_pos)
-    for part in log.segment_slices():
-        if part.stop - part.start > 2:
-            found[part] = np.gradient(log.joint_pos[part], log.time[part], axis=0, edge_order=2)
-    return replace(log, joint_vel=found)
 
 
 def _require(log: MotorLog, preset: Preset, where: str) -> None:

@@ -1,13 +1,15 @@
-"""Which joints were commanded to move and did; checks of how they were excited."""
+"""Which joints were commanded to move and did; checks of how they were excited, and of dead channels."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from motorprior.logs.doctor.clock import gap_rows
 from motorprior.logs.doctor.findings import IN_MAP, Finding
+from motorprior.logs.doctor.readings import MAX_LAG
 from motorprior.logs.motor_log import MotorLog, time_steps
-from motorprior.logs.resampling import repeated_rows, resample
+from motorprior.logs.operations import gap_rows, repeated_rows, resample
 
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
 RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
@@ -49,17 +51,17 @@ def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
     return found, resample(log.joint(column).rows(found), float(period))
 
 
-def excitation(log: MotorLog) -> list[Finding]:
+def excitation(log: MotorLog) -> Iterator[Finding]:
     """Joints that are not commanded, move far less or more than commanded, or reverse rarely."""
-    found, excited = [], excited_joints(log)
+    excited = excited_joints(log)
     if not excited.size:
-        found.append(Finding("error", "excitation", 0.0, "no joint is excited", "record commands that move", row=0))
+        yield Finding("error", "excitation", 0.0, "no joint is excited", "record commands that move", row=0)
     for column, joint in enumerate(log.joint_names):
         command, angle = log.position_target[:, column], log.joint_pos[:, column]
         ratio = float(np.std(angle) / max(np.std(command), 1e-12))
         if column not in excited:
             message = f"{joint} is not excited: standard deviation of its command {1e3 * np.std(command):.3f} mrad"
-            found.append(Finding("info", "excitation", float(np.std(command)), message, joint=joint, row=0))
+            yield Finding("info", "excitation", float(np.std(command)), message, joint=joint, row=0)
             continue
         if not RATIOS[0] <= ratio <= RATIOS[1]:
             message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
@@ -67,12 +69,11 @@ def excitation(log: MotorLog) -> list[Finding]:
                 "check power, homing, joint order and units; if command and angle have different units, convert one "
                 f'in the file, or {IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
             )
-            found.append(Finding("warning", "excitation", ratio, message, remedy, joint, 0))
+            yield Finding("warning", "excitation", ratio, message, remedy, joint, 0)
         count = sum(reversals(angle[part], 0.05 * float(np.ptp(angle))) for part in log.segment_slices())
         if count < MIN_REVERSALS:
             message = f"{joint}: {count} reversals, fewer than {MIN_REVERSALS}: friction and backlash need reversals"
-            found.append(Finding("warning", "reversals", count, message, "record motions back and forth", joint, 0))
-    return found
+            yield Finding("warning", "reversals", count, message, "record motions back and forth", joint, 0)
 
 
 def reversals(angle: np.ndarray, threshold: float) -> int:
@@ -86,7 +87,7 @@ def reversals(angle: np.ndarray, threshold: float) -> int:
     return max(count, 0)
 
 
-def coverage(window: MotorLog) -> list[Finding]:
+def coverage(window: MotorLog) -> Iterator[Finding]:
     """Octaves of frequency in which a joint moves, with amplitudes: √2 RMS of the motion in each octave.
 
     An octave counts if its amplitude exceeds 2 mrad and 5 % of the strongest octave's.
@@ -100,6 +101,38 @@ def coverage(window: MotorLog) -> list[Finding]:
     moved = ", ".join(f"{1e3 * amplitude[k]:.0f} mrad at {OCTAVES[k]:g}-{OCTAVES[k + 1]:g} Hz" for k in strong)
     message = f"{joint} moves by {moved or 'less than 2 mrad'}: {len(strong)} octaves"
     if len(strong) >= 3:
-        return [Finding("info", "coverage", len(strong), message, joint=joint)]
-    message, remedy = f"{message}, fewer than 3", "record steps, chirps or sums of sines as well"
-    return [Finding("warning", "coverage", len(strong), message, remedy, joint)]
+        yield Finding("info", "coverage", len(strong), message, joint=joint)
+    else:
+        remedy = "record steps, chirps or sums of sines as well"
+        yield Finding("warning", "coverage", len(strong), f"{message}, fewer than 3", remedy, joint)
+
+
+def dead(log: MotorLog) -> Iterator[Finding]:
+    """Channels that do not change for 0.5 s while the command moves by half of its range and 0.1 rad.
+
+    The last 0.25 s do not count, as a servo responds late. A velocity is dead only while the angle moves. An angle or a
+    torque at its extreme is saturated.
+    """
+    for column in excited_joints(log):
+        joint, command, angle = log.joint_names[column], log.position_target[:, column], log.joint_pos[:, column]
+        for channel in ("joint_pos", "joint_vel", "joint_torque"):
+            if (values := getattr(log, channel)) is None:
+                continue
+            values = values[:, column]
+            changed = np.diff(values, prepend=np.nan) != 0.0
+            changed[[part.start for part in log.segment_slices()]] = True
+            starts = np.flatnonzero(changed)
+            lasts = np.append(starts[1:], log.num_rows) - 1
+            times = log.time[lasts] - log.time[starts]
+            for place in np.flatnonzero(times >= 0.5).tolist():
+                row, last = int(starts[place]), int(lasts[place])
+                moved = np.ptp(command[row : max(row + 1, last + 1 - round(MAX_LAG / log.period))])
+                extreme = values[row] in (values.min(), values.max()) and np.ptp(values) > 0.0
+                moving = np.ptp(angle[row : last + 1]) > 0.05 * np.ptp(angle)
+                if moved <= max(0.1, 0.5 * np.ptp(command)) or (not moving if channel == "joint_vel" else extreme):
+                    continue
+                message = f"{channel}/{joint} does not change for {times[place]:.2f} s from row {row} while its command"
+                message += f" moves by {moved:.2g} rad"
+                remedy = "check sensor, power and bus; record again, or delete these rows or the channel"
+                yield Finding("warning", "dead", float(times[place]), message, remedy, joint, row)
+                break

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 
 from motorprior.logs.doctor.excitation import MIN_REVERSALS, excited_joints, reversals
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.doctor.jumps import encoder_step
+from motorprior.logs.doctor.readings import encoder_step
+from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import Robot
 from motorprior.signals import rms
 
-Gravity = Callable[[np.ndarray], np.ndarray]  # angles (N, J) [rad] -> torque of gravity on every joint (N, J) [N·m]
 SLOPES = (0.7, 1.4)  # bounds of the load's torque over joint_torque
 MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that hardly changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
@@ -21,41 +22,41 @@ MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
 MIN_ROWS = 20  # of steady motion
 
 
-def torque_sign(window: MotorLog) -> list[Finding]:
+def torque_sign(window: MotorLog) -> Iterator[Finding]:
     """Torques that never change sign (|current|), or push away from the command and take work out of the joint.
 
     A torque that holds a weight keeps its sign, but does not come near 0. With a known load, `load` finds the sign.
     """
     if window.joint_torque is None or np.ptp(window.joint_torque) == 0.0:
-        return []
+        return
     torque, angle, joint = window.joint_torque[:, 0], window.joint_pos[:, 0], window.joint_names[0]
     low, high = np.percentile(np.abs(torque), [5, 95])
     both_ways = reversals(angle, 0.05 * float(np.ptp(angle))) >= MIN_REVERSALS
     if torque.min() * torque.max() >= 0.0 and low <= 0.1 * high and both_ways:
         message = f"joint_torque/{joint} never changes sign while the joint moves back and forth"
         remedy = f"it is the magnitude of a current: leave it out of the file, or {IN_MAP}"
-        return [Finding("warning", "unsigned_torque", float(low), message, remedy, joint)]
+        yield Finding("warning", "unsigned_torque", float(low), message, remedy, joint)
+        return
     error, work = window.position_target[:, 0] - angle, 0.5 * (torque[1:] + torque[:-1]) * np.diff(angle)
     share = float(work.sum() / max(np.abs(work).sum(), 1e-300))
     correlation = float(np.corrcoef(torque, error)[0, 1]) if np.ptp(error) > 0.0 else 0.0
     if window.load_inertia is not None or (correlation >= -0.5 and (share >= -0.3 or correlation > 0.0)):
-        return []
+        return
     message = f"joint_torque/{joint} pushes away from the command: correlation {correlation:.2f} with the position "
     message += f"error, {share:+.2f} of the work goes into the joint"
     remedy = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
-    return [Finding("warning", "torque_sign", correlation, message, remedy, joint)]
+    yield Finding("warning", "torque_sign", correlation, message, remedy, joint)
 
 
-def load(log: MotorLog) -> list[Finding]:
+def load(log: MotorLog) -> Iterator[Finding]:
     """joint_torque against the torque that a known load needed, with friction of the gear.
 
     load_inertia·q̈ - external_torque = slope·joint_torque + coulomb·tanh(q̇/0.05) + viscous·q̇,  coulomb, viscous <= 0
     """
     if log.joint_torque is None or log.load_inertia is None or log.external_torque is None:
-        return []
+        return
     from scipy.optimize import lsq_linear  # takes half a second
 
-    found = []
     for column in excited_joints(log):
         joint, parts = log.joint_names[column], [_blocks(part.joint(column)) for part in log.segments()]
         torque, friction, speed, needed, noise = np.concatenate(parts, axis=1)
@@ -68,12 +69,11 @@ def load(log: MotorLog) -> list[Finding]:
             message = f"joint_torque/{joint} does not explain its load's motion: correlation {correlation:.2f}"
             remedy = f"check load, clocks and sign; correct the sign in the file, or {IN_MAP}; leave out a torque "
             remedy += "computed from a current if gear friction takes most of it"
-            found.append(Finding("warning", "load", correlation, message, remedy, joint, 0))
+            yield Finding("warning", "load", correlation, message, remedy, joint, 0)
         elif not SLOPES[0] <= slope <= SLOPES[1]:
             message = f"the load of {joint} needed {slope:.2f} times its joint_torque, gear friction included"
             remedy = f"check load_inertia, torque constant, gear and unit; convert in the file, or {IN_MAP} by torque"
-            found.append(Finding("warning", "load", slope, message, remedy, joint, 0))
-    return found
+            yield Finding("warning", "load", slope, message, remedy, joint, 0)
 
 
 def _blocks(part: MotorLog) -> np.ndarray:
@@ -98,7 +98,7 @@ def _blocks(part: MotorLog) -> np.ndarray:
     return np.stack([torque, friction, speed, needed, inertia * acceleration_noise])
 
 
-def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
+def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     """One or two joints whose reversal lets the model's gravity explain the position errors of steady motion better.
 
     A position-controlled motor in slow, steady motion deflects by its torque over kp. Per joint,
@@ -106,14 +106,12 @@ def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
         position_target - joint_pos = -gravity/kp + friction·sign(speed) + lag·speed + offset,    kp >= 0
 
     is fitted for the signs as given, and with one or two joints reversed. Gravity does not act about vertical axes.
-
-    Args:
-        log: of a robot whose base is fixed or suspended.
-        gravity: of its model.
+    Nothing is found unless the base was fixed or suspended (`loads.gravity_torque`).
     """
     angle, error, speed, steady = _steady_motion(log)
-    if steady.sum(axis=0).max(initial=0) < MIN_ROWS:
-        return []
+    gravity = gravity_torque(log, robot)
+    if gravity is None or steady.sum(axis=0).max(initial=0) < MIN_ROWS:
+        return
 
     def residual(*joints: int) -> float:
         sign = np.where(np.isin(np.arange(log.num_joints), joints), -1.0, 1.0)
@@ -121,13 +119,13 @@ def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
 
     given = residual()
     if given < MIN_RMS**2:
-        return []
+        return
     squares = {joints: residual(*joints) for size in (1, 2) for joints in combinations(range(log.num_joints), size)}
     enough = min(squares.values()) + 0.05 * max(0.0, given - min(squares.values()))
     joints, square = next((joints, square) for joints, square in squares.items() if square <= enough)  # one, or two
     before, after = np.sqrt([given, square])
     if square > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
-        return []
+        return
     names = " and ".join(log.joint_names[column] for column in joints)
     message = (
         f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained, and "
@@ -136,7 +134,7 @@ def gravity_signs(log: MotorLog, gravity: Gravity) -> list[Finding]:
     remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
     remedy += f"{IN_MAP} by sign and zero, or in the model"
     joint = names if len(joints) == 1 else None
-    return [Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint, 0)]
+    yield Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint, 0)
 
 
 def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -1,19 +1,26 @@
-"""Checks of the response: angle against command, velocity against angle. A window is one joint on a uniform grid."""
+"""Checks of the response: angle against command, velocity against angle, limits.
+
+A window is one joint on a uniform grid.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from motorprior.logs.doctor.excitation import MIN_ROWS, excited_joints
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.doctor.jumps import MAX_LAG
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.doctor.readings import MAX_LAG, encoder_step
+from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
+from motorprior.signals import runs_of_true
 
 MIN_CORRELATION = 0.5
 SLOPES = (0.6, 1.5)  # bounds of slow angle per command; otherwise the units differ
 # correlation above which units explain a slope that is too small, too large: loads and dead bands lower it
 STRAIGHT = (0.9975, 0.95)
 VELOCITY_SLOPES = (0.7, 1.4)
+TRAVEL = 0.1  # share of its range by which the command continues beyond a limit
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
@@ -54,8 +61,13 @@ def lag_rows(window: MotorLog) -> int | None:
     return min(late, int(MAX_LAG / window.period)) if follows else None
 
 
-def tracking(window: MotorLog) -> list[Finding]:
-    """Sign, joint order and lag of the angle against the command, by the first peak of their correlation.
+def tracking(window: MotorLog) -> Iterator[Finding]:
+    """Sign, joint order and lag of the angle against the command, by the first peak of their correlation."""
+    yield _tracked(window)
+
+
+def _tracked(window: MotorLog) -> Finding:
+    """The finding of `tracking`.
 
     An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
     """
@@ -67,35 +79,35 @@ def tracking(window: MotorLog) -> list[Finding]:
     if can_oppose and -opposes - (follows if seconds < MAX_LAG else 0.0) > 0.1:
         remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
         remedy += "[joints.….position_target]"
-        return [Finding("error", "tracking", opposes, f"{joint} {against}", remedy, joint)]
+        return Finding("error", "tracking", opposes, f"{joint} {against}", remedy, joint)
     if follows < MIN_CORRELATION:
         remedy = "check power, joint order and clocks; or command more than the dead band of the servo"
-        return [Finding("warning", "tracking", follows, f"{described}, below {MIN_CORRELATION}", remedy, joint)]
+        return Finding("warning", "tracking", follows, f"{described}, below {MIN_CORRELATION}", remedy, joint)
     if can_oppose and opposed < late and seconds < MAX_LAG:
         remedy = "record more than one frequency, or a step: the lag of one sine is ambiguous"
-        return [Finding("warning", "tracking", seconds, f"{described}, or {against}", remedy, joint)]
+        return Finding("warning", "tracking", seconds, f"{described}, or {against}", remedy, joint)
     ahead = int(np.argmin(np.append(np.diff(r[lead::-1]) > 0.0, False)))  # while the correlation rises
     if ahead * period >= 0.015 and 1.0 - r[lead - ahead] <= 0.2 * (1.0 - r[lead]):
         message = f"{joint} moves {1e3 * ahead * period:.3g} ms before its command, correlation {r[lead - ahead]:.2f}"
         remedy = "command and measurement have different clocks, or are in different rows: put them on one clock"
-        return [Finding("warning", "tracking", -ahead * period, message, remedy, joint)]
+        return Finding("warning", "tracking", -ahead * period, message, remedy, joint)
     speed = float(np.percentile(np.abs(np.diff(window.position_target[:, 0])), 95)) / period
     if seconds > MAX_LAG and seconds * speed > 0.1:  # [rad]; less may be dead band and friction
         message, remedy = f"{described}, above {1e3 * MAX_LAG:g} ms", "check the clocks of command and measurement"
-        return [Finding("warning", "tracking", seconds, message, remedy, joint)]
-    return [Finding("info", "tracking", seconds, described, joint=joint)]
+        return Finding("warning", "tracking", seconds, message, remedy, joint)
+    return Finding("info", "tracking", seconds, described, joint=joint)
 
 
-def proportion(window: MotorLog) -> list[Finding]:
+def proportion(window: MotorLog) -> Iterator[Finding]:
     """Offset of the angle from its command, and slope of slow motion, by means over 0.5 s without fast commands."""
-    joint, late, found = window.joint_names[0], lag_rows(window), []
+    joint, late = window.joint_names[0], lag_rows(window)
     if late is None:
-        return []
+        return
     offset = float(np.median(window.joint_pos - window.position_target))
     if abs(offset) > 1.2:  # loads deflect servos less
         message = f"{joint} is {offset:+.2f} rad off its command (median), more than 1.2"
         remedy = f"if no load deflects it so far, correct the zero of command or angle in the file, or {IN_MAP}"
-        found.append(Finding("warning", "offset", offset, message, remedy, joint))
+        yield Finding("warning", "offset", offset, message, remedy, joint)
     length = max(1, round(0.5 / window.period))
     count = (window.num_rows - late) // length
     command = window.position_target[: count * length].reshape(count, length)
@@ -103,19 +115,17 @@ def proportion(window: MotorLog) -> list[Finding]:
     slow = command.std(axis=1) <= 0.5 * np.std(window.position_target)
     command, angle = command[slow].mean(axis=1), angle[slow].mean(axis=1)
     if len(command) < 8 or np.std(command) < 0.02 or np.std(angle) == 0.0:
-        return found
+        return
     (variance, covariance), (_, other) = np.cov(command, angle)
     slope, correlation = float(covariance / variance), float(covariance / np.sqrt(variance * other))
     if not SLOPES[0] <= slope <= SLOPES[1] and correlation > STRAIGHT[int(slope > 1.0)]:
         message = f"{joint} moves {slope:.2f} rad per rad of slow command, outside {SLOPES[0]} to {SLOPES[1]}"
         remedy = f"command and angle have different units or ticks per turn: convert one in the file, or {IN_MAP}"
-        found.append(Finding("warning", "proportion", slope, message, remedy, joint))
-    return found
+        yield Finding("warning", "proportion", slope, message, remedy, joint)
 
 
-def copied(log: MotorLog) -> list[Finding]:
+def copied(log: MotorLog) -> Iterator[Finding]:
     """Angles that equal their command in more than 90 % of the rows in which it changes (error)."""
-    found = []
     for column in excited_joints(log):
         command, joint = log.position_target[:, column], log.joint_names[column]
         rows = 1 + np.flatnonzero(np.diff(command))
@@ -125,14 +135,13 @@ def copied(log: MotorLog) -> list[Finding]:
         message = f"joint_pos/{joint} equals its command in {100 * same.mean():.4g} % of the rows in which it changes"
         remedy = f"the command is recorded twice: check the columns of the file, and their names {IN_MAP}"
         row = int(rows[np.argmax(same)])
-        found.append(Finding("error", "copied", float(same.mean()), message, remedy, joint, row))
-    return found
+        yield Finding("error", "copied", float(same.mean()), message, remedy, joint, row)
 
 
-def velocity(log: MotorLog) -> list[Finding]:
+def velocity(log: MotorLog) -> Iterator[Finding]:
     """Slope of the integral of joint_vel against the change of joint_pos over 0.1 s, insensitive to encoder steps."""
     if log.joint_vel is None:
-        return []
+        return
     width = max(1, round(0.1 / log.period))
     integrated, moved = [], []
     for part in log.segments():
@@ -141,7 +150,6 @@ def velocity(log: MotorLog) -> list[Finding]:
         integral = np.concatenate([np.zeros((1, log.num_joints)), np.cumsum(steps, axis=0)])
         integrated.append(integral[width:] - integral[:-width])
         moved.append(part.joint_pos[width:] - part.joint_pos[:-width])
-    found = []
     for joint, one, other in zip(log.joint_names, np.concatenate(integrated).T, np.concatenate(moved).T, strict=True):
         if len(other) < MIN_ROWS or np.std(other) < 1e-3:
             continue
@@ -149,12 +157,60 @@ def velocity(log: MotorLog) -> list[Finding]:
         correlation = float(other @ one / max(np.sqrt((one @ one) * (other @ other)), 1e-300))
         message = f"{joint}: integrated joint_vel is {slope:.3g} times the change of joint_pos"
         if VELOCITY_SLOPES[0] <= slope <= VELOCITY_SLOPES[1]:
-            found.append(Finding("info", "velocity", slope, message, joint=joint, row=0))
+            yield Finding("info", "velocity", slope, message, joint=joint, row=0)
             continue
         remedy = f"check its joint order, gear, sign and unit; correct it in the file, or {IN_MAP}: sign = -1 in "
         remedy += '[joints.….joint_vel], velocity = "deg/s" or "rpm"; or leave it out'
         message += f", outside {VELOCITY_SLOPES[0]} to {VELOCITY_SLOPES[1]} (correlation {correlation:.2f})"
         wrong = abs(correlation) > MIN_CORRELATION and (slope < 0.0 or slope > 5.0)  # sign, or deg/s, rpm
         severity = "error" if wrong else "warning"
-        found.append(Finding(severity, "velocity", slope, message, remedy, joint, 0))
-    return found
+        yield Finding(severity, "velocity", slope, message, remedy, joint, 0)
+
+
+def saturation(window: MotorLog) -> Iterator[Finding]:
+    """Angle, velocity or torque of a joint that stays at its extreme for 0.1 s while the command continues.
+
+    Angle: see `_at_end_stop`. Velocity: the angle is behind its command by 0.25 s of that velocity. Torque: the command
+    moves by 10 % of its range, and the torque has 20 or more values.
+    """
+    joint, late = window.joint_names[0], lag_rows(window)
+    if late is not None:
+        late = min(late, int(0.1 / window.period))  # dead band and friction of slow motion cause longer lags
+    min_rows = max(5, round(0.1 / window.period) + 1)  # reversals are shorter
+    for sign in (1.0, -1.0):
+        command, angle = sign * window.position_target[:, 0], sign * window.joint_pos[:, 0]
+        extremes = {"joint_pos": (angle.max(), angle >= angle.max() - encoder_step(angle))}
+        if window.joint_vel is not None and (top := (velocity := sign * window.joint_vel[:, 0]).max()) > 0.0:
+            extremes["joint_vel"] = top, (velocity >= 0.98 * top) & (command - angle > MAX_LAG * top)
+        if window.joint_torque is not None and len(np.unique(torque := sign * window.joint_torque[:, 0])) >= 20:
+            extremes["joint_torque"] = torque.max(), torque >= torque.max() - 1e-9 * abs(torque.max())
+        for channel, (top, at_top) in extremes.items():
+            runs = [slice(*run) for run in runs_of_true(at_top).tolist() if run[0] and run[1] - run[0] >= min_rows]
+            if channel == "joint_pos":
+                runs = [run for run in runs if _at_end_stop(command, angle, run, late)]
+            elif channel == "joint_torque":
+                runs = [run for run in runs if np.ptp(command[run]) > TRAVEL * np.ptp(command)]
+            if runs:
+                time = window.period * sum(run.stop - run.start - 1 for run in runs)
+                message = (
+                    f"{channel}/{joint} stays at its extreme {sign * top:.4g} {JOINT_SERIES[channel]} for {time:.2f} s "
+                    "in total while its command continues"
+                )
+                remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
+                yield Finding("warning", "saturation", time, message, remedy, joint, runs[0].start)
+
+
+def _at_end_stop(command: np.ndarray, angle: np.ndarray, run: slice, late: int | None) -> bool:
+    """Whether the command continues beyond the highest angle, reached in ``run``, by 10 % of the command's range.
+
+    Friction and dead band hold a joint after a reversal, too. So either the command is 2.5 times as far away as the RMS
+    of other errors; or the command ``late`` rows before rises by 0.03 rad after the joint stopped.
+    """
+    top, travel, here = angle.max(), TRAVEL * np.ptp(command), command[run]
+    error = (command - angle)[(angle < top - 1e-6) & (angle > angle.min() + 1e-6)]
+    if here.max() - max(here.min(), top) <= travel:
+        return False
+    far = here.max() - top > 2.5 * np.sqrt(np.mean(error**2)) if error.size else True
+    first = run.start - (late or 0)
+    acting = command[max(0, first) : max(1, run.stop - (late or 0))]
+    return bool(far or (late is not None and acting.max() - max(acting[0], top) > max(travel, 0.03)))

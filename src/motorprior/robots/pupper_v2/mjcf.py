@@ -44,7 +44,7 @@ def _leg(leg: str) -> str:
 
 
 def mjcf() -> str:
-    """MJCF of the robot alone, in the air; `simulation.build_model` adds floor, contacts and clock."""
+    """MJCF of the robot alone, in the air; `robots.build_model` adds floor, contacts and clock."""
     legs = "".join(_leg(leg) for leg in spec.LEGS)
     box = tuple(size / 2 for size in spec.CHASSIS_BOX_SIZE)
     return f"""<mujoco model="{spec.ROBOT_NAME}">

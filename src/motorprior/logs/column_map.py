@@ -1,0 +1,215 @@
+"""Column maps: short TOML files that state what the columns of a third-party table mean (docs/your-motors.md).
+
+    motor = "Feetech STS3215"
+    time = "t_ms"
+    position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
+    joint_pos = "present_{joint}"
+
+    [units]
+    time = "ms"
+
+    [joints.1]
+    name = "shoulder_pan"                   # of the robot's joint
+
+An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.bounds import is_number
+from motorprior.exceptions import ArtifactError
+from motorprior.files import read_toml
+from motorprior.logs.column_units import (
+    OF_JOINTS,
+    QUANTITIES,
+    REMEDY,
+    SCALES,
+    TIMES,
+    UNITS,
+    Conversion,
+    conversions,
+    optional,
+)
+from motorprior.logs.motor_log import (
+    CONDITIONS,
+    ENCODERS,
+    FIRMWARE,
+    GAIN_UNITS,
+    PHYSICAL_GAINS,
+    POSTURES,
+    is_register,
+)
+from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of
+
+SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
+GAINS = {"kp": (1e-6, 1e6), "kd": (0.0, 1e6)}  # bounds
+JOINT, NAME = "{joint}", "{name}"  # placeholders in column names
+_NAME = Field("a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200)
+_CONDITION = {
+    name: Field(
+        f"the name of a column, or a number from {low:g} to {high:g}",
+        lambda value, low=low, high=high: _NAME.accepts(value) or is_number(value, low, high),
+    )
+    for name, (low, high) in CONDITIONS.items()
+}
+_MAP = Schema(
+    {
+        **dict.fromkeys(("motor", "robot", "time", "segment", "posture", *SERIES), _NAME),
+        **_CONDITION,
+        "rate": number(1e-3, 1e6, unit="Hz"),
+        "encoder": one_of(*ENCODERS),
+        **dict.fromkeys(("units", "firmware"), TABLE),
+        "joints": Field("a table with a table per joint", lambda value: TABLE.accepts(value) and len(value) > 0),
+    },
+    REMEDY,
+    optional=frozenset({"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}),
+)
+_UNITS = optional({**UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}, "units")
+_REGISTERS = {
+    name: Field(f"0 (off) or a number from {low:g} to {high:g}", partial(is_register, name))
+    for name, (low, high) in FIRMWARE.items()
+}
+_FIRMWARE = optional(_REGISTERS, "firmware")
+_JOINT = optional({"name": _NAME, **OF_JOINTS, **{name: number(*bounds) for name, bounds in GAINS.items()}})
+_PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
+_MAPS = files("motorprior.logs").joinpath("maps")
+
+
+@dataclass(frozen=True)
+class MappedJoint:
+    """A joint: its name in the columns, the robot's name for it, gains, and conversions of channels not in SI units."""
+
+    column: str
+    name: str
+    kp: float | None = None
+    kd: float | None = None
+    conversions: Mapping[str, Conversion] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnMap:
+    """The meaning of the columns of a table.
+
+    Attributes:
+        source: file or name of the map.
+        series: channel -> name of its columns, with JOINT or NAME; for CONDITIONS it may be one column for all joints.
+        joints: in the order of the map.
+        motor: motor model.
+        robot: name of the robot, or empty.
+        encoder: where angles are measured, "joint" or "rotor"; empty if not given.
+        time: column of the time, or None with ``rate``.
+        time_scale: seconds per unit of that column.
+        rate: of the rows [Hz], or None.
+        segment: column with the index of the recording, or None.
+        posture: one of POSTURES for all rows, or the name of a column, or None.
+        base_orientation: columns of roll and pitch [rad], or none.
+        conditions: CONDITIONS that hold for all rows and joints.
+        gain_unit: of the joints' gains (`MotorLog`).
+        firmware: registers of all motors (`MotorLog`).
+    """
+
+    source: str
+    series: dict[str, str]
+    joints: tuple[MappedJoint, ...]
+    motor: str = ""
+    robot: str = ""
+    encoder: str = ""
+    time: str | None = None
+    time_scale: float = 1.0
+    rate: float | None = None
+    segment: str | None = None
+    posture: str | None = None
+    base_orientation: tuple[str, ...] = ()
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    gain_unit: str = PHYSICAL_GAINS
+    firmware: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def posture_column(self) -> str | None:
+        """Name of the column of postures, if there is one."""
+        return None if self.posture in POSTURES else self.posture
+
+    def columns_of(self, channel: str, joints: Iterable[MappedJoint]) -> list[str]:
+        """Column names of a channel, one per joint."""
+        return [self.series[channel].replace(JOINT, joint.column).replace(NAME, joint.name) for joint in joints]
+
+    def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
+        """(J,) kp and kd of these joints as channels of a log, if given."""
+        found = {f"stated_{name}": [getattr(joint, name) for joint in joints] for name in GAINS}
+        return {name: np.array(values) for name, values in found.items() if None not in values}
+
+
+def shipped_maps() -> tuple[str, ...]:
+    """Names of the maps in the package."""
+    return tuple(sorted(file.name.removesuffix(".toml") for file in _MAPS.iterdir()))
+
+
+def load_column_map(name_or_path: str | Path) -> ColumnMap:
+    """Load a shipped map by name, or a .toml file by path.
+
+    Raises:
+        ArtifactError: no such map or file, not TOML, or an unknown or bad entry; names the key and its value.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        return _from_table(read_toml(path, REMEDY), str(path))
+    if str(name_or_path) not in shipped_maps():
+        remedy = f"use one of {', '.join(shipped_maps())}, or the path of a .toml file"
+        raise ArtifactError(f"no column map {str(name_or_path)!r}", remedy=remedy)
+    return _from_table(tomllib.loads((_MAPS / f"{name_or_path}.toml").read_text("utf-8")), str(name_or_path))
+
+
+def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
+    _MAP.check(table, where)
+    units, firmware = table.get("units", {}), table.get("firmware", {})
+    _UNITS.check(units, where)
+    _FIRMWARE.check(firmware, where)
+    if ("time" in table) == ("rate" in table):
+        problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
+        raise ArtifactError(problem, where=where, remedy="give one of the two")
+    scale = dict.fromkeys(CONDITIONS, 1.0) | {"supply_voltage": SCALES["voltage"][units.get("voltage", "V")]}
+    return ColumnMap(
+        source=where, time_scale=TIMES[units.get("time", "s")], series=_series(table, where),
+        joints=_joints(table["joints"], units, where), gain_unit=units.get("gain", PHYSICAL_GAINS), firmware=firmware,
+        conditions={name: table[name] * scale[name] for name in CONDITIONS if is_number(table.get(name))},
+        **{name: table[name] for name in _PLAIN if name in table},
+    )  # fmt: skip
+
+
+def _series(table: dict[str, Any], where: str) -> dict[str, str]:
+    series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
+    for name, column in series.items():
+        one_for_all = name in CONDITIONS or len(table["joints"]) == 1
+        if not one_for_all and JOINT not in column and NAME not in column:
+            remedy = f"put {JOINT} in place of the joint's name; pivot a table with a row per joint and time; {REMEDY}"
+            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy)
+    return series
+
+
+def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
+    found = tuple(_joint(column, joint, units, f"{where}[joints.{column}]") for column, joint in table.items())
+    names = [joint.name for joint in found]
+    if double := {name for name in names if names.count(name) > 1}:
+        raise ArtifactError(f"two joints are named {sorted(double)[0]!r}", where=where, remedy="name each once")
+    for name in GAINS:
+        lacking = [joint.column for joint in found if getattr(joint, name) is None]
+        if 0 < len(lacking) < len(found):
+            problem = f"joint {lacking[0]!r} lacks {name}, others have it"
+            raise ArtifactError(problem, where=where, remedy="give all or none")
+    return found
+
+
+def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> MappedJoint:
+    _JOINT.check(joint, place)
+    known = conversions(joint, units, place)
+    return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)

@@ -1,0 +1,136 @@
+"""Load a recording as a log from which motors can be identified: settings, gaps, grid, loads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.bounds import require_number
+from motorprior.exceptions import ConfigError
+from motorprior.logs.column_map import GAINS, ColumnMap
+from motorprior.logs.doctor.load import gravity_signs
+from motorprior.logs.loads import LOADS, with_loads
+from motorprior.logs.motor_log import CONDITIONS, MotorLog
+from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
+from motorprior.logs.read_log import read_log, reader_of
+from motorprior.logs.validity import checked
+from motorprior.progress import WARNED, WARNING, Progress
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+
+PERIOD = 0.002  # of the presets of identification for real motors [s]
+
+
+def load_log(
+    path: str | Path,
+    *,
+    columns: ColumnMap | str | Path | None = None,
+    robot: Robot | str | Path | None = None,
+    suspended: bool = False,
+    period: float | None = PERIOD,
+    kp: float | Sequence[float] = (),
+    kd: float | Sequence[float] = (),
+    firmware: Mapping[str, float] | None = None,
+    conditions: Mapping[str, float] | None = None,
+    progress: Progress = WARNED,
+) -> MotorLog:
+    """Read a recording in any format and prepare it for `fit_prior` and `adapt`.
+
+    A segment begins after every gap. Gaps, assumptions of the format, and joint signs that contradict gravity are
+    reported.
+
+    Args:
+        path: as in `read_log`.
+        columns: as in `read_log`.
+        robot: the recorded robot, its name or its .toml file; gives the loads, and the joints of formats that do not
+            name them.
+        suspended: the robot was suspended with a level body, or has a fixed base: smooth the readings and compute the
+            loads of the motors from the model of ``robot``. Otherwise loads are those of the log, if it has any.
+        period: time step of the result [s]; None keeps the recorded rows.
+        kp: proportional gain during the log, in its unit of gains: one for all joints, or one per joint in the robot's
+            order. Overrides the log and ``columns``.
+        kd: derivative gain, likewise.
+        firmware: registers of `motor_log.FIRMWARE`, in SI units; they override those of the log.
+        conditions: some of `motor_log.CONDITIONS`, for all joints and rows; they override those of the log.
+        progress: where to report to; by default warnings are Python warnings.
+
+    Raises:
+        ConfigError: a number out of range, several gains without an order of the joints, or loads without a robot or
+            period, or for a log that has loads.
+        LogError: the log cannot be read, or lacks what loads need.
+        ArtifactError: a bad column map or robot.
+    """
+    robot = robot if isinstance(robot, Robot) or robot is None else load_robot(robot)
+    path = Path(path)
+    reader = reader_of(path, columns is not None)
+    if period is not None:
+        require_number("period", period, 1e-6, 1.0)
+    if suspended and (robot is None or period is None):
+        problem = "suspended: no model for the loads" if robot is None else "suspended: loads need a period"
+        remedy = "give robot, its .toml file (docs/your-robot.md), and a period"
+        raise ConfigError(problem, where=path, remedy=remedy, argument="robot" if robot is None else "period")
+    if period is not None and columns is None and reader.on_grid is not None:
+        log = with_settings(reader.on_grid(path, robot, period), kp, kd, firmware, conditions, robot, progress)
+    else:
+        log = with_settings(read_log(path, robot, columns), kp, kd, firmware, conditions, robot, progress)
+        log, gaps = begin_at_gaps(log, period or 0.0)
+        for message in filter(None, (gaps, "" if columns else reader.assumption)):
+            progress.note(f"{path}: {message}")
+        if period is not None:
+            log = smooth_on_grid(log, period) if suspended else resample(log, period)
+    return _with_loads(log, robot, path, progress) if suspended and robot is not None else log
+
+
+def _with_loads(log: MotorLog, robot: Robot, path: Path, progress: Progress) -> MotorLog:
+    """The log with loads; warns if gravity contradicts the signs of the joints."""
+    if present := [name for name in LOADS if getattr(log, name) is not None]:
+        problem = f"suspended: the log already contains its load ({present[0]})"
+        raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
+    log = with_loads(log, robot)
+    for finding in gravity_signs(log, robot):
+        progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
+    return log
+
+
+def with_settings(
+    log: MotorLog,
+    kp: float | Sequence[float] = (),
+    kd: float | Sequence[float] = (),
+    firmware: Mapping[str, float] | None = None,
+    conditions: Mapping[str, float] | None = None,
+    robot: Robot | None = None,
+    progress: Progress = WARNED,
+) -> MotorLog:
+    """The log with these gains, registers and conditions; arguments as in `load_log`.
+
+    Raises:
+        ConfigError: a number out of range, a wrong number of gains, or several for joints in no robot's order.
+        LogError: a register out of its bounds.
+    """
+    values: dict[str, Any] = {}
+    for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
+        for value in given.tolist():
+            require_number(name, value, *GAINS[name])
+        if given.size not in (0, 1, log.num_joints):
+            problem = f"{name}: {given.size} gains for {log.num_joints} joints"
+            raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
+        if given.size > 1:
+            order = tuple(joint for joint in robot.joint_names if joint in log.joint_names) if robot else ()
+            if log.joint_names != order:
+                problem = f"{name}: several gains; the joints {', '.join(log.joint_names)} are not in a robot's order"
+                remedy = f"give them in the column map ([joints.{log.joint_names[0]}] {name} = …), or give the robot"
+                raise ConfigError(problem, where=log.source, argument=name, remedy=remedy)
+            pairs = zip(log.joint_names, given.tolist(), strict=True)
+            progress.note(f"{log.source}: {name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")
+        if given.size:
+            values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
+    for name, value in (conditions or {}).items():
+        require_number(name, value, *CONDITIONS[name])
+        values[name] = np.full(log.joint_pos.shape, value)
+    if firmware:
+        values["firmware"] = {**log.firmware, **firmware}
+    return checked(replace(log, **values), where=log.source) if values else log

@@ -1,0 +1,231 @@
+"""Operations on logs: gaps, grid, noise, repeats, joining. Splits of rows: `splits`; loads: `loads`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, other_firmware, time_steps
+from motorprior.logs.validity import checked
+
+GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
+MIN_ROWS = 4  # of a segment next to a gap
+_MAX_NAMED = 5  # gaps that the message lists
+_MAX_ROWS = 50_000_000  # of a grid
+# Channels that are held until the next row; the others are interpolated
+_HELD = ("position_target", "load_inertia", "stated_kp", "stated_kd", *CODES)
+
+
+def gap_rows(log: MotorLog) -> np.ndarray:
+    """(G,) rows before which more than 5 median time steps of their segment passed."""
+    found = [np.zeros(0, dtype=np.intp)]
+    for part in log.segment_slices():
+        steps = np.diff(log.time[part])
+        if len(steps):
+            found.append(part.start + 1 + np.flatnonzero(steps > GAP_FACTOR * np.median(steps)))
+    return np.concatenate(found)
+
+
+def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
+    """Begin a segment after every gap, so that nothing is interpolated or fitted across it.
+
+    Args:
+        log: as it was recorded.
+        period: of the grid for the log [s]. Pieces next to gaps with a shorter duration, or with fewer than 4 rows, are
+            dropped. Segments without a gap stay as they are.
+
+    Returns:
+        The log, its segments renumbered, and a sentence about the gaps; the same log and "" if there are none.
+
+    Raises:
+        LogError: no piece remains.
+    """
+    gaps = gap_rows(log)
+    if not gaps.size:
+        return log, ""
+    after = set(gaps.tolist())
+    pieces = []
+    for first, last in pairwise(sorted({part.start for part in log.segment_slices()} | after | {log.num_rows})):
+        short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
+        if not (short and after & {first, last}):
+            pieces.append(np.arange(first, last))
+    if not pieces:
+        problem = f"no run of {MIN_ROWS} rows without a gap of more than {GAP_FACTOR:g} median steps"
+        remedy = "record the time at which a row was measured, not received; or state rate in a column map"
+        raise LogError(problem, where=log.source, remedy=remedy)
+    segment = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    kept = replace(log.rows(np.concatenate(pieces)), segment=segment)
+    return checked(kept, where=log.source), _gap_text(log, gaps, log.num_rows - kept.num_rows)
+
+
+def _gap_text(log: MotorLog, gaps: np.ndarray, dropped: int) -> str:
+    steps = log.time[gaps] - log.time[gaps - 1]
+    named = [f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s" for step, row in zip(steps, gaps, strict=True)]
+    more = [f"and {len(gaps) - _MAX_NAMED} more"] if len(gaps) > _MAX_NAMED else []
+    more += ["a segment begins after each"]
+    more += [f"{dropped} rows between gaps, too few to use, are left out"] if dropped else []
+    count = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    return f"{count} longer than {GAP_FACTOR:g} median steps: {'; '.join(named[:_MAX_NAMED] + more)}"
+
+
+def resample(log: MotorLog, period: float) -> MotorLog:
+    """Put each segment on the grid t_k = t_0 + k·period, up to its last row.
+
+    Commands are held (zero order); measurements are interpolated linearly. Drop repeated measurements first
+    (`drop_repeats`), or the result moves in steps.
+
+    Args:
+        log: T rows.
+        period: time step of the grid [s].
+
+    Raises:
+        LogError: a period that is longer than a segment, or gives more than 50 million rows.
+    """
+    if log.duration / period > _MAX_ROWS:  # after a jump of the clock
+        rows, steps = time_steps(log)
+        gap = int(np.argmax(steps))
+        problem = f"more than {_MAX_ROWS} rows of {period:g} s; a time step is {steps[gap]:g} s, before row {rows[gap]}"
+        raise LogError(problem, where=log.source, remedy="begin a segment after the gap, or choose a longer period")
+    parts = [_resample_segment(segment, period) for segment in log.segments()]
+    return checked(replace(log, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}))
+
+
+def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
+    start, end = float(segment.time[0]), float(segment.time[-1])
+    count = math.floor((end - start) / period * (1.0 + 1e-12) + 1e-6) + 1
+    if count < 2:
+        problem = f"period {period} s is longer than the segment at {start:g} s, which lasts {end - start:g} s"
+        raise LogError(problem, where=segment.source, remedy="choose a shorter period")
+    grid = start + period * np.arange(count)
+    held = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
+    result = {"time": grid}
+    for name, value in channels(segment).items():
+        if name in _HELD:
+            result[name] = value[held]
+        elif name != "time":
+            result[name] = np.stack([np.interp(grid, segment.time, column) for column in value.T], axis=1)
+    return result
+
+
+def without_noise(log: MotorLog) -> MotorLog:
+    """The log with smoothed angles and velocities (`smoothing`); unchanged if its readings are free of noise."""
+    from motorprior.logs.smoothing import smoothed  # it compiles
+
+    found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
+    return log if found is None else replace(log, joint_pos=found[0], joint_vel=found[1])
+
+
+def with_velocities(log: MotorLog) -> MotorLog:
+    """The log with velocities: its own, or differences of its angles."""
+    if log.joint_vel is not None:
+        return log
+    found = np.zeros_like(log.joint_pos)
+    for part in log.segment_slices():
+        if part.stop - part.start > 2:
+            found[part] = np.gradient(log.joint_pos[part], log.time[part], axis=0, edge_order=2)
+    return replace(log, joint_vel=found)
+
+
+def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
+    """The log at steps of ``period`` [s]: commands held, angles splines through smoothed readings.
+
+    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations.
+    """
+    from scipy.interpolate import CubicSpline  # takes half a second
+
+    angles, grid = without_noise(log).joint_pos, resample(log, period)
+    pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
+    for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
+        spline = CubicSpline(log.time[old], angles[old], axis=0)
+        pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
+    return replace(grid, joint_pos=pos, joint_vel=vel)
+
+
+def repeated_rows(log: MotorLog) -> np.ndarray:
+    """Mask (T,) of rows whose measured angles all equal those of the previous row of the same segment."""
+    repeated = np.zeros(log.num_rows, dtype=bool)
+    for part in log.segment_slices():
+        repeated[part.start + 1 : part.stop] = np.all(np.diff(log.joint_pos[part], axis=0) == 0.0, axis=1)
+    return repeated
+
+
+def drop_repeats(log: MotorLog) -> MotorLog:
+    """Keep the first row of every run of equal measurements.
+
+    A host that polls faster than the robot answers logs the same angles several times, which makes velocities zero.
+    Only for logs of hardware: exact repeats in simulation are real.
+
+    Raises:
+        LogError: a segment has fewer than 2 different measurements.
+    """
+    kept = log.rows(~repeated_rows(log))
+    for segment in kept.segments():
+        if segment.num_rows < 2:
+            problem = f"all measured angles of the segment at {segment.time[0]:g} s are equal"
+            raise LogError(problem, where=log.source, remedy="check the encoders, or remove the segment")
+    return kept
+
+
+def joined(logs: Sequence[MotorLog]) -> MotorLog:
+    """Join logs into one.
+
+    Logs with equal joint names become consecutive segments. Logs without common joint names are recordings of different
+    motors: their joints become columns of one log, cut to the shortest and with the times of the first.
+
+    Raises:
+        LogError: no log; some joint names in common; different robots, channels, encoders, gain units or firmware; or,
+            for different motors, segments that begin at different rows.
+    """
+    if not logs:
+        raise LogError("no log given", remedy="give at least one")
+    first, names = logs[0], [name for log in logs for name in log.joint_names]
+    for log in logs[1:]:
+        _require_equal_settings(first, log)
+    if len(logs) == 1:
+        return first
+    source = "; ".join(dict.fromkeys(log.source for log in logs))
+    if all(log.joint_names == first.joint_names for log in logs):
+        whole = replace(first, **_in_sequence(logs))
+    elif len(set(names)) == len(names):
+        whole = replace(_side_by_side(logs, source), joint_names=tuple(names))
+    else:
+        remedy = "give each motor its own joint name, or give logs of the same joints in the same order"
+        raise LogError("some of the logs' joint names are equal", where=source, remedy=remedy)
+    return checked(replace(whole, source=source), where=source)
+
+
+def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
+    problem = ""
+    for name in ("robot", "motor", "encoder", "gain_unit"):
+        if getattr(first, name) != getattr(log, name):
+            problem = problem or f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
+    registers = sorted(f"firmware.{name}" for name in first.firmware.keys() ^ log.firmware.keys())
+    unequal = registers + sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"})
+    if unequal:
+        problem = problem or f"only some of the logs have {', '.join(unequal)}"
+    if problem := problem or other_firmware(log.firmware, first.firmware) or "":
+        remedy = "import all with the same channels and registers, or fit one at a time"
+        raise LogError(problem, where=log.source, remedy=remedy)
+
+
+def _in_sequence(logs: Sequence[MotorLog]) -> dict[str, Any]:
+    parts = [part for log in logs for part in log.segments()]
+    names = channels(parts[0]).keys() - {"segment"}
+    values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
+    return values | {"segment": np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])}
+
+
+def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
+    rows = min(log.num_rows for log in logs)
+    cut = [log.rows(slice(0, rows)) for log in logs]
+    if any(log.segment_slices() != cut[0].segment_slices() for log in cut):
+        problem = "the logs' segments begin at different rows"
+        raise LogError(problem, where=source, remedy="record all motors with the same segments")
+    names = channels(cut[0]).keys() & JOINT_SERIES.keys()
+    return replace(cut[0], **{name: np.concatenate([channels(log)[name] for log in cut], axis=1) for name in names})

@@ -1,0 +1,110 @@
+"""Datasets of LeRobot (version 3: ``meta/info.json``, ``data/chunk-*/file-*.parquet``).
+
+``action`` is the command and ``observation.state`` the angle: lists of one number per joint, in degrees. Episodes
+become segments; info.json names joints and robot. The dataset does not contain its units: recordings in other units,
+and grippers, which LeRobot records in per cent, need a column map with ``scale``. The file lerobot_robots.toml holds
+the servo registers that LeRobot's driver writes.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.exceptions import LogError, quoted
+from motorprior.files import read_text
+from motorprior.logs.column_map import ColumnMap, MappedJoint
+from motorprior.logs.column_units import SCALES, Conversion
+from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader
+from motorprior.logs.mapped_log import read_mapped_log, robot_of_joints
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.tables import table_columns
+from motorprior.robots.robot import Robot
+
+INFO = Path("meta") / "info.json"
+ACTION, STATE = "action", "observation.state"
+_REMEDY = "give the folder of a LeRobot dataset of version 3 with action and observation.state"
+
+
+def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
+    """Read a dataset; every episode is a segment.
+
+    Args:
+        path: the folder that holds ``meta`` and ``data``.
+        robot: gives the order of the joints if it has these joints.
+
+    Raises:
+        LogError: a missing or damaged file, missing rows, or actions that are not positions of the same joints.
+    """
+    info = _info(path)
+    names = _joint_names(info, ACTION, path)
+    if names != (state := _joint_names(info, STATE, path)):
+        problem = f"{ACTION} has {list(names)}, {STATE} has {list(state)}"
+        raise LogError(problem[:400], where=path / INFO, remedy="give a dataset whose actions are joint positions")
+    degrees = dict.fromkeys(("position_target", "joint_pos"), Conversion(SCALES["angle"]["deg"]))
+    kind = str(info.get("robot_type") or "")
+    registers = tomllib.loads((files("motorprior.logs.readers") / "lerobot_robots.toml").read_text("utf-8"))
+    columns = ColumnMap(
+        source=str(path / INFO), robot=kind, time="timestamp", segment="episode_index",
+        joints=tuple(MappedJoint(str(k), name, conversions=degrees) for k, name in enumerate(names)),
+        series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
+        firmware=registers.get(kind, {}),
+    )  # fmt: skip
+    return read_mapped_log(path, columns, _columns, robot_of_joints(robot, names))
+
+
+def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
+    """Columns of all files of a dataset."""
+    info, found = _info(path), sorted(path.glob("data/chunk-*/file-*.parquet"))
+    if not found:
+        raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
+    parts = [table_columns(file, names, columns.time, columns.posture_column) for file in found]
+    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    rows = len(table[names[0]])
+    if (total := info.get("total_frames", rows)) != rows:
+        problem = f"total_frames is {str(total)[:40]}, its data/chunk-*/file-*.parquet have {rows}"
+        raise LogError(problem, where=path / INFO, remedy="copy the dataset again with all its files")
+    return table
+
+
+READER = LogReader(
+    "dataset of LeRobot",
+    (FOLDER,),
+    lambda path: (path / INFO).is_file(),
+    read_lerobot,
+    _columns,
+    assumption="a LeRobot dataset does not contain its units: angles are taken as degrees, also of the gripper, which "
+    "LeRobot usually records in per cent; for other units give columns, a column map with scale (docs/your-motors.md)",
+)
+
+
+def _info(path: Path) -> dict[str, Any]:
+    where = path / INFO
+    try:
+        info = json.loads(read_text(where, 10_000_000, LogError))
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"not JSON ({error})", where=where, remedy=_REMEDY) from error
+    version = str(info.get("codebase_version")) if isinstance(info, dict) else ""
+    if not version.startswith("v3."):
+        remedy = "convert version 2.1 with LeRobot's convert_dataset_v21_to_v30, and give the new folder"
+        raise LogError(f"codebase_version {quoted(version)}, not v3", where=where, remedy=remedy)
+    return info
+
+
+def _joint_names(info: dict[str, Any], feature: str, path: Path) -> tuple[str, ...]:
+    try:
+        names = info["features"][feature]["names"]
+        if isinstance(names, dict):  # one group of motors
+            (names,) = names.values()
+        others = [name for name in names if "." in name and not name.endswith(".pos")]
+    except (KeyError, TypeError, ValueError) as error:
+        raise LogError(f"features lacks the names of {feature}", where=path / INFO, remedy=_REMEDY) from error
+    if others:
+        problem = f"{feature} has {quoted(others[0])}, which is not a position (.pos)"
+        raise LogError(problem, where=path / INFO, remedy=f"read the positions {GIVE_COLUMNS}", argument="columns")
+    return tuple(name.removesuffix(".pos") for name in names)

@@ -1,0 +1,146 @@
+"""Motor logs on disk: one Parquet file per log, float64, with a strict JSON header.
+
+Columns are ``time_s``, ``<channel>_<unit>/<joint>`` such as ``joint_pos_rad/FR_hip``, and optionally ``segment``,
+``posture`` (an index of `motor_log.POSTURES`), ``base_roll_rad`` and ``base_pitch_rad``. The header is the schema
+metadata ``b"motorprior"``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.artifacts import atomic_path, parse_json
+from motorprior.exceptions import ArtifactError, LogError
+from motorprior.logs.log_errors import missing_column
+from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
+from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
+from motorprior.logs.tables import parquet_table
+from motorprior.logs.validity import checked
+from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, many
+
+SCHEMA_VERSION = 3
+METADATA_KEY = b"motorprior"
+REWRITE = "write the log again with this version of motorprior"
+_CHANNELS = (*JOINT_SERIES, *CODES, "base_orientation")
+_UNITS = {"time": "s", **JOINT_SERIES, "base_orientation": "rad"}
+_TEXTS = ("robot", "motor", "source", "encoder", "gain_unit")
+_HEADER = Schema(
+    {
+        "schema_version": exactly(SCHEMA_VERSION),
+        "sign_convention": exactly(SIGN_CONVENTION),
+        # a log of an older version lacks the units of newer channels
+        "units": Field("units of this version", lambda units: TABLE.accepts(units) and units.items() <= _UNITS.items()),
+        "channels": Field(
+            "a list of known channels with position_target and joint_pos",
+            lambda names: many(TEXT).accepts(names) and {"position_target", "joint_pos"} <= {*names} <= {*_CHANNELS},
+        ),
+        "joint_names": many(TEXT, 1),
+        **dict.fromkeys(_TEXTS, TEXT),
+        "firmware": TABLE,
+    },
+    REWRITE,
+    optional=frozenset({"firmware"}),
+    name="header",
+)
+
+
+def write_log(path: str | Path, log: MotorLog) -> None:
+    """Check the log and write it atomically.
+
+    Args:
+        path: a .parquet file.
+        log: in SI units.
+
+    Raises:
+        LogError: as `checked`.
+        ArtifactError: the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = Path(path)
+    log = checked(log, where=path)
+    header = {
+        "schema_version": SCHEMA_VERSION,
+        "units": _UNITS,
+        "sign_convention": SIGN_CONVENTION,
+        "joint_names": list(log.joint_names),
+        "channels": [name for name in _CHANNELS if getattr(log, name) is not None],
+        **{name: getattr(log, name) for name in _TEXTS},
+        **({"firmware": dict(log.firmware)} if log.firmware else {}),
+    }
+    columns: dict[str, np.ndarray] = {}
+    for channel, names in _column_names(header["channels"], log.joint_names).items():
+        values = np.reshape(getattr(log, channel), (log.num_rows, len(names)))
+        columns |= {name: np.ascontiguousarray(values[:, index]) for index, name in enumerate(names)}
+    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header, sort_keys=True).encode()})
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd", row_group_size=2**20)
+
+
+def read_parquet(path: str | Path) -> MotorLog:
+    """Read the file of `write_log`; every float64 is restored bit for bit.
+
+    Raises:
+        LogError: missing or truncated file, another schema version, unit or sign convention, a missing column, or
+            values that `checked` rejects.
+    """
+    path = Path(path)
+    if path.suffix != ".parquet":
+        remedy = "convert a recording with `motorprior logs import`, or use mp.load_log in Python"
+        raise LogError(f"a file {path.suffix}, not a motor log (.parquet)", where=path, remedy=remedy)
+    table = parquet_table(path, lambda names: names)
+    header = _read_header(table.schema.metadata, path)
+    values: dict[str, Any] = {}
+    for channel, names in _column_names(header["channels"], header["joint_names"]).items():
+        columns = [_column(table, name, channel in CODES, path) for name in names]
+        values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
+    values |= {key: header[key] for key in _TEXTS}
+    log = MotorLog(joint_names=tuple(header["joint_names"]), firmware=header.get("firmware", {}), **values)
+    return checked(log, where=path)
+
+
+READER = LogReader("motor log", (".parquet",), read=lambda path, robot: read_parquet(path))
+
+
+def _column_names(present: list[str], joint_names: list[str] | tuple[str, ...]) -> dict[str, list[str]]:
+    """Column names of ``time`` and of each channel present, in file order."""
+    names = {"time": ["time_s"]}
+    for channel in present:
+        if channel in CODES:
+            names[channel] = [channel]
+        elif channel == "base_orientation":
+            names[channel] = [f"base_{axis}_rad" for axis in BASE_AXES]
+        else:
+            names[channel] = [f"{channel}_{JOINT_SERIES[channel]}/{joint}" for joint in joint_names]
+    return names
+
+
+def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, Any]:
+    text = (metadata or {}).get(METADATA_KEY)
+    if text is None:
+        problem, remedy = "a Parquet file, but not a motor log: no motorprior header", f"import it {GIVE_COLUMNS}"
+        raise LogError(problem, where=path, remedy=remedy, argument="columns")
+    try:
+        header = parse_json(text.decode())
+        _HEADER.check(header, path)
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"its header is not JSON ({error})", where=path, remedy=REWRITE) from error
+    except ArtifactError as error:
+        raise LogError(error.problem, where=path, remedy=REWRITE) from error
+    return header
+
+
+def _column(table: Any, name: str, is_code: bool, path: Path) -> np.ndarray:
+    if name not in table.column_names:
+        raise missing_column("column", name, table.column_names, path, REWRITE)
+    column, expected = table.column(name), "int64" if is_code else "double"
+    if str(column.type) != expected:
+        raise LogError(f"column {name} is {column.type}, not {expected}", where=path, remedy=REWRITE)
+    if column.null_count:
+        raise LogError(f"column {name} has {column.null_count} empty cells", where=path, remedy=REWRITE)
+    return column.to_numpy()

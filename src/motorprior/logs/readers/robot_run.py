@@ -1,0 +1,122 @@
+"""Recordings of `record` and `deploy`: CSV with one line per accepted frame of telemetry.
+
+The last line may be cut if the writer was killed; it is then ignored. Time is the robot's own clock.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.exceptions import LogError
+from motorprior.logs.log_errors import require_finite, require_increasing
+from motorprior.logs.log_reader import LogReader, require_robot
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.tables import csv_names, read_number_table
+from motorprior.logs.validity import checked
+from motorprior.robots.robot import Robot
+
+_GAP = 0.055  # a pause longer than this [s] starts a new segment; single lost frames do not
+_MIN_ROWS = 4  # of a segment
+_SERIES = ("position_target", "joint_pos", "joint_vel", "joint_current")
+_BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
+
+
+class Mode(IntEnum):
+    """Activity of the robot."""
+
+    RAMP = 1
+    WALK = 2
+    EXCITE = 3
+    CROUCH = 4
+
+
+def run_columns(joint_names: tuple[str, ...], with_current: bool) -> tuple[str, ...]:
+    """Column names: time, mode, start time of the target in force, series per joint, body; s, rad, rad/s and A."""
+    series = _SERIES if with_current else _SERIES[:-1]
+    return ("time", "mode", "target_since", *(f"{name}/{joint}" for name in series for joint in joint_names), *_BODY)
+
+
+def read_robot_run(
+    path: Path, robot: Robot, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
+) -> MotorLog:
+    """Read the rows of a recording with certain activities.
+
+    A pause, or another activity, starts a new segment; segments of fewer than 4 rows are dropped. If the robot sent
+    currents, joint_torque = current · torque constant: the motor's own estimate, without gear friction.
+
+    Args:
+        path: the recording.
+        robot: the recorded robot.
+        modes: activities of the rows to read.
+        period: put every segment on this grid [s]: angles by cubic splines, velocities as their derivatives, and as
+            command the mean of the targets in force during each step. As recorded if not given.
+
+    Raises:
+        LogError: not a recording, damaged before its last line, no row of these activities, time that does not
+            increase, or numbers that are not finite.
+    """
+    columns = run_columns(robot.joint_names, any(name.startswith("joint_current/") for name in csv_names(path)))
+    table = read_number_table(path, columns, may_be_cut=True)
+    require_finite(table, list(columns), path)
+    require_increasing(table[:, 0], path)
+    breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
+    breaks |= np.diff(table[:, 1], prepend=0.0) != 0.0
+    segment = np.cumsum(breaks)
+    rows = np.isin(table[:, 1], modes) & (np.bincount(segment)[segment] >= _MIN_ROWS)
+    if not rows.any():
+        wanted = " or ".join(mode.name.lower() for mode in modes)
+        raise LogError(f"no row of mode {wanted}", where=path, remedy="give a recording of at least a second of it")
+    parts = [table[rows & (segment == index)] for index in np.unique(segment[rows])]
+    if period is not None:
+        parts = [_on_grid(part, period, robot.num_joints, path) for part in parts]
+    return checked(_as_log(parts, columns, robot, path), where=path)
+
+
+def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], robot: Robot, path: Path) -> MotorLog:
+    table, joints = np.concatenate(parts), robot.num_joints
+    *series, body = np.split(table[:, 3:], range(joints, len(columns) - 3, joints), axis=1)
+    current = series[3] if len(series) > 3 else None
+    return MotorLog(
+        time=table[:, 0], position_target=series[0], joint_pos=series[1], joint_vel=series[2],
+        joint_torque=None if current is None else robot.require_wire().torque_constant * current,
+        segment=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        base_orientation=body[:, :2], joint_names=robot.joint_names, robot=robot.name, motor=robot.motor,
+        source=str(path), encoder=robot.encoder,
+    )  # fmt: skip
+
+
+def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.ndarray:
+    """One segment on a grid of ``period`` [s]."""
+    from scipy.interpolate import CubicSpline  # takes half a second
+
+    time = part[:, 0]
+    if period > time[-1] - time[0]:
+        raise LogError(f"period {period:g} s is longer than a segment of {time[-1] - time[0]:g} s", where=path)
+    grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
+    since = np.maximum.accumulate(part[:, 2])
+    since[0] = min(since[0], time[0])  # the first target is assumed to hold before, too
+    in_force = np.maximum(0, np.searchsorted(since, grid, side="right") - 1)
+    spline = CubicSpline(time, part[:, 3 + joints :], axis=0)
+    targets = _integrals(since, part[:, 3 : 3 + joints], np.append(grid, grid[-1] + period))
+    out = np.column_stack([grid, part[in_force, 1:3], targets / period, spline(grid)])
+    out[:, 3 + 2 * joints : 3 + 3 * joints] = spline(grid, 1)[:, :joints]
+    return out
+
+
+def _integrals(since: np.ndarray, targets: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """(steps, joints) integral over each step of a grid of targets (rows, joints) in force ``since`` times (rows,)."""
+    since = np.append(since, np.maximum(since[-1], grid[-1]))
+    sums = np.vstack([np.zeros_like(targets[:1]), np.cumsum(np.diff(since)[:, None] * targets, axis=0)])
+    return np.diff(np.stack([np.interp(grid, since, column) for column in sums.T], axis=1), axis=0)
+
+
+READER = LogReader(
+    "recording of a robot",
+    (".csv",),
+    lambda path: csv_names(path)[:2] == ["time", "mode"],
+    lambda path, robot: read_robot_run(path, require_robot(robot, path)),
+    on_grid=lambda path, robot, period: read_robot_run(path, require_robot(robot, path), period=period),
+)

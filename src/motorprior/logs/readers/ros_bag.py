@@ -1,0 +1,203 @@
+"""ROS 2 bags in MCAP: a .mcap file, or the folder of ``ros2 bag record`` that holds one. Needs the extra ``ros``.
+
+A column of a column map is a number in the messages of a topic:
+
+    TOPIC:FIELD          /lowstate:motor_state[3].q, /joint_states:position[elbow], /cmd:points[0].positions[2]
+
+FIELD is a path of fields separated by points. A list element is given by its index or, in a message that lists joint
+names (``name`` or ``joint_names``), by a joint's name. ``log_time`` is the recorder's clock. A row is a message of the
+topic of the angles, with the last message before it of every other topic.
+
+Without a map, a bag has two topics of sensor_msgs/JointState: the states, named ``joint_states`` in any namespace, and
+the commands. A velocity or effort that the first message lacks is not read.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.exceptions import LogError, listed, quoted
+from motorprior.logs.column_map import ColumnMap, MappedJoint
+from motorprior.logs.log_errors import CORRECT, missing_column
+from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader
+from motorprior.logs.mapped_log import read_mapped_log, robot_of_joints
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import Robot
+
+CLOCK = "log_time"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+_POINT = re.compile(r"\.(?![^\[]*\])")  # between fields, not within a joint's name
+_STEP = re.compile(r"([A-Za-z]\w*)(?:\[([^\[\]]+)\])?", re.ASCII)
+_RECOVER = "repair it with `mcap recover`, or copy it again from its source"
+_REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE}; or read the bag {GIVE_COLUMNS}"
+
+Steps = list[tuple[str, str | None]]  # fields with their list elements, from a message to a number
+
+
+class Bag:
+    """An open bag: ``path`` of its .mcap file, and ``types``: topic -> type of its messages."""
+
+    def __init__(self, reader: Any, path: Path):
+        self.path, self._reader, summary = path, reader, reader.get_summary()
+        if summary is None:
+            raise LogError("the bag has no summary: its recorder was not closed", where=path, remedy=_RECOVER)
+        kinds = {number: schema.name for number, schema in summary.schemas.items()}
+        self.types = {channel.topic: kinds.get(channel.schema_id, "no type") for channel in summary.channels.values()}
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        """Topic, recording time [ns] and content of every message of these topics, in order of time."""
+        for found in self._reader.iter_decoded_messages(topics=list(topics), log_time_order=True):
+            yield found.channel.topic, found.message.log_time, found.decoded_message
+
+
+@contextmanager
+def opened_bag(path: Path) -> Iterator[Bag]:
+    """Open a .mcap file, or the one in the folder of a bag.
+
+    Raises:
+        LogError: the extra `ros` is not installed, another storage than MCAP, or a damaged file, at opening or reading.
+    """
+    if path.is_dir():
+        path = max(_files(path), key=lambda file: file.suffix == ".mcap")
+        if path.suffix != ".mcap":
+            remedy = "convert it to MCAP with `ros2 bag convert` (storage_id: mcap)"
+            raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path.parent, remedy=remedy)
+    try:
+        from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
+        from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        problem = "ROS 2 bags need the libraries mcap and mcap-ros2-support"
+        raise LogError(problem, where=path, remedy='pip install "motorprior[ros]"') from error
+    try:
+        with open(path, "rb") as file:
+            yield Bag(make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()]), path)
+    except LogError:
+        raise
+    except Exception as error:  # decoders of damaged bytes raise many types
+        raise LogError(f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER) from error
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(entry for entry in folder.iterdir() if entry.suffix in (".mcap", ".db3"))
+
+
+def _is_bag(path: Path) -> bool:
+    """Whether a path is a file, or the folder of a bag with a single file; with several, it is a folder of logs."""
+    if not path.is_dir():
+        return True
+    return (path / "metadata.yaml").is_file() and len(_files(path)) == 1
+
+
+def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
+    """Read a bag with one topic of states and one of commands, both JointState.
+
+    Args:
+        path: a .mcap file, or the folder that holds one.
+        robot: gives robot, motor and order of the joints if it has these joints.
+
+    Raises:
+        LogError: as `opened_bag`; not exactly one topic of each; a command for a joint without states.
+    """
+    with opened_bag(path) as bag:
+        topics = [topic for topic, kind in bag.types.items() if kind == JOINT_STATE]
+        first = {topic: message for each in topics for topic, _, message in islice(bag.messages([each]), 1)}
+    states = [topic for topic in first if topic.rsplit("/", 1)[-1] == "joint_states"]
+    if len(first) != 2 or len(states) != 1:
+        has = listed([f"{topic} ({kind})" for topic, kind in sorted(bag.types.items())], 8) or "none"
+        problem = f"no topic of states and one of commands; it has {has}"
+        raise LogError(problem, where=bag.path, remedy=_REMEDY, argument="columns")
+    (state,), (command,) = states, first.keys() - set(states)
+    names, known = tuple(first[command].name), set(first[state].name)
+    if missing := sorted(set(names) - known):
+        raise LogError(f"the command has a joint {missing[0]!r}, the states have none", where=bag.path, remedy=_REMEDY)
+    robot = robot_of_joints(robot, names)
+    series = {"position_target": command + ":position[{joint}]", "joint_pos": state + ":position[{joint}]"}
+    for channel, name in (("joint_vel", "velocity"), ("joint_torque", "effort")):
+        values = np.array(getattr(first[state], name))
+        if values.size and not np.isnan(values).any():  # ros2_control writes NaN for a missing interface
+            series[channel] = f"{state}:{name}[{{joint}}]"
+    columns = ColumnMap(
+        source=str(path), motor=robot.motor if robot else "", time=CLOCK, series=series,
+        joints=tuple(MappedJoint(name, name) for name in names),
+    )  # fmt: skip
+    return read_mapped_log(path, columns, _columns, robot)
+
+
+def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
+    """Name -> (rows,) float64, CLOCK in seconds since the first row; names topic, message and field of an error."""
+    wanted: dict[str, dict[str, Steps]] = {}
+    numbers = [name for name in dict.fromkeys(names) if name != CLOCK]
+    for name in numbers:
+        topic, steps = _parsed(name, path)
+        wanted.setdefault(topic, {})[name] = steps
+    row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
+    with opened_bag(path) as bag:
+        for topic in wanted.keys() - bag.types.keys():
+            raise missing_column("topic", topic, bag.types, bag.path)
+        times, table = _rows(bag, wanted, row_topic, numbers)
+    found = dict(zip(numbers, table.T, strict=True)) | {CLOCK: 1e-9 * (times - times[:1])}
+    return {name: found[name] for name in names}
+
+
+def _rows(bag: Bag, wanted: dict[str, dict[str, Steps]], row_topic: str, names: list[str]) -> tuple[np.ndarray, ...]:
+    """Times (rows,) [ns] and numbers (rows, names), from the first row for which every topic has a message."""
+    times, values = array("q"), array("d")
+    latest: dict[str, float] = {}
+    count = dict.fromkeys(wanted, 0)
+    for topic, time, message in bag.messages(wanted.keys()):
+        for name, steps in wanted[topic].items():
+            try:
+                latest[name] = _number(message, steps)
+            except (AttributeError, LookupError, TypeError, ValueError) as error:
+                problem = f"message {count[topic]} has no number {quoted(name, 120)} ({str(error)[:120]})"
+                raise LogError(problem, where=bag.path, remedy=CORRECT) from error
+        count[topic] += 1
+        if topic == row_topic and len(latest) == len(names):
+            times.append(time)
+            values.extend(latest[name] for name in names)
+    if silent := [topic for topic, messages in count.items() if not messages]:
+        raise LogError(f"no message of {quoted(silent[0])}", where=bag.path, remedy=CORRECT)
+    table = np.frombuffer(values, dtype=np.float64).reshape(len(times), len(names))
+    return np.frombuffer(times, dtype=np.int64), table
+
+
+def _parsed(name: str, path: Path) -> tuple[str, Steps]:
+    """Topic, and the path through its messages."""
+    topic, colon, text = name.partition(":")
+    steps = [_STEP.fullmatch(step) for step in _POINT.split(text)]
+    if not (topic and colon and all(steps)):
+        remedy = f"name {CLOCK}, or TOPIC:FIELD, as /lowstate:motor_state[3].q or /joint_states:position[elbow]"
+        raise LogError(f"{quoted(name)} is not TOPIC:FIELD", where=path, remedy=remedy, argument="columns")
+    return topic, [(step[1], step[2]) for step in steps if step]
+
+
+def _number(message: Any, steps: Steps) -> float:
+    value = message
+    for attribute, element in steps:
+        value = getattr(value, attribute)
+        if element is not None:
+            value = value[_index(message, element)]
+    if not isinstance(value, (int, float)):
+        raise TypeError(f"it is a {type(value).__name__}")
+    return float(value)
+
+
+def _index(message: Any, element: str) -> int:
+    """Index of a list element, given by number or by a joint's name."""
+    names = [name for field in ("name", "joint_names") for name in getattr(message, field, ())]
+    if element.isdecimal() and (element not in names or names.index(element) == int(element)):
+        return int(element)
+    if element.isdecimal() or names.count(element) != 1:
+        raise LookupError(f"the message lists the joints {names[:8]}")
+    return names.index(element)
+
+
+READER = LogReader("ROS 2 bag", (".mcap", FOLDER), _is_bag, read_ros_bag, _columns)

@@ -1,0 +1,259 @@
+"""Named columns of CSV (plain or gzip) and Parquet tables as numbers, read with pyarrow.
+
+The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons
+or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the
+first row; names of postures become indices of `motor_log.POSTURES`.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import re
+import zlib
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.exceptions import LogError, quoted
+from motorprior.files import MAX_FILE, read_bytes, require_file
+from motorprior.logs.log_errors import CORRECT, bad_value, missing_column
+from motorprior.logs.motor_log import POSTURES
+
+COPY_AGAIN = "copy or record it again"
+SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
+_CORRECT_POSTURE = (
+    f"use {', '.join(POSTURES[:-1])} or {POSTURES[-1]} in each row, or give one of them for all rows as posture in the "
+    "column map"
+)
+_CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
+_ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
+_BAD_CELL = re.compile(r"In CSV column #(\d+): Row #(\d+): .*invalid value '(.*)'", re.DOTALL)
+
+
+def table_columns(
+    path: Path, names: Sequence[str], time: str | None = None, posture: str | None = None, may_be_cut: bool = False
+) -> dict[str, np.ndarray]:
+    """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps, int64 for postures.
+
+    Args:
+        path: the table.
+        names: of columns, or of elements of list columns.
+        time: the column that may hold time stamps.
+        posture: the column that holds names of `motor_log.POSTURES`.
+        may_be_cut: the writer of a CSV may have been killed; drop a last line without line end.
+
+    Raises:
+        LogError: missing or damaged file, missing column, no rows, or a cell that is empty or not a number; names file,
+            row and column.
+    """
+    special = [name for name in (time, posture) if name]
+    if path.suffix == ".parquet":
+        table = parquet_table(path, lambda have: required_columns(have, names, path))
+    else:
+        table = csv_table(path, names, special, may_be_cut)
+    if not table.num_rows:
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+    found: dict[str, np.ndarray] = {}
+    for name in names:
+        owner, index = (name, None) if name in table.column_names else element_of(name)
+        column = table.column(owner).combine_chunks()
+        if column.null_count:
+            row, remedy = int(np.argmin(column.is_valid())), _CORRECT_POSTURE if name == posture else CORRECT
+            raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=remedy)
+        if name == posture:
+            found[name] = _posture_codes(column.to_pylist(), name, path)
+        elif name == time and not _is_number(column.type):
+            found[name] = _since_first(column, name, path)
+        else:
+            found[name] = _numbers(column if index is None else _elements(column, name, index, path), name, path)
+    return found
+
+
+def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = False) -> np.ndarray:
+    """(rows, columns) float64 of these columns; NaN and infinity are allowed. Raises as `table_columns`."""
+    return np.column_stack(list(table_columns(path, columns, may_be_cut=may_be_cut).values()))
+
+
+def csv_names(path: Path) -> list[str]:
+    """The column names of a CSV file.
+
+    Raises:
+        LogError: missing or damaged, or a first line that is empty or not UTF-8.
+    """
+    require_file(path, LogError)
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else open(path, "rb") as file:
+            return _head(file.readline(1_000_000), path)[0]
+    except (OSError, EOFError, zlib.error) as error:
+        raise unreadable(path, error) from error
+
+
+def _head(line: bytes, path: Path) -> tuple[list[str], str]:
+    """Column names and separator of a first line."""
+    try:
+        text = line.decode("utf-8-sig").strip("\r\n")
+    except UnicodeDecodeError as error:
+        raise LogError(f"not UTF-8 ({error})", where=path, remedy=SAVE_AS) from error
+    if not text or "\0" in text or "\r" in text:
+        raise LogError("its first line is empty, binary or ends with CR alone", where=path, remedy=SAVE_AS)
+    delimiter = max(",;\t", key=re.sub(r'"[^"]*"', "", text).count)
+    names = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+    return [name.strip() for name in names], delimiter
+
+
+def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), may_be_cut: bool = False) -> Any:
+    """Arrow table of the columns of a CSV file; float64, or of the type of its cells for ``inferred`` columns.
+
+    Raises:
+        LogError: as `csv_names`; a missing column, a row with a wrong number of cells, or a cell that is no number.
+    """
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+
+    first, _, body = read_bytes(path, error=LogError).partition(b"\n")
+    have, delimiter = _head(first, path)
+    wanted = required_columns(have, names, path)
+    body = body[: body.rfind(b"\n") + 1] if may_be_cut else body
+    if not body.strip():
+        return pa.table({name: pa.array([], pa.float64()) for name in wanted})
+    errors = []
+    for decimal_point in "." if delimiter == "," else ".,":
+        try:
+            return pa_csv.read_csv(
+                pa.BufferReader(body),
+                # one block, so that types are inferred from all rows
+                pa_csv.ReadOptions(column_names=have, use_threads=False, block_size=len(body) + 1),
+                pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=lambda row: _wrong_count(row, path)),
+                pa_csv.ConvertOptions(
+                    column_types={name: pa.float64() for name in wanted if name not in inferred},
+                    include_columns=wanted, null_values=[""], strings_can_be_null=True, decimal_point=decimal_point,
+                ),
+            )  # fmt: skip
+        except pa.ArrowException as error:
+            errors.append(error)
+    raise max((_conversion_error(error, have, path) for error in errors), key=lambda found: found[0])[1]
+
+
+def _wrong_count(row: Any, path: Path) -> str:
+    """Raise the error for a row with a wrong number of cells."""
+    problem = f"row {row.number - 1} has {row.actual_columns} cells, expected {row.expected_columns}"
+    raise LogError(problem, where=path, remedy=f"correct the row; {SAVE_AS}")
+
+
+def _conversion_error(error: Exception, names: Sequence[str], path: Path) -> tuple[int, LogError]:
+    """The row of an error of pyarrow, and the error that names its cell."""
+    cell = _BAD_CELL.search(str(error))
+    if cell is None:
+        return -1, unreadable(path, error)
+    row = int(cell[2]) - 1
+    return row, bad_value(row, names[int(cell[1])], cell[3], "a number", path, f"correct the row; {SAVE_AS}")
+
+
+def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:
+    """Arrow table of the columns ``wanted(names of all columns)`` of a Parquet file.
+
+    Raises:
+        LogError: not a complete Parquet file, or larger than `files.MAX_FILE` when unpacked.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    require_file(path, LogError)
+    try:
+        with pq.ParquetFile(path) as file:
+            groups = range(file.metadata.num_row_groups)
+            if sum(file.metadata.row_group(index).total_byte_size for index in groups) > MAX_FILE:
+                raise LogError(f"more than {MAX_FILE} bytes", where=path, remedy="split the recording")
+            return file.read(columns=wanted(file.schema_arrow.names))
+    except (pa.ArrowException, OSError) as error:
+        raise LogError(f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN) from error
+
+
+def unreadable(path: Path, error: Exception) -> LogError:
+    """A library's error in one line."""
+    reason = (str(error) or type(error).__name__).splitlines()[0][:300]
+    return LogError(f"truncated or damaged file ({reason})", where=path, remedy=COPY_AGAIN)
+
+
+def element_of(name: str) -> tuple[str, int | None]:
+    """``x[2]`` -> ("x", 2), ``x`` -> ("x", None)."""
+    found = _ELEMENT.fullmatch(name)
+    return (found[1], int(found[2])) if found else (name, None)
+
+
+def required_columns(have: Sequence[str], names: Sequence[str], path: Path) -> list[str]:
+    """The columns of the file that hold these names, each once.
+
+    Raises:
+        LogError: a column is missing, or occurs twice.
+    """
+    counted = Counter(have)
+    found = dict.fromkeys(name if name in counted else element_of(name)[0] for name in names)
+    for name in found:
+        if counted[name] > 1:
+            raise LogError(f"more than one column {quoted(name, 80)}", where=path, remedy=CORRECT)
+        if not counted[name]:
+            remedy = CORRECT
+            if have and have[0].startswith(("#", "%")):
+                remedy = "its first line is a comment: remove comment lines, and the sign before the names"
+            elif len(have) == 1 and len(have[0].split()) > 1:
+                remedy = "its columns are separated by blanks: separate them by commas, semicolons or tabs"
+            raise missing_column("column", name, have, path, remedy)
+    return list(found)
+
+
+def _elements(column: Any, name: str, index: int, path: Path) -> Any:
+    """Element ``index`` of each list."""
+    import pyarrow.compute as pc
+
+    cells: Any = pc
+    if "list" not in str(column.type):
+        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
+    lengths = np.asarray(cells.list_value_length(column))
+    if (short := np.flatnonzero(lengths <= index)).size:
+        problem = f"row {short[0]}, {name}: its list has {lengths[short[0]]} numbers"
+        raise LogError(problem, where=path, remedy=CORRECT)
+    return cells.list_element(column, index)
+
+
+def _is_number(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+
+
+def _numbers(column: Any, name: str, path: Path) -> np.ndarray:
+    column = column.dictionary_decode() if hasattr(column, "dictionary_decode") else column
+    if not _is_number(column.type):
+        raise LogError(f"{name} is {column.type}, not numbers", where=path, remedy=CORRECT)
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _posture_codes(words: list[Any], name: str, path: Path) -> np.ndarray:
+    """(rows,) indices of `motor_log.POSTURES`."""
+    for row, word in enumerate(words):
+        if str(word).strip() not in POSTURES:
+            raise bad_value(row, name, word, "a posture", path, _CORRECT_POSTURE)
+    return np.array([POSTURES.index(word.strip()) for word in words])
+
+
+def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
+    """(rows,) timedelta64[ns] since the first row, of time stamps, durations or ISO 8601 texts."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+        to = pa.duration("ns") if pa.types.is_duration(column.type) else pa.timestamp("ns", column.type.tz)
+        counts = np.asarray(column.cast(to).cast(pa.int64()).to_numpy(zero_copy_only=False))
+        return (counts - counts[:1]).astype("timedelta64[ns]")
+    texts, since = column.to_pylist(), []
+    for row, text in enumerate(texts):
+        try:
+            since.append(datetime.fromisoformat(text.strip()) - datetime.fromisoformat(texts[0].strip()))
+        except (ValueError, TypeError, AttributeError) as error:
+            raise bad_value(row, name, text, "a time stamp like the others", path, _CORRECT_TIME) from error
+    return np.array(since, "timedelta64[ns]")

@@ -1,0 +1,103 @@
+"""A log comes back from disk bit for bit, or not at all."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import channels
+from motorprior.logs.readers.motor_log_file import METADATA_KEY, read_parquet, write_log
+
+
+def rewrite(path, change_table=None, **header):
+    """Change columns or header entries of a written log (None removes an entry)."""
+    table = pq.read_table(path)
+    metadata = json.loads(table.schema.metadata[METADATA_KEY]) | header
+    metadata = {key: value for key, value in metadata.items() if value is not None}
+    table = change_table(table) if change_table else table
+    pq.write_table(table.replace_schema_metadata({METADATA_KEY: json.dumps(metadata)}), path)
+
+
+@pytest.fixture
+def written(tmp_path, full_log):
+    path = tmp_path / "new" / "log.parquet"
+    write_log(path, full_log)
+    return path
+
+
+def test_round_trip_is_exact(written, full_log):
+    log = read_parquet(written)
+    assert channels(log).keys() == channels(full_log).keys()
+    for name, value in channels(full_log).items():
+        assert getattr(log, name).tobytes() == np.ascontiguousarray(value).tobytes(), name
+    for name in ("joint_names", "robot", "motor", "source"):
+        assert getattr(log, name) == getattr(full_log, name)
+
+
+def test_columns_say_channel_unit_and_joint(written):
+    names = pq.read_schema(written).names
+    assert names[:5] == [
+        *("time_s", "position_target_rad/left", "position_target_rad/right"),
+        *("joint_pos_rad/left", "joint_pos_rad/right"),
+    ]
+    assert {"joint_torque_N_m/left", "load_inertia_kg_m2/right", "segment", "base_roll_rad"} <= set(names)
+
+
+def test_a_bad_log_is_not_written(tmp_path, make_log):
+    log = make_log()
+    log.joint_pos[3, 0] = np.nan
+    with pytest.raises(LogError, match="row 3, joint_pos/left"):
+        write_log(tmp_path / "log.parquet", log)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
+def test_a_truncated_file_is_refused(written, share):
+    content = written.read_bytes()
+    written.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(LogError, match=r"log\.parquet: not a complete Parquet file .* -> "):
+        read_parquet(written)
+
+
+@pytest.mark.parametrize(
+    ("header", "problem"),
+    [
+        ({"schema_version": 1}, "schema_version = 1 is not 3"),
+        ({"motor": None}, r"missing keys \['motor'\]"),
+        ({"colour": "red"}, r"unknown keys \['colour'\]"),
+        ({"units": {"time": "ms"}}, "units"),
+        ({"sign_convention": "the other one"}, "sign_convention"),
+        ({"channels": ["joint_pos"]}, "channels"),
+        ({"joint_names": ["left"]}, "unknown column"),
+        ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
+        ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not 0"),
+    ],
+)
+def test_a_header_that_does_not_fit_is_refused(written, header, problem):
+    rewrite(written, **header)
+    with pytest.raises(LogError, match=problem):
+        read_parquet(written)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda table: table.drop_columns(["joint_pos_rad/left"]), "no column .joint_pos_rad/left"),
+        (
+            lambda table: table.set_column(0, "time_s", table["time_s"].cast("float32")),
+            "column time_s is float",
+        ),
+    ],
+)
+def test_columns_that_do_not_fit_are_refused(written, change, problem):
+    rewrite(written, change)
+    with pytest.raises(LogError, match=problem):
+        read_parquet(written)
+
+
+def test_parquet_of_others_is_refused(tmp_path, written):
+    pq.write_table(pq.read_table(written).replace_schema_metadata(None), written)
+    with pytest.raises(LogError, match="no motorprior header"):
+        read_parquet(written)

@@ -1,0 +1,183 @@
+"""Files of other projects become motor logs: values, loads, segments; parity of the original files with tables."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from third_party_files import (
+    ANGLE,
+    JOINTS,
+    ROWS,
+    TARGET,
+    TIME,
+    Name,
+    Storage,
+    Tensor,
+    write_bam,
+    write_lerobot,
+    write_pt,
+    write_sage,
+    write_tensors,
+)
+
+from motorprior.exceptions import LogError
+from motorprior.logs.column_map import load_column_map
+from motorprior.logs.motor_log import channels
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.bam import GRAVITY, read_bam
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+
+def same(log, other, tolerance):
+    for name in ("time", "position_target", "joint_pos"):
+        np.testing.assert_allclose(getattr(log, name), getattr(other, name), rtol=0, atol=tolerance)
+
+
+def test_a_pendulum_comes_with_its_load(tmp_path: Path):
+    path = write_bam(tmp_path)
+    log = read_log(path, PUPPER_V2)
+    np.testing.assert_array_equal(log.joint_pos[:, 0], ANGLE[:, 0])
+    np.testing.assert_array_equal(log.position_target[:, 0], TARGET[:, 0])
+    assert log.load_inertia is not None and log.external_torque is not None
+    np.testing.assert_allclose(log.load_inertia, 0.5 * 0.1**2)
+    np.testing.assert_allclose(log.external_torque[:, 0], -0.5 * GRAVITY * 0.1 * np.sin(ANGLE[:, 0]))
+    assert (log.joint_names, log.motor, log.gain_unit) == (("pendulum",), "xl330", "firmware")
+    assert log.stated_kp is not None and set(log.stated_kp[:, 0]) == {100.0}
+
+
+def test_a_pendulum_has_the_voltage_and_temperature_of_its_rows_or_else_its_supply(tmp_path: Path):
+    supplied = read_log(write_bam(tmp_path))
+    assert supplied.supply_voltage is not None and supplied.motor_temperature is None
+    assert set(supplied.supply_voltage[:, 0]) == {7.4}
+    entry = {"position": 0.1, "goal_position": 0.2, "temp": 31}
+    rows = [entry | {"timestamp": 0.01 * row, "input_volts": 7.0 + 0.1 * row} for row in range(4)]
+    measured = read_log(write_bam(tmp_path, entries=rows))
+    assert measured.supply_voltage is not None and measured.motor_temperature is not None
+    np.testing.assert_allclose(measured.supply_voltage[:, 0], [7.0, 7.1, 7.2, 7.3])
+    assert set(measured.motor_temperature[:, 0]) == {31.0}
+    for unread in (0, None, "7.4 V", -99.0):
+        some = [row | ({"input_volts": unread, "temp": unread} if row is rows[2] else {}) for row in rows]
+        log = read_log(write_bam(tmp_path, entries=some))
+        assert log.supply_voltage is not None and set(log.supply_voltage[:, 0]) == {7.4}
+        assert log.motor_temperature is None
+    assert read_log(write_bam(tmp_path, vin="7.4V")).supply_voltage is None
+
+
+def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
+    whole = [{"timestamp": t, "goal_position": 0.0, "position": 0.1 * t, "speed": 0.1} for t in TIME.tolist()]
+    off = set(range(10, 15)) | {16}
+    entries = [entry | {"torque_enable": row not in off} for row, entry in enumerate(whole)]
+    log = read_log(write_bam(tmp_path, entries=entries))
+    assert log.segment is not None and log.segment.tolist() == [0] * 10 + [1] * 23
+    np.testing.assert_array_equal(log.time, TIME[[*range(10), *range(17, 40)]])
+    assert log.source.endswith("(7 rows without torque left out)")
+    with pytest.raises(LogError, match="off in every row"):
+        read_log(write_bam(tmp_path, entries=[entry | {"torque_enable": False} for entry in whole]))
+
+
+def test_a_folder_of_sage_is_merged(tmp_path: Path):
+    log = read_log(write_sage(tmp_path), PUPPER_V2)
+    assert log.joint_names == JOINTS and log.joint_torque is None
+    np.testing.assert_allclose(log.time, TIME, atol=1e-12)
+    np.testing.assert_array_equal(log.joint_pos, ANGLE)
+    np.testing.assert_array_equal(log.position_target, TARGET)
+    late = read_log(write_sage(tmp_path, control_late=0.005))
+    np.testing.assert_array_equal(late.position_target, TARGET[:-1])
+    np.testing.assert_array_equal(late.joint_pos, ANGLE[1:])
+
+
+def test_episodes_of_lerobot_are_segments(tmp_path: Path):
+    log = read_log(write_lerobot(tmp_path), PUPPER_V2)
+    assert (log.joint_names, log.robot) == (JOINTS, "arm")
+    assert log.segment is not None and log.segment.tolist() == [0] * (ROWS // 2) + [1] * (ROWS // 2)
+    np.testing.assert_allclose(log.joint_pos, ANGLE, atol=1e-6)
+    np.testing.assert_allclose(log.position_target, TARGET, atol=1e-6)
+    arm: Any = SimpleNamespace(name="mine", joint_names=JOINTS[::-1], encoder="rotor")
+    assert read_log(tmp_path / "dataset", arm).encoder == "rotor", "the dataset does not say it"
+    np.testing.assert_array_equal(read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1])
+
+
+def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_path: Path):
+    assert read_log(write_lerobot(tmp_path)).firmware == {}
+    info = tmp_path / "dataset" / "meta" / "info.json"
+    info.write_text(json.dumps(json.loads(info.read_text()) | {"robot_type": "so101_follower"}))
+    told = read_log(tmp_path / "dataset").firmware
+    assert told == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
+    assert told == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
+    assert read_log(write_sage(tmp_path)).firmware == {}, "joints of another robot"
+
+
+def test_a_lerobot_dataset_must_be_complete_and_of_joint_positions(tmp_path: Path):
+    path = write_lerobot(tmp_path)
+    info = json.loads((path / "meta" / "info.json").read_text())
+    other = {"features": info["features"] | {"action": {"names": ["x.pos", "y.pos"]}}}
+    for change, problem in (
+        ({"total_frames": ROWS + 1}, "total_frames is 41"),
+        (other, "action has"),
+        ({"codebase_version": "v2.1"}, r"'v2\.1', not v3 -> convert .*convert_dataset_v21_to_v30"),
+    ):
+        (path / "meta" / "info.json").write_text(json.dumps(info | change))
+        with pytest.raises(LogError, match=problem):
+            read_log(path)
+
+
+def test_tensors_of_any_layout_come_through(tmp_path: Path):
+    log = read_log(write_pt(tmp_path), columns=tmp_path / "columns.toml")
+    np.testing.assert_array_equal(log.joint_pos, ANGLE.astype(np.float32))
+    np.testing.assert_array_equal(log.position_target, TARGET.astype(np.float32))
+    assert log.joint_names == JOINTS
+
+
+def test_unmapped_tensors_are_listed_with_the_shipped_maps(tmp_path: Path):
+    with pytest.raises(LogError) as refusal:
+        read_log(write_pt(tmp_path))
+    assert "'des_dof_pos' (40, 2)" in str(refusal.value) and "go2_tensors" in str(refusal.value)
+    assert refusal.value.argument == "columns"
+    (tmp_path / "log.pt").write_bytes((tmp_path / "log.pt").read_bytes()[:-30])
+    with pytest.raises(LogError, match="cannot be read"):
+        read_log(tmp_path / "log.pt")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"time": Name("os", "system")}, "os.system, which is not allowed"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "do not fit 40 bytes"),
+        (
+            {"time": Tensor(Storage("BFloat16Storage", "0", 20), 0, (6,), (1,))},
+            "type bfloat16 -> save them as float32, by tensor.float()",
+        ),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "do not fit"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "do not fit"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "do not fit 40 bytes"),
+        ({"t": 3.0}, "no tensor 'des_dof_pos'"),
+    ],
+)
+def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp_path: Path, content, said: str):
+    good = Tensor(Storage("FloatStorage", "0", 10), 0, (5, 2), (2, 1))
+    content = content if "t" in content else {"des_dof_pos": good, "dof_pos": good} | content
+    path = write_pt(tmp_path)
+    write_tensors(path, content, {"0": np.zeros(10, "<f4").tobytes()})
+    with pytest.raises(LogError) as refusal:
+        read_log(path, columns=tmp_path / "columns.toml")
+    assert said in str(refusal.value) and "log.pt" in str(refusal.value)
+
+
+def test_the_original_files_hold_what_their_tables_hold(shared_data: Path):
+    motion = read_log(shared_data / "so101" / "original" / "step_response")
+    same(motion, read_log(shared_data / "so101" / "step_response.csv.gz", columns="so101_sage"), 6e-7)
+    tensors = read_log(shared_data / "go2" / "traj_0.pt", columns="go2_tensors")
+    table = read_log(shared_data / "go2" / "traj_0.csv.gz", columns="go2_identification")
+    same(tensors, table, 6e-6)
+    assert tensors.joint_names == table.joint_names and channels(tensors).keys() == channels(table).keys()
+
+
+def test_the_real_pendulum_is_read(shared_data: Path):
+    recordings = [read_bam(path) for path in sorted((shared_data / "xl330").glob("*.json.gz"))]
+    gains = [recording.stated_kp for recording in recordings]
+    assert sorted({float(kp[0, 0]) for kp in gains if kp is not None}) == [100.0, 200.0, 400.0, 800.0]
+    assert sum("without torque" in recording.source for recording in recordings) == 4
+    assert all(recording.num_rows > 300 for recording in recordings)

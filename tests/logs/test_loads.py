@@ -1,0 +1,114 @@
+"""The load that inverse dynamics gives a suspended robot's motors is the one they had."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, training_data
+from motorprior.logs.loads import gravity_torque, with_loads
+from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.world import World
+from motorprior.simulation.world_config import WorldConfig
+
+RECIPE = PRESETS["rollout"]
+
+
+def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> tuple[MotorLog, np.ndarray]:
+    """Known torques on a suspended robot without motors, finely simulated."""
+    import mujoco
+
+    world = World(WorldConfig.of(PUPPER_V2, physics_dt=step, suspended=True))
+    world.model.jnt_limited[:] = 0  # an end stop is no load of the motor's
+    world.data.qpos[:] = spec.NOMINAL_POSE
+    rng = np.random.default_rng(0)
+    frequency, phase = rng.uniform(1.0, 4.0, 12), rng.uniform(0.0, 6.0, 12)
+    rows = round(seconds / step)
+    time, pos, vel, torque = np.arange(rows) * step, np.zeros((rows, 12)), np.zeros((rows, 12)), np.zeros((rows, 12))
+    for row in range(rows):
+        pos[row], vel[row] = world.data.qpos, world.data.qvel
+        torque[row] = torque_amplitude * np.sin(2 * np.pi * frequency * time[row] + phase) - 0.02 * vel[row]
+        world.data.qfrc_applied[:] = torque[row]
+        mujoco.mj_step(world.model, world.data)  # pyright: ignore[reportAttributeAccessIssue]
+    log = MotorLog(
+        time=time, position_target=pos, joint_pos=pos, joint_vel=vel, joint_names=spec.JOINT_NAMES,
+        robot=spec.ROBOT_NAME, motor="none", source="test",
+    )  # fmt: skip
+    return log, torque
+
+
+def swaying(pose: np.ndarray, amplitude: float = 0.01, rows: int = 400) -> MotorLog:
+    """All joints sway about a pose, once a second."""
+    time = 0.002 * np.arange(rows)
+    phase = 2 * np.pi * time[:, None] + np.arange(12)
+    pos, vel = pose + amplitude * np.sin(phase), 2 * np.pi * amplitude * np.cos(phase)
+    return MotorLog(
+        time=time, position_target=pos + 0.1 * np.sin(phase), joint_pos=pos, joint_vel=vel,
+        joint_names=spec.JOINT_NAMES, robot=spec.ROBOT_NAME, motor="none", source="test",
+    )  # fmt: skip
+
+
+def test_inertia_times_acceleration_is_torque_plus_load():
+    log, torque = moved(0.05)
+    loaded = with_loads(log, PUPPER_V2)
+    assert loaded.load_inertia is not None and loaded.external_torque is not None and log.joint_vel is not None
+    acceleration = np.gradient(log.joint_vel, log.time, axis=0)
+    balance = loaded.load_inertia * acceleration - loaded.external_torque - torque
+    inside = slice(5, -5)
+    assert np.abs(balance[inside]).max() < 0.02 * np.abs(loaded.load_inertia * acceleration).max()
+
+
+def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
+    log, _ = moved(0.0, 0.01)
+    knee = with_loads(log, PUPPER_V2).load_inertia[0, 2]  # pyright: ignore[reportOptionalSubscript]
+    expected = spec.SHANK.inertia[1] + spec.SHANK.mass * (spec.SHANK.com[0] ** 2 + spec.SHANK.com[2] ** 2)
+    assert knee == pytest.approx(expected, rel=1e-6)
+
+
+def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
+    """At rest the load is gravity alone; tip every joint by itself and see."""
+    log = swaying(spec.NOMINAL_POSE, 0.0)
+    stiffness, tip = with_loads(log, PUPPER_V2).load_stiffness, 1e-4
+    assert stiffness is not None
+    for joint in range(log.num_joints):
+        ahead, behind = (swaying(spec.NOMINAL_POSE + way * tip * np.eye(12)[joint], 0.0) for way in (1.0, -1.0))
+        torque = [with_loads(each, PUPPER_V2).external_torque[0, joint] for each in (ahead, behind)]  # pyright: ignore[reportOptionalSubscript]
+        assert stiffness[0, joint] == pytest.approx((torque[0] - torque[1]) / (2 * tip), rel=1e-4, abs=1e-7)
+    assert np.abs(stiffness[0]).min() > 1e-3
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_a_fit_s_joint_that_left_the_recording_feels_gravity_where_it_is(joint: int):
+    """What free runs give a joint 0.1 rad off the recording is the load of a recording 0.1 rad off."""
+    log, away = swaying(spec.NOMINAL_POSE), 0.1 * np.eye(12)[joint]
+    own, other = (
+        training_data(with_loads(each, PUPPER_V2), RECIPE, "test").series[joint]
+        for each in (log, replace(log, joint_pos=log.joint_pos + away, position_target=log.position_target + away))
+    )
+    where, there = own[:, POS] + 0.1, other[:, EXTERNAL] + other[:, STIFFNESS] * other[:, POS]
+    here = own[:, EXTERNAL] + own[:, STIFFNESS] * own[:, POS]
+    felt = own[:, EXTERNAL] + own[:, STIFFNESS] * where
+    assert np.abs(felt - there).max() < 0.15 * np.abs(here - there).max()
+
+
+@pytest.mark.parametrize(
+    ("roll", "pitch", "words"), [(0.3, 0.0, r"roll is 0\.3. rad"), (0.0, -0.2, r"pitch is 0\.(2.|19) rad")]
+)
+def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pitch: float, words: str):
+    log, _ = moved(0.0, 0.01)
+    sway = 0.1 * np.sin(np.linspace(0.0, 20.0, log.num_rows))[:, None]
+    with_loads(replace(log, base_orientation=np.array([0.02, -0.02]) + sway), PUPPER_V2)
+    with pytest.raises(LogError, match=f"{words} off level.*hang the robot up"):
+        with_loads(replace(log, base_orientation=np.array([roll, pitch]) + sway), PUPPER_V2)
+
+
+def test_gravity_of_a_held_robot_is_its_load_at_rest():
+    suspended = np.full(20, POSTURES.index("suspended"))
+    log = replace(swaying(spec.NOMINAL_POSE, 0.0, rows=20), posture=suspended)
+    gravity = gravity_torque(log, PUPPER_V2)
+    assert gravity is not None
+    np.testing.assert_array_equal(gravity(log.joint_pos), with_loads(log, PUPPER_V2).external_torque)

@@ -1,0 +1,44 @@
+"""Smoothing removes noise, and leaves a log without noise as it is."""
+
+import numpy as np
+import pytest
+
+from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed
+
+DT, ROWS = 0.002, 1500
+PARTS = (slice(0, 700), slice(700, ROWS))
+TIME = DT * np.arange(ROWS)[:, None]
+RATES = np.array([7.0, 11.0, 16.0])
+WAVE, SPEED = 0.3 * np.sin(RATES * TIME), 0.3 * RATES * np.cos(RATES * TIME)
+"""Of three motors; the segments are one motion here."""
+
+
+def noisy(deviation: float, seed: int = 0) -> np.ndarray:
+    return WAVE + deviation * np.random.default_rng(seed).standard_normal(WAVE.shape)
+
+
+@pytest.mark.parametrize("deviation", [1e-4, 3e-4, 1e-3])
+def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
+    readings = noisy(deviation)
+    found = smoothed(readings, PARTS, DT)
+    assert found is not None
+    position, velocity = found
+    assert position.shape == velocity.shape == readings.shape
+    assert np.std(position - WAVE) < 0.6 * deviation
+    differences = np.concatenate([np.gradient(readings[part], DT, axis=0) for part in PARTS])
+    assert np.std(velocity - SPEED) < 0.35 * np.std(differences - SPEED)
+    assert np.std(velocity - SPEED) < 0.1 * np.std(SPEED)
+
+
+def test_a_log_without_noise_is_left_as_it_is():
+    assert smoothed(WAVE, PARTS, DT) is None
+    assert smoothed(noisy(0.2 * MIN_NOISE), PARTS, DT) is None
+    assert smoothed(np.zeros((400, 2)), (slice(0, 400),), DT) is None
+
+
+def test_the_steps_of_an_encoder_are_noise():
+    step = 2 * np.pi / 4096
+    readings = step * np.round(WAVE / step)
+    found = smoothed(readings, PARTS, DT)
+    assert found is not None and np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
+    assert 0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)

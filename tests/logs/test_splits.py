@@ -1,0 +1,56 @@
+"""Training and test rows never overlap, and every joint of the test rows moves in the training rows."""
+
+import numpy as np
+import pytest
+
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.splits import moving_joints, split, spread_windows
+
+
+def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment: np.ndarray | None = None) -> MotorLog:
+    """Two joints at 500 Hz whose angles are the row."""
+    pos = start + np.tile(np.arange(float(rows))[:, None], (1, 2))
+    target = np.zeros((rows, 2))
+    target[:, list(moving)] = pos[:, list(moving)]
+    return MotorLog(
+        time=0.002 * np.arange(rows), position_target=target, joint_pos=pos, joint_names=("hip", "knee"), robot="r",
+        motor="m", source=f"{start}", segment=segment,
+    )  # fmt: skip
+
+
+def test_windows_are_equally_long_and_cover_a_motion_together():
+    found = spread_windows([a_log(3000, 0.0), a_log(3000, 1e4), a_log(3000, 2e4)], 6.0)
+    assert [part.stop - part.start for part in found.segment_slices()] == [1000, 1000, 1000]
+    assert [found.joint_pos[part.start, 0] for part in found.segment_slices()] == [0.0, 1e4 + 1000, 2e4 + 2000]
+    assert spread_windows([a_log(500, 0.0)], 6.0).num_rows == 500
+
+
+def test_every_second_log_is_a_test():
+    found = split({name: a_log(2000) for name in "abcde"}, 10.0, 100.0)
+    assert list(found.train) == ["a", "c", "e"] and list(found.test) == ["b", "d"]
+
+
+@pytest.mark.parametrize("logs", [{"a": a_log(2000)}, {"a": a_log(2000), "b": a_log(2000, 0.0, (1,))}])
+def test_halves_where_a_joint_moves_in_the_test_logs_only(logs: dict[str, MotorLog]):
+    found = split(logs, 100.0, 100.0)
+    assert list(found.train) == list(found.test) == list(logs)
+    for name in logs:
+        train, test = found.train[name].joint_pos[:, 0], found.test[name].joint_pos[:, 0]
+        assert train.max() < test.min() and len(train) + len(test) == 2000
+
+
+def waves(*spans: tuple[float, float], seconds: float = 20.0) -> MotorLog:
+    """A log at 100 Hz whose joints move in a span of time each [s]."""
+    time = 0.01 * np.arange(round(100 * seconds))
+    target = np.stack([np.where((time >= a) & (time < b), np.sin(6 * time), 0.0) for a, b in spans], axis=1)
+    names = ("hip", "knee", "toe")[: len(spans)]
+    return MotorLog(
+        time=time, position_target=target, joint_pos=target, joint_names=names, robot="r", motor="m", source="waves"
+    )
+
+
+def test_joints_that_move_one_after_the_other_are_in_both_parts():
+    found = split({"a": waves((0.0, 10.0), (10.0, 20.0), (20.0, 60.0), seconds=60.0)}, 5.0, 5.0)
+    assert moving_joints(found.train) == moving_joints(found.test) == [0, 1, 2]
+    assert not set(found.train["a"].joint_pos[:, 2]) & set(found.test["a"].joint_pos[:, 2]) - {0.0}
+    assert "alternating" in found.rule
