@@ -15,7 +15,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.behaviour import behaviours
+from motorprior.bench.behaviour import Behaviours, behaviours
 from motorprior.bench.bench_folder import BenchSettings
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.families import TrueMotors
@@ -190,14 +190,14 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
     from motorprior.identification.evaluation import distribution as two_sample  # here: it imports scipy.stats
 
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, _SAMPLES])
-    pairs = []
+    pairs: list[tuple[Behaviours, Behaviours]] = []
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
-        true = bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2)
-        pairs.append((drawn.values, behaviours(true.actuator()).values))
-    areas = [two_sample.two_sample_auc(*pair, bench.seed) for pair in pairs]
-    distance = float(np.median([two_sample.energy_distance(*pair) for pair in pairs]))
-    p_value = two_sample.permutation_p_value(*pairs[0], bench.seed)
+        pairs.append((drawn, behaviours(bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2).actuator())))
+    first, physical = pairs[0]
+    areas = [two_sample.two_sample_auc(one.values, other.values, bench.seed) for one, other in pairs]
+    distance = float(np.median([two_sample.energy_distance(one.values, other.values) for one, other in pairs]))
+    p_value = two_sample.permutation_p_value(first.values, physical.values, bench.seed)
     return Results.of([
         Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
         Result("two_sample_auc", "1", min(areas), statistic="low"),
@@ -207,7 +207,7 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
         Result("aggregate_posterior_kl", "nat", prior.metrics.get("aggregate_posterior_kl", 0.0)),
         *(
             Result("behaviour_auc", "1", float(value), part=name)
-            for name, value in zip(drawn.names, two_sample.feature_auc(*pairs[0]), strict=True)
+            for name, value in zip(first.names, two_sample.feature_auc(first.values, physical.values), strict=True)
         ),
     ])  # fmt: skip
 
