@@ -19,8 +19,9 @@ from motorprior.artifacts import write_text
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate import Validate, load_priors, run_validate
-from motorprior.identification.evaluation.bench_truth import PredictorOfMotors, held_out_motors
+from motorprior.identification.evaluation.bench_truth import PredictorOfMotors
 from motorprior.identification.fit_prior import PRIOR
+from motorprior.identification.held_out import held_out_motors
 from motorprior.identification.presets import identification_preset
 from motorprior.progress import Lines
 from motorprior.results import Result, Results

@@ -26,17 +26,9 @@ from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.identification.evaluation.bench_truth import (
-    HELD_OUT,
-    MAX_WORK,
-    ModelOfMotors,
-    adapt_all,
-    adapted_models,
-    bench_errors,
-    distribution,
-    held_out_motors,
-)
+from motorprior.identification.evaluation.bench_truth import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.fit_prior import PRIOR
+from motorprior.identification.held_out import adapt_all, adapted_models, distribution, held_out_motors
 from motorprior.identification.presets import identification_preset
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot

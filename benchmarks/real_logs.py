@@ -35,15 +35,20 @@ from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to
-from motorprior.identification.baselines.log_baselines import (
+from motorprior.identification.evaluation.bands import log_coverage
+from motorprior.identification.evaluation.errors import (
+    Motors,
+    fitted_tuned_pd,
+    free_run_errors,
+    whole_runs,
+    with_gains_of,
+)
+from motorprior.identification.fit_prior import fit_prior, fit_recipe
+from motorprior.identification.log_baselines import (
     baseline_recipes,
     fitted_baselines,
     fitted_responses,
-    fitted_tuned_pd,
 )
-from motorprior.identification.evaluation.bands import log_coverage
-from motorprior.identification.evaluation.errors import Motors, free_run_errors, whole_runs, with_gains_of
-from motorprior.identification.fit_prior import fit_prior, fit_recipe
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.loads import with_some_load

@@ -109,7 +109,7 @@ def is_replayed(config: RealMotors, robot: str) -> bool:
 
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
-    from motorprior.identification.evaluation.quick_report import report_with_loads, report_without_loads
+    from motorprior.identification.quick_report import report_with_loads, report_without_loads
 
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None

@@ -15,8 +15,8 @@ from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.evaluation.bench_truth import (
-    ModelOfMotors,
+from motorprior.identification.evaluation.bench_truth import ModelOfMotors
+from motorprior.identification.held_out import (
     adapt_all,
     adaptation,
     adapted_models,

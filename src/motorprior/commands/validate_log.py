@@ -13,7 +13,6 @@ from motorprior.artifacts import write_text
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.adapt import adapt_to, note_training_log
-from motorprior.identification.baselines.log_baselines import baseline_recipes, fitted_baselines
 from motorprior.identification.evaluation.errors import (
     PRIOR,
     TUNED_PD,
@@ -26,6 +25,7 @@ from motorprior.identification.evaluation.errors import (
     with_gains_of,
 )
 from motorprior.identification.evaluation.traces import traces, write_traces
+from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.prior_file import load_prior, trained_on
 from motorprior.logs.motor_log import MotorLog

@@ -60,9 +60,10 @@ def _torque_traces(name: str, robot: Robot, prior: MotorPrior, motors: TrueMotor
     truth, actuator = run(motors.actuator(), case), prior.training_motors(np.arange(len(motors)))
     arrays, torque = actuator.arrays(period), np.zeros(truth.joint_pos.shape)
     reset_actuator(arrays, case.position_target[0].copy(), truth.joint_pos[0].copy())
-    for row, inputs in enumerate(zip(case.position_target, truth.joint_pos, truth.joint_vel, strict=True)):
-        step_actuator(arrays, period, *(each.copy() for each in inputs), torque[row])
-        torque[row] -= arrays.damping * truth.joint_vel[row]
+    for row, velocity in enumerate(truth.joint_vel):
+        target, joint_pos = case.position_target[row].copy(), truth.joint_pos[row].copy()
+        step_actuator(arrays, period, target, joint_pos, velocity.copy(), torque[row])
+        torque[row] -= arrays.damping * velocity
     torque -= actuator.armature * np.gradient(truth.joint_vel, case.dt, axis=0)
     return {
         f"{name}/time": np.arange(first, len(torque)) * period,

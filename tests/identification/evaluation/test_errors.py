@@ -13,13 +13,13 @@ from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.log_baselines import fitted_tuned_pd
 from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
     LogErrors,
     Motors,
+    fitted_tuned_pd,
     free_run_errors,
     free_runs,
     log_warnings,

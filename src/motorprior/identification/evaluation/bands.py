@@ -82,19 +82,21 @@ def bench_coverage(
 
     ``coverage50`` and ``coverage90`` are over all motors and times, of all excitations and of each.
     """
-    rng = np.random.default_rng([seed, _BENCH_STREAM])
-    shares = {kind: dict.fromkeys(LEVELS, 0.0) for kind in preset.kinds}
+    rng, rows = np.random.default_rng([seed, _BENCH_STREAM]), []
     for kind in preset.kinds:
+        inside = []
         for case, truth in held_out_trials(kind, motors, seed, preset)[:_REPEATS]:
             samples = []
             for z in _latent_samples(posterior, rng):
                 simulated = run(LatentActuator(prior.network, z), case)
                 samples.append(simulated.joint_pos + sample_residuals(prior.metrics, rng, simulated.joint_vel))
-            for level, inside in _inside(np.stack(samples), run(truth, case).joint_pos).items():
-                shares[kind][level] += float(np.mean(inside)) / _REPEATS
-    return Results.of(
-        Result(f"coverage{level}", "1", float(np.mean([shares[one][level] for one in kinds])), motors="held_out",
-               part=None if len(kinds) > 1 else kinds[0])
-        for kinds in (preset.kinds, *((kind,) for kind in preset.kinds))
+            inside.append(_inside(np.stack(samples), run(truth, case).joint_pos))
+        for level in LEVELS:
+            share = sum(float(np.mean(each[level])) / _REPEATS for each in inside)
+            rows.append(Result(f"coverage{level}", "1", share, motors="held_out", part=kind))
+    of_each = Results.of(rows)
+    overall = [
+        Result(f"coverage{level}", "1", of_each.mean(quantity=f"coverage{level}"), motors="held_out")
         for level in LEVELS
-    )  # fmt: skip
+    ]
+    return Results.of(overall) + of_each

@@ -189,6 +189,16 @@ class LogErrors:
         ]
 
 
+def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> Motors:
+    """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
+    from motorprior.identification.baselines.pd_fit import TUNING, repeated, tuned_pd
+    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
+
+    with progress.start("tune one PD", TUNING) as task:
+        found = tuned_pd(log, task.advance, scaled_gains(log))
+    return with_scaled_gains(repeated(found, num_motors or log.num_joints), log)
+
+
 def evaluate_replay(
     motors: Motors, tuned: Motors | None, log: MotorLog, recipe: Preset, progress: Progress
 ) -> LogErrors:
@@ -196,8 +206,6 @@ def evaluate_replay(
 
     ``tuned`` is a PD that was tuned to the log; it is tuned here if not given.
     """
-    from motorprior.identification.baselines.log_baselines import fitted_tuned_pd  # here: it imports this module
-
     models = {PRIOR: motors, TUNED_PD: tuned or fitted_tuned_pd(log, progress)}
     errors = {
         name: capped(rms(replay_errors(model, log, recipe.nominal_conditions)[0], axis=0))[None]

@@ -63,5 +63,6 @@ def read_traces(folder: Path) -> tuple[list[Trace], list[str]]:
     for index, (log, joint) in enumerate(header["traces"]):
         prefix = f"{index}/model/"
         models = {name.removeprefix(prefix): values for name, values in tensors.items() if name.startswith(prefix)}
-        found.append(Trace(log, joint, *(tensors[f"{index}/{name}"] for name in _CHANNELS), models))
+        time, target, measured = (tensors[f"{index}/{name}"] for name in _CHANNELS)
+        found.append(Trace(log, joint, time, target, measured, models))
     return found, header["lines"]

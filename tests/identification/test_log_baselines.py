@@ -8,7 +8,7 @@ import pytest
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS as BENCHES
 from motorprior.bench.recording import record
-from motorprior.identification.baselines.log_baselines import baseline_recipes
+from motorprior.identification.log_baselines import baseline_recipes
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog

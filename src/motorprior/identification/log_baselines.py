@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.identification import presets
+from motorprior.identification.evaluation.errors import Motors, fitted_tuned_pd, whole_runs
+from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import Preset
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
@@ -15,7 +17,6 @@ from motorprior.progress import SILENT, Progress, WithoutNotes
 
 if TYPE_CHECKING:  # here and in functions: scipy's optimizers take half a second
     from motorprior.identification.baselines.response_models import ResponseMotors
-    from motorprior.identification.evaluation.errors import Motors
 
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
@@ -45,8 +46,6 @@ def fitted_baselines(
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
     """
-    from motorprior.identification.fit_prior import fit_recipe
-
     recipes = baseline_recipes(log, preset)
     models: dict[str, Motors] = dict(fitted_responses(log, preset, seed, progress))
     tuned = fitted_tuned_pd(log, progress)
@@ -56,16 +55,6 @@ def fitted_baselines(
         fitted = fit_recipe(log, named, recipe, seed, folder / name, WithoutNotes(progress), tuned=tuned)
         models[name] = LatentActuator(fitted.network, fitted.mean)
     return models | {"tuned_pd": tuned}
-
-
-def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> Motors:
-    """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
-    from motorprior.identification.baselines.pd_fit import TUNING, repeated, tuned_pd
-    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
-
-    with progress.start("tune one PD", TUNING) as task:
-        found = tuned_pd(log, task.advance, scaled_gains(log))
-    return with_scaled_gains(repeated(found, num_motors or log.num_joints), log)
 
 
 def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
@@ -98,7 +87,6 @@ def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progres
         LogError: another sample period, or no segment that is long enough.
     """
     from motorprior.identification.baselines.response_fit import fit_responses
-    from motorprior.identification.evaluation.errors import whole_runs
 
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset)

@@ -12,12 +12,12 @@ from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import motor_constants
-from motorprior.identification.baselines.log_baselines import fitted_responses, fitted_tuned_pd
 from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
     LogErrors,
     Motors,
+    fitted_tuned_pd,
     free_run_errors,
     free_runs,
     whole_runs,
@@ -25,6 +25,7 @@ from motorprior.identification.evaluation.errors import (
 from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, UNIDENTIFIED, WHOLE_RUN_RMSE
 from motorprior.identification.evaluation.traces import Trace, traces
 from motorprior.identification.fit_prior import fit_recipe
+from motorprior.identification.log_baselines import fitted_responses
 from motorprior.identification.physics.identifiability import identifiable_constants
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset, recipe_of
