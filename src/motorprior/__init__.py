@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from motorprior.robots.robot import Robot as Robot
     from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
     from motorprior.simulation.simulate import simulate as simulate
-    from motorprior.simulation.train_policy import train_policy as train_policy
+    from motorprior.simulation.training import train_policy as train_policy
     from motorprior.studies.compare import compare as compare
 
 __version__ = "0.1.0"
@@ -72,7 +72,7 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "read_log": "logs.formats.registry",
     "record_bench": "bench.record_bench",
     "simulate": "simulation.simulate",
-    "train_policy": "simulation.train_policy",
+    "train_policy": "simulation.training",
     "write_log": "logs.formats.parquet_io",
 }
 

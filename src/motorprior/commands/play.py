@@ -18,13 +18,13 @@ from motorprior.commands.walk_seeds import SEED_FOLDER
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.schedule_file import read_schedule
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.rollout import Episode, WalkConfig
+from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.viewer import require_screen, show
 from motorprior.stage import locked, write_results
 from motorprior.studies.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
@@ -150,7 +150,7 @@ def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
             raise ConfigError(
                 "schedule replaces forward and yaw_rate", remedy="give one or the other", argument="schedule"
             )
-        return read_schedule(config.schedule, robot)
+        return Timetable.read(config.schedule, robot)
     forward = size.forward[1] if config.forward is None else config.forward
     require_number("forward", forward, *size.forward)
     require_number("yaw_rate", config.yaw_rate, -size.yaw_rate, size.yaw_rate)

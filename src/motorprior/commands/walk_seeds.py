@@ -13,7 +13,7 @@ from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
-from motorprior.simulation.walk_metrics import read_metrics
+from motorprior.simulation.training_files import read_metrics
 from motorprior.stage import in_parallel, usable_threads, write_results
 
 PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"

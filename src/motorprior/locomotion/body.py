@@ -28,6 +28,7 @@ LEAD_SHARE = 0.9
 class Body(NamedTuple):
     """Arrays of a robot with n joints and L legs in one gait; see `robots.robot.Robot` for sources."""
 
+    control_dt: float  # control period [s]
     nominal_pose: np.ndarray  # (n,) [rad]
     lower: np.ndarray  # (n,) joint limits [rad]
     upper: np.ndarray
@@ -63,6 +64,7 @@ def body_of(robot: Robot, gait: str = "trot") -> Body:
     size = robot.require_legs()
     phases, ratio = phases_of(robot, gait)
     return Body(
+        control_dt=robot.control_dt,
         nominal_pose=robot.nominal_pose,
         lower=robot.lower,
         upper=robot.upper,

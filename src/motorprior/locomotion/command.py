@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf, nextafter
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.bounds import is_range, require_number
 from motorprior.exceptions import ConfigError, quoted
 from motorprior.locomotion.body import MAX_COMMAND
+from motorprior.logs.formats.csv_table import read_number_table
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
+COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")  # of a timetable's file
 Range = tuple[float, float]
 
 
@@ -98,6 +102,27 @@ class Timetable:
     """
 
     rows: tuple[tuple[float, float, float], ...]
+
+    @classmethod
+    def read(cls, path: Path, robot: Robot) -> Timetable:
+        """Read a CSV file with `COLUMNS`; each command is in force until the time of the next row.
+
+        Raises:
+            LogError: the file cannot be read.
+            ConfigError: times that do not increase from 0 on, or a command outside the robot's range; names the row.
+        """
+        size, earliest = robot.require_legs(), 0.0
+        rows = [(float(time), float(forward), float(turn)) for time, forward, turn in read_number_table(path, COLUMNS)]
+        for number, row in enumerate(rows):
+            bounds = (earliest, inf), size.forward, (-size.yaw_rate, size.yaw_rate)
+            for name, value, (low, high) in zip(COLUMNS, row, bounds, strict=True):
+                if not low <= value <= high:
+                    raise ConfigError(
+                        f"row {number}: {name} {value:g} is not within {low:g} to {high:g}", where=path,
+                        remedy=f"order the rows by time and give commands in the range of robot {robot.name!r}",
+                    )  # fmt: skip
+            earliest = nextafter(row[0], inf)
+        return cls(tuple(rows))
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step, 0 before the first row; no randomness."""

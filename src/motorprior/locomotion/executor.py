@@ -1,4 +1,4 @@
-"""Execution of episodes: one after the other, on threads, on processes of this machine, or on a Ray cluster.
+"""Execution of episodes: on threads of this process, or on Ray's processes, here or on a cluster.
 
 A round of episodes is a list of tasks with one shared object. Both are small: noise and motors are sent as seeds.
 Results are in the order of the tasks and have the same bytes on every executor, given the same processor features and
@@ -17,7 +17,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.executor_ray import RayExecutor, ray_cluster, require_ray
 
 Result = TypeVar("Result")
-Kind = Literal["serial", "threads", "ray"]
+Kind = Literal["threads", "ray"]
 
 
 class Executor(Protocol):
@@ -30,21 +30,6 @@ class Executor(Protocol):
     def close(self) -> None:
         """Stop the workers."""
         ...
-
-
-class SerialExecutor:
-    """One simulator, one episode after the other."""
-
-    def __init__(self, make_simulator: Callable[[], Any]):
-        self._simulator = make_simulator()
-
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``."""
-        return [function(self._simulator, shared, task) for task in tasks]
-
-    def close(self) -> None:
-        """Close the simulator."""
-        self._simulator.close()
 
 
 class ThreadExecutor:
@@ -92,27 +77,21 @@ def require_executor(kind: Kind, address: str | None = None) -> None:
     if kind == "ray":
         require_ray(address)
     elif address is not None:
-        raise ConfigError(
-            "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
-        )
+        raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")
 
 
 def make_executor(
     make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
 ) -> Executor:
-    """Make an executor; one thread is replaced by serial execution.
+    """Make an executor.
 
     Args:
         make_simulator: called once per worker; for Ray it must be picklable.
-        workers: number of episodes at the same time; "serial" has one.
-        kind: one after the other, threads of this process, or Ray's processes.
+        workers: number of episodes at the same time.
+        kind: threads of this process, or Ray's processes.
         address: of the Ray cluster to join; without one Ray starts on this machine only.
 
     Raises:
         ConfigError: Ray is not available.
     """
-    if kind == "ray":
-        return RayExecutor(make_simulator, workers, address)
-    if kind == "serial" or workers == 1:
-        return SerialExecutor(make_simulator)
-    return ThreadExecutor(make_simulator, workers)
+    return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)

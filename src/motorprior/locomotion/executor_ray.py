@@ -51,14 +51,8 @@ def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
 class RayExecutor:
     """``workers`` processes on this machine, or those of a cluster.
 
-    Args:
-        make_simulator: called once per worker; pickled by value.
-        workers: processes of this machine. On a cluster it only sets the size of the chunks of episodes: Ray runs a
-            chunk on every free core.
-        address: of a running cluster to join.
-
-    Raises:
-        ConfigError: see `ray_cluster`.
+    ``make_simulator`` is called once per worker. On a cluster ``workers`` only sets the size of the chunks of
+    episodes: Ray runs a chunk on every free core. See `ray_cluster` for the address and errors.
     """
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
@@ -89,9 +83,8 @@ class RayExecutor:
         try:
             return self._ray.get(reference)
         except (errors.WorkerCrashedError, errors.NodeDiedError) as error:
-            raise SimulationFault(
-                f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})", remedy=_REMEDY
-            ) from error
+            problem = f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})"
+            raise SimulationFault(problem, remedy=_REMEDY) from error
         except errors.RayError as error:
             cause = error.cause if isinstance(error, errors.RayTaskError) else error
             if not isinstance(cause, errors.RayError):

@@ -39,14 +39,14 @@ class PolicyShape:
         Raises:
             ConfigError: symmetry of a robot or a gait that has none, or an odd number of hidden units with symmetry.
         """
-        if symmetric and hidden_units % 2:
+        if not symmetric:
+            return cls(robot.num_joints, hidden_units)
+        if hidden_units % 2:
             raise ConfigError(
                 f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
                 remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
             )  # fmt: skip
-        if symmetric:
-            return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
-        return cls(robot.num_joints, hidden_units)
+        return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
 
     @property
     def observations(self) -> int:
@@ -69,18 +69,15 @@ class PolicyShape:
             parameters[second:].reshape(self.units, actions),
         )
 
-    def policy(self, parameters: np.ndarray, observations: RunningStats, normalise: bool = True) -> PolicyArrays:
+    def policy(self, parameters: np.ndarray, observations: RunningStats) -> PolicyArrays:
         """The policy of (size,) parameters, normalised by the statistics of its observations."""
         weights, hidden, readout = self.split(parameters)
-        inputs = self.observations + 1
         if self.mirror is not None:
             weights = self.mirror.symmetric(weights)
             hidden = np.concatenate([hidden, self.mirror.inputs.columns(hidden)])
             readout = np.concatenate([readout, self.mirror.action.mirrored(readout)])
-        if not normalise:
-            return PolicyArrays(weights, hidden, readout, np.zeros(inputs - 1), np.ones(inputs - 1))
         stats = self.symmetric_stats(observations)
-        return PolicyArrays(weights, hidden, readout, stats.mean, stats.std())
+        return PolicyArrays(np.asfortranarray(weights), hidden, readout, stats.mean, stats.std())
 
     def symmetric_stats(self, observations: RunningStats) -> RunningStats:
         """Statistics of observations together with their mirror images, if there is a mirror."""
@@ -102,9 +99,8 @@ class PolicyShape:
                 f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}",
                 remedy="train with as many", argument="hidden_units",
             )  # fmt: skip
-        parameters = np.concatenate(
-            [policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()]
-        )
+        parts = policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()
+        parameters = np.concatenate(parts)
         kept = self.policy(parameters, RunningStats.empty(self.observations))
         for name in ("weights", "hidden", "readout"):
             if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):

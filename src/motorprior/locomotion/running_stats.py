@@ -6,18 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motorprior.compiled import njit
+
 CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
+
+
+@njit(cache=True)
+def update_stats(observation: np.ndarray, count: int, mean: np.ndarray, m2: np.ndarray) -> None:
+    """Add one observation x to mean and m2 = Σ (x - mean)² of ``count`` earlier ones, in place.
+
+    d = x - mean, mean += d / n, m2 += d (x - mean) with the new mean (Welford 1962).
+    """
+    for i in range(observation.shape[0]):
+        shift = observation[i] - mean[i]
+        mean[i] += shift / (count + 1)
+        m2[i] += shift * (observation[i] - mean[i])
 
 
 @dataclass(frozen=True, eq=False)
 class RunningStats:
-    """Count, mean and sum of squared deviations of observations.
-
-    Attributes:
-        count: number of observations.
-        mean: shape (observation,).
-        m2: Σ (x - mean)², shape (observation,).
-    """
+    """Count of observations, their (observation,) mean and (observation,) m2 = Σ (x - mean)²."""
 
     count: int
     mean: np.ndarray

@@ -89,8 +89,8 @@ def replay(
 def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Playback:
     targets = np.ascontiguousarray(targets, dtype=np.float64)
     steps, n = targets.shape
-    physics = steps * world.config.substeps
-    base = np.zeros((0 if world.config.is_fixed else steps, 7))
+    physics = steps * world.substeps
+    base = np.zeros((0 if world.is_fixed else steps, 7))
     out = Playback(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
     _play(world.arrays, motors, targets, out.joint_pos, out.joint_torque, out.measured_joint_pos, out.base)
     return out

@@ -6,7 +6,7 @@ are drawn by `DrawMotors` from another random stream, so that enabling a range c
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -98,14 +98,8 @@ class Randomization:
                     argument=argument,
                 )
 
-    def as_json(self) -> dict[str, object]:
-        """For the provenance of a policy."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
-
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
-        if self == _NOMINAL:
-            return nominal_conditions(robot)
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
         return Conditions(
@@ -197,23 +191,9 @@ class Conditions:
 
 def nominal_conditions(robot: Robot) -> Conditions:
     """Conditions without randomization."""
-    return Conditions(
-        armature=np.zeros(robot.num_joints),
-        damping=np.zeros(robot.num_joints),
-        friction=1.0,
-        mass=np.ones(robot.num_links),
-        com=np.zeros(3),
-        gravity=np.array([0.0, 0.0, -GRAVITY]),
-        encoder_offset=np.zeros(robot.num_joints),
-        command_delay=0.0,
-        push=np.zeros((0, 2)),
-        command_jitter=np.zeros(0),
-        strength=np.ones(robot.num_joints),
-        factors=Factors.ones(robot.num_joints),
-    )
+    return Randomization().conditions(robot, 0, 0)
 
 
-_NOMINAL = Randomization()
 # For a robot with uncertain floor, load and sensors; the ranges are assumptions.
 ROBUST = Randomization(
     friction=(0.7, 1.6), mass=(0.85, 1.15), com=0.01, gravity_tilt=0.05, joint_noise=0.001, tilt_noise=0.002,

@@ -16,7 +16,6 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.motor_choice import MotorSource, motor_sampler
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 
 def simulate(
@@ -47,7 +46,7 @@ def simulate(
     robot = as_robot(robot)
     draw, physics_dt = motor_sampler(motors, robot)
     wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
-    world = World(WorldConfig.of(robot, physics_dt=physics_dt, suspended=suspended))
+    world = World(robot, physics_dt, suspended)
     return replay(world, draw(generator_of(seed)), wanted)
 
 
@@ -67,7 +66,7 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
 
 def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float) -> MotorLog:
     """Log of the motors of a fixed or suspended robot, a row per physics step; velocities are differences of angles."""
-    world = World(WorldConfig.of(robot, physics_dt=physics_dt, suspended=robot.base == "free"))
+    world = World(robot, physics_dt, suspended=robot.base == "free")
     played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)
     rows = slice(every - 1, None, every)
     substeps = round(robot.control_dt / robot.physics_dt)

@@ -15,7 +15,6 @@ from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.build_model import FLOOR
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints
 
 # Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at 100 Hz
@@ -53,7 +52,7 @@ class SimulatedRobot:
 
     def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, rng: np.random.Generator):
         self._robot, self._wire = robot, robot.require_wire()
-        self._world = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
+        self._world = World(robot, robot.twin_physics_dt, suspended)
         self._motors, self._rng, self._suspended = motors, rng, suspended
         model = self._world.model
         floor, base = model.geom(FLOOR).id, model.body(1)

@@ -2,41 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from motorprior.bounds import require_number
-
-MAX_ROUGHNESS = 0.05  # [m]; the small robot stands 0.17 m high
-CELL, EXTENT = 0.04, 8.0  # [m] distance between neighbouring heights, edge of the patch
+CELL, EXTENT = 0.04, 8.0  # [m] distance between neighbouring heights, edge of the square patch about the origin
 WAVELENGTH = 0.2  # [m] of the shortest bumps, four standard deviations of the smoothing Gaussian
 START_RADIUS = 0.25  # [m] of the level ground around the origin
 BLEND = 0.25  # [m] over which the bumps grow to their full height
 _STREAM = 0x7E44
 
 
-@dataclass(frozen=True)
-class Terrain:
-    """A square patch of ground about the origin.
-
-    Attributes:
-        roughness: peak-to-peak height [m]; 0 is an infinite flat floor.
-    """
-
-    roughness: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_number("roughness", self.roughness, 0.0, MAX_ROUGHNESS)
-
-
-def heights(terrain: Terrain, seed: int) -> np.ndarray:
-    """(n, n) heights [m], y by x, zero around the origin; smoothed white noise, scaled to the roughness."""
+def heights(roughness: float, seed: int) -> np.ndarray:
+    """(n, n) heights [m], y by x, zero around the origin; smoothed white noise, scaled to the peak-to-peak height."""
     count = round(EXTENT / CELL) + 1
     noise = np.random.default_rng([_STREAM, seed]).standard_normal((count, count))
     field = gaussian_filter(noise, 0.25 * WAVELENGTH / CELL)
-    field *= terrain.roughness / np.ptp(field)
+    field *= roughness / np.ptp(field)
     line = CELL * (np.arange(count) - (count - 1) / 2)
     distance = np.hypot(*np.meshgrid(line, line))
     return field * np.clip((distance - START_RADIUS) / BLEND, 0.0, 1.0)

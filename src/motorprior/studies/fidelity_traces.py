@@ -21,7 +21,6 @@ from motorprior.identification.evaluation.bench_fidelity import (
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.robot_fidelity import trot_targets
 
 TORQUE_STREAM, TROT_STREAM = 41, 43  # tags of random streams; never zero, since numpy ignores trailing zeros of a seed
@@ -79,11 +78,11 @@ def _robot_traces(
     """One joint in a standing trot, positions [rad] and torques [N·m] at every physics step."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
     index, targets = np.arange(robot.num_joints), trot_targets(robot, rng, 100)
-    coarse, fine = (World(WorldConfig.of(robot, physics_dt=dt)) for dt in (robot.physics_dt, robot.twin_physics_dt))
+    coarse, fine = (World(robot, dt) for dt in (robot.physics_dt, robot.twin_physics_dt))
     every = round(robot.physics_dt / robot.twin_physics_dt)
     truth = replay(fine, motors.take(index).actuator(), targets)
     tensors = {
-        "robot/target": np.repeat(targets[:, joint], coarse.config.substeps),
+        "robot/target": np.repeat(targets[:, joint], coarse.substeps),
         "robot/position/truth": truth.joint_pos[every - 1 :: every, joint],
         "robot/torque/truth": truth.joint_torque[every - 1 :: every, joint],
     }

@@ -21,7 +21,6 @@ from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 DRAWS = 12
 ROBOT_STREAM = 19
@@ -61,8 +60,8 @@ def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], suspended: bool, seed: int
 ) -> RobotFidelity:
     """Compare every model, and the floor, over DRAWS samples of one motor per joint."""
-    fast = World(WorldConfig.of(robot, suspended=suspended))
-    fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
+    fast = World(robot, suspended=suspended)
+    fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
     for draw in range(DRAWS):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
@@ -82,7 +81,7 @@ def _try(world: World, model: Actuator | Ensemble, targets: np.ndarray, truth: P
     try:
         found = [replay(world, member, targets) for member in members]
         mean = Playback(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Playback)))
-        return compare(mean, truth, world.config.control_dt)
+        return compare(mean, truth, world.control_dt)
     except SimulationFault:
         return FAULT_RMSE, float("inf"), float("inf")
 

@@ -11,13 +11,12 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema, number, one_of
-from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.engines import ENGINES, Engine, Scene
+from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.motor_provenance import choice_from_json
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import ENGINES, Engine, Scene, WalkConfig
 from motorprior.studies import twin
 
 
@@ -69,7 +68,6 @@ def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
     """
     policy = Policy.load(path)
     policy.require_robot(robot, path)
-    policy.require_clock(robot.control_dt, path)
     return policy, robot.with_speed_range(policy.forward)
 
 
@@ -104,8 +102,9 @@ def training_scene(
     stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
     Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
     engine = engine or cast(Engine, stated["engine"])
-    terrain = Terrain(float(stated["roughness"]) if engine == "pybullet" else 0.0)
-    return Scene(robot, engine, sample, motors.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
+    roughness = float(stated["roughness"]) if engine == "pybullet" else 0.0
+    walk = replace(walk, gait=policy.gait, engine=engine, roughness=roughness)
+    return Scene(robot, sample, walk, motors.physics_dt(robot))
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:
