@@ -23,9 +23,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.rendering import show
 from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import WalkConfig
-from motorprior.simulation.viewer import require_screen, show
 from motorprior.stage import locked, write_results
 from motorprior.studies.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
 from motorprior.studies.training_scene import policy_for, training_scene
@@ -97,8 +97,6 @@ def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
     robot, names = load_robot(config.robot), _names(config.policies)
     require_number("seconds", config.seconds, robot.control_dt, MAX_SECONDS)
     require_seed(config.seed)
-    if config.viewer:
-        require_screen()
     commands = commands_of(config, with_shared_speeds(robot, map(Policy.load, names.values())))
     steps = max(1, round(config.seconds / robot.control_dt))
     episodes: dict[str, Episode] = {}

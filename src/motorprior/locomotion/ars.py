@@ -22,21 +22,13 @@ AVERAGING = 0.1  # weight of the newest parameters in their running average
 
 @dataclass(frozen=True)
 class ArsConfig:
-    """Settings of the search.
+    """Settings of the search."""
 
-    Attributes:
-        num_directions: N, directions tried per iteration, each with both signs.
-        num_top_directions: b, best directions that the update uses, at most N.
-        step_size: α.
-        delta_std: ν, standard deviation of the perturbation of each parameter.
-        seed: seed of all noise, not negative.
-    """
-
-    num_directions: int = 16
-    num_top_directions: int = 8
-    step_size: float = 0.02
-    delta_std: float = 0.03
-    seed: int = 0
+    num_directions: int = 16  # N, directions tried per iteration, each with both signs
+    num_top_directions: int = 8  # b, best directions that the update uses, at most N
+    step_size: float = 0.02  # α
+    delta_std: float = 0.03  # ν, standard deviation of the perturbation of each parameter
+    seed: int = 0  # of all noise, not negative
 
     def __post_init__(self) -> None:
         require_count("search.num_directions", self.num_directions, 1, MAX_DIRECTIONS)
@@ -49,24 +41,14 @@ class ArsConfig:
 class Ars:
     """State of a search: call `ask`, run an episode per candidate, `tell` the returns.
 
-    Attributes:
-        config: the settings.
-        parameters: M, shape (num_parameters,), zeros at the start.
-        average: A, shape (num_parameters,): A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992).
-        iteration: number of updates so far.
-        observations: running statistics of the observations; normalise with these during an iteration.
-
-    Args:
-        config: the settings.
-        num_parameters: length of the parameter vector.
-        observation_size: length of an observation.
+    The statistics of the observations are running; normalise with them during an iteration.
     """
 
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
-        self.parameters = np.zeros(num_parameters)
-        self.average = self.parameters
-        self.iteration = 0
+        self.parameters = np.zeros(num_parameters)  # M
+        self.average = self.parameters  # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
+        self.iteration = 0  # number of updates so far
         self.observations = RunningStats.empty(observation_size)
 
     def direction(self, index: int) -> np.ndarray:

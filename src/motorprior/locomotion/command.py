@@ -25,23 +25,17 @@ class Commands:
 
     The speeds of an episode are spread evenly over their range, in random order.
 
-    Attributes:
-        forward: lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies
-            fall at the edge of their training range.
-        yaw_rate: lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given.
-        hold: duration of a command [s].
-        straight: share of the commands without a turn [-].
-        still: share of the commands to stand still [-].
-
     Raises:
         ConfigError: a range whose first number is larger, or a number out of bounds.
     """
 
     forward: Range | None = None
-    yaw_rate: Range | None = None
-    hold: float = 2.5
-    straight: float = 0.5
-    still: float = 0.1
+    """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at
+    the edge of their training range."""
+    yaw_rate: Range | None = None  # lowest and highest [rad/s], to the left; the robot's own range if not given
+    hold: float = 2.5  # duration of a command [s]
+    straight: float = 0.5  # share of the commands without a turn [-]
+    still: float = 0.1  # share of the commands to stand still [-]
 
     def __post_init__(self) -> None:
         for name in ("forward", "yaw_rate"):
@@ -97,8 +91,7 @@ class Commands:
 class Timetable:
     """Commands at given times, the same in every episode.
 
-    Attributes:
-        rows: time [s], speed [m/s] and yaw rate [rad/s], held until the next; times increase.
+    The rows are time [s], speed [m/s] and yaw rate [rad/s], held until the next; times increase.
     """
 
     rows: tuple[tuple[float, float, float], ...]

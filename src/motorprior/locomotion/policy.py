@@ -143,35 +143,22 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
 class Policy:
     """A trained walking policy and what it was trained for.
 
-    Attributes:
-        weights: shape (actions, observations + 1), the last column is the bias.
-        hidden: shape (units, observations + 1); no rows for a linear policy.
-        readout: shape (units, actions).
-        observation_mean: shape (observations,), units of the observation.
-        observation_std: shape (observations,), > 0.
-        kp: shape (joints,) [N·m/rad], position gains of the motors in training.
-        kd: shape (joints,) [N·m·s/rad], velocity gains.
-        control_dt: control period [s] in training.
-        robot: name of the robot.
-        joint_names: the joints in the order of residuals and observed angles.
-        forward: range of commanded speeds [m/s]: the robot's, extended by that of the training.
-        gait: see `locomotion.gaits`.
-        provenance: settings of its training; JSON values only.
+    Tensors are float64, in the units of the observation.
     """
 
-    weights: np.ndarray
-    hidden: np.ndarray
-    readout: np.ndarray
-    observation_mean: np.ndarray
-    observation_std: np.ndarray
-    kp: np.ndarray
-    kd: np.ndarray
-    control_dt: float
-    robot: str
-    joint_names: tuple[str, ...]
-    forward: tuple[float, float]
-    gait: GaitName = "trot"
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    weights: np.ndarray  # (actions, observations + 1), the last column is the bias
+    hidden: np.ndarray  # (units, observations + 1); no rows for a linear policy
+    readout: np.ndarray  # (units, actions)
+    observation_mean: np.ndarray  # (observations,)
+    observation_std: np.ndarray  # (observations,), > 0
+    kp: np.ndarray  # (joints,) [N·m/rad], position gains of the motors in training
+    kd: np.ndarray  # (joints,) [N·m·s/rad], velocity gains
+    control_dt: float  # control period [s] in training
+    robot: str  # its name
+    joint_names: tuple[str, ...]  # in the order of residuals and observed angles
+    forward: tuple[float, float]  # range of commanded speeds [m/s]: the robot's, extended by that of the training
+    gait: GaitName = "trot"  # see `locomotion.gaits`
+    provenance: Mapping[str, Any] = field(default_factory=dict)  # settings of its training; JSON values only
 
     @classmethod
     def of(

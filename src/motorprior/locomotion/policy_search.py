@@ -58,12 +58,7 @@ class PolicySearch:
     It begins with ``start``, or with the zero policy, which is the plain gait. The observation statistics of ``start``
     get the weight of START_OBSERVATIONS observations.
 
-    Attributes:
-        ars: state of the search.
-        shape: of the policy.
-        best: policy with the largest mean return in evaluation; the zero policy before the first evaluation.
-        best_return: its mean return [m].
-        best_iteration: its iteration; -1 before the first evaluation.
+    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy.
 
     Raises:
         ConfigError: a start of another number of hidden units, or one that is not symmetric where the shape is.
@@ -72,7 +67,7 @@ class PolicySearch:
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: Policy | None = None):
         self.ars, self.shape = Ars(config, shape.size, shape.observations), shape
         self.best = shape.policy(np.zeros(shape.size), self.ars.observations)
-        self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1
+        self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1  # before the first evaluation
         if start is not None:
             self.ars.parameters = self.ars.average = shape.parameters(start)
             m2 = START_OBSERVATIONS * np.square(start.observation_std)
@@ -123,12 +118,8 @@ class PolicySearch:
     ) -> None:
         """Advance to ``iterations`` iterations, with an evaluation before, every EVALUATION_EVERY, and at the end.
 
-        Args:
-            executor: runs the training episodes.
-            iterations: maximum.
-            evaluator: runs the evaluation episodes; ``executor`` if not given.
-            patience: stop after so many evaluations in a row without a better policy; never if not given.
-            progress: called after every iteration.
+        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The search stops after
+        ``patience`` evaluations in a row without a better policy. ``progress`` is called after every iteration.
         """
         evaluator = executor if evaluator is None else evaluator
         if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it

@@ -21,16 +21,11 @@ class PolicyShape:
     The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row. With a mirror, W is
     made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A, so that a mirrored
     observation gives the mirrored action.
-
-    Attributes:
-        num_joints: of the robot.
-        units: hidden units before mirroring; 0 for a linear policy.
-        mirror: of the robot in its gait; None for a policy without symmetry.
     """
 
     num_joints: int
-    units: int = 0
-    mirror: Mirror | None = None
+    units: int = 0  # hidden units before mirroring; 0 for a linear policy
+    mirror: Mirror | None = None  # of the robot in its gait; None for a policy without symmetry
 
     @classmethod
     def of(cls, robot: Robot, gait: str, hidden_units: int, symmetric: bool) -> PolicyShape:

@@ -24,30 +24,16 @@ CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the groun
 
 @dataclass(frozen=True)
 class TaskWeights:
-    """Coefficients of the reward, which is in metres walked.
+    """Coefficients of the reward, which is in metres walked; ConfigError for one that is not a number of at least 0."""
 
-    Attributes:
-        alive: per second upright [m/s].
-        speed: of |filtered forward speed - commanded speed| [m/s per m/s].
-        lateral: of |filtered sideways speed| [m/s per m/s].
-        heading: of |heading error| [m/s per rad].
-        yaw_rate: of |yaw rate - commanded yaw rate| [m/s per rad/s].
-        tilt: of |roll| + |pitch| [m/s per rad].
-        torque: of Σ (torque/reference_torque)² over the joints [m/s].
-        slip: of Σ sliding speed over the feet on the ground [m/s per m/s].
-
-    Raises:
-        ConfigError: a coefficient that is negative, not finite or no number.
-    """
-
-    alive: float = 1.0
-    speed: float = 2.0
-    lateral: float = 1.0
-    heading: float = 1.0
-    yaw_rate: float = 0.02
-    tilt: float = 0.2
-    torque: float = 0.003
-    slip: float = 0.5
+    alive: float = 1.0  # per second upright [m/s]
+    speed: float = 2.0  # of |filtered forward speed - commanded speed| [m/s per m/s]
+    lateral: float = 1.0  # of |filtered sideways speed| [m/s per m/s]
+    heading: float = 1.0  # of |heading error| [m/s per rad]
+    yaw_rate: float = 0.02  # of |yaw rate - commanded yaw rate| [m/s per rad/s]
+    tilt: float = 0.2  # of |roll| + |pitch| [m/s per rad]
+    torque: float = 0.003  # of Σ (torque/reference_torque)² over the joints [m/s]
+    slip: float = 0.5  # of Σ sliding speed over the feet on the ground [m/s per m/s]
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():

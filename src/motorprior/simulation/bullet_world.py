@@ -21,19 +21,13 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
-from motorprior.actuator.kernels import (
-    make_explicit,
-    measure_joint_pos,
-    reset_actuator,
-    step_actuator,
-)
+from motorprior.actuator.kernels import make_explicit, measure_joint_pos, reset_actuator, step_actuator
 from motorprior.backend import BackendState
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Conditions, nominal_conditions
-from motorprior.simulation.terrain import CELL, heights
 from motorprior.simulation.world import substeps_of
 from motorprior.simulation.world_step import control_steps_late, has_diverged
 
@@ -47,17 +41,14 @@ EXPLICIT_STIFFNESS = 3e-4
 class BulletWorld:
     """A simulated robot in its own PyBullet client, which `close` ends.
 
-    Args:
-        robot: its description.
-        suspended: fix the base in the air.
-        roughness: peak-to-peak height of the ground's bumps [m].
+    ``suspended`` fixes the base in the air; ``torque`` (joints,) is that of the latest physics step [N·m].
 
     Raises:
         ConfigError: PyBullet is not installed, or the robot has no URDF.
     """
 
-    def __init__(self, robot: Robot, suspended: bool = False, roughness: float = 0.0):
-        self.robot, self.suspended, self.roughness = robot, suspended, roughness
+    def __init__(self, robot: Robot, suspended: bool = False):
+        self.robot, self.suspended = robot, suspended
         self.substeps = substeps_of(robot.control_dt, PHYSICS_DT)
         self._bullet, self._client = import_bullet(), -1
         if not isinstance(robot.model, GeneratedModel) or robot.model.urdf is None:
@@ -65,19 +56,15 @@ class BulletWorld:
         self._urdf = robot.model.urdf
         self._damping, self._passive = np.zeros(robot.num_joints), np.zeros(robot.num_joints)
         self._nominal = nominal_conditions(robot)
-        self._conditions, self._torque = self._nominal, np.zeros(robot.num_joints)
+        self._conditions, self.torque = self._nominal, np.zeros(robot.num_joints)
         self._joints: tuple[np.ndarray, np.ndarray] | None = None
 
     def reset(
-        self,
-        actuator: Actuator,
-        joint_pos: np.ndarray | None = None,
-        conditions: Conditions | None = None,
-        seed: int = 0,
+        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
     ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
 
-        The pose and the conditions are the robot's nominal ones if not given; ``seed`` draws rough ground.
+        The pose and the conditions are the robot's nominal ones if not given.
         """
         joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal if conditions is None else conditions
@@ -89,7 +76,7 @@ class BulletWorld:
         self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
         self._passive = self._damping + conditions.damping
         rotors = actuator.armature + conditions.armature + PHYSICS_DT * self._passive
-        self._build(rotors, conditions, seed)
+        self._build(rotors, conditions)
         self._delays, self._clock = conditions.delay_steps(PHYSICS_DT), 0
         oldest = -(-int(self._delays.max()) // self.substeps)
         self._commands = deque([joint_pos] * (oldest + 1), oldest + 1)
@@ -121,19 +108,19 @@ class BulletWorld:
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
         """One physics step towards (joints,) true angles [rad]; returns Σ torque² over the joints [(N·m)²].
 
-        Writes the motors' torque on the joints, including the damping that the engine integrates, to ``torque``;
-        ``push`` is a (2,) horizontal force on the origin of the chassis [N].
+        ``torque`` includes the damping that the engine integrates; ``push`` is a (2,) horizontal force on the origin of
+        the chassis [N].
         """
         q, dq = self._joints if self._joints is not None else self.joints()
-        forces = _drive(motors, target, q, dq, self._conditions.strength, self._passive, self._torque).tolist()
+        forces = _drive(motors, target, q, dq, self._conditions.strength, self._passive, self.torque).tolist()
         self.call("setJointMotorControlArray", self.body, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
         if push is not None:
             where = self.base()[0].tolist()
             self.call("applyExternalForce", self.body, -1, [*push, 0.0], where, self._bullet.WORLD_FRAME)
         self.call("stepSimulation")
         self._joints = self.joints()
-        self._torque -= self._damping * self._joints[1]
-        return float(self._torque @ self._torque)
+        self.torque -= self._damping * self._joints[1]
+        return float(self.torque @ self.torque)
 
     def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
         """State of a free robot; the positions of its feet are unknown."""
@@ -146,11 +133,6 @@ class BulletWorld:
             pos, quat, lin_vel, ang_vel, measured + self._conditions.encoder_offset,
             np.full((len(self.robot.legs), 3), np.nan), torque_squared_sum, int(has_diverged(qpos, qvel)),
         )  # fmt: skip
-
-    @property
-    def torque(self) -> np.ndarray:
-        """(joints,) of the latest physics step [N·m]."""
-        return self._torque
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """True joint angles (joints,) [rad] and velocities (joints,) [rad/s]."""
@@ -174,12 +156,13 @@ class BulletWorld:
         """Call a function of PyBullet on this world's client."""
         return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
-    def _build(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
+    def _build(self, rotors: np.ndarray, conditions: Conditions) -> None:
         self.call("setTimeStep", PHYSICS_DT)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
         if not self.suspended:
-            self._add_floor(seed)
+            floor = self.call("createMultiBody", 0.0, self.call("createCollisionShape", self._bullet.GEOM_PLANE))
+            self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
         self.body = self._load_robot(self._urdf(rotors, tuple(conditions.com.tolist())))
         names = [
             self.call("getJointInfo", self.body, index)[1].decode()
@@ -197,21 +180,6 @@ class BulletWorld:
             path = Path(folder) / "robot.urdf"
             path.write_text(text, encoding="utf-8")
             return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.suspended)
-
-    def _add_floor(self, seed: int) -> None:
-        if self.roughness == 0.0:
-            shape = self.call("createCollisionShape", self._bullet.GEOM_PLANE)
-            floor = self.call("createMultiBody", 0.0, shape)
-        else:
-            field = heights(self.roughness, seed)
-            shape = self.call(
-                "createCollisionShape", self._bullet.GEOM_HEIGHTFIELD, meshScale=[CELL] * 2 + [1.0],
-                heightfieldData=field.ravel().tolist(), numHeightfieldRows=field.shape[1],
-                numHeightfieldColumns=field.shape[0],
-            )  # fmt: skip
-            middle = 0.5 * (float(field.min()) + float(field.max()))  # Bullet centres a field between its extremes
-            floor = self.call("createMultiBody", 0.0, shape, basePosition=[0.0, 0.0, middle])
-        self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
 
     def _prepare_joints(self, joint_pos: np.ndarray) -> None:
         """Remove Bullet's own motors and damping, couple rotors to their joints."""

@@ -38,11 +38,12 @@ class DrivenJoints:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
-        _require_integrator(model)
+        if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP:
+            remedy = 'use <option integrator="implicitfast"/>, "implicit", or "Euler" with no flag eulerdamp="disable"'
+            raise ConfigError("the model's integrator does not damp its joints implicitly", remedy=remedy)
         if len(joints) != actuator.num_motors:
-            raise ConfigError(
-                f"{len(joints)} joints for {actuator.num_motors} motors", remedy="sample one motor per joint"
-            )
+            problem = f"{len(joints)} joints for {actuator.num_motors} motors"
+            raise ConfigError(problem, remedy="sample one motor per joint")
         found = [_hinge(model, name) for name in joints]
         self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
@@ -72,20 +73,11 @@ class DrivenJoints:
         return torque
 
 
-def _require_integrator(model: mujoco.MjModel) -> None:
-    flags = mujoco.mjtDisableBit.mjDSBL_EULERDAMP
-    if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & flags:
-        raise ConfigError(
-            "the model's integrator does not damp its joints implicitly",
-            remedy='use <option integrator="implicitfast"/>, "implicit", or "Euler" with no flag eulerdamp="disable"',
-        )
-
-
 def _hinge(model: mujoco.MjModel, name: str) -> int:
-    names = [model.joint(index).name for index in range(model.njnt)]
-    if name not in names:
-        raise ConfigError(f"no joint {name!r} in the model", remedy=f"its joints are {', '.join(filter(None, names))}")
-    joint = names.index(name)
+    try:
+        joint = model.joint(name).id
+    except KeyError as error:  # its message lists the joints of the model
+        raise ConfigError(f"no joint {name!r} in the model", remedy=str(error.args[0])) from error
     if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):

@@ -16,19 +16,12 @@ from motorprior.simulation.world_step import FAULTS, WorldArrays, physics_step, 
 
 @dataclass(frozen=True)
 class Playback:
-    """A recording of C control steps with P physics steps in all.
+    """A recording of C control steps with P physics steps in all."""
 
-    Attributes:
-        joint_pos: (P, joints) [rad] after each physics step.
-        joint_torque: (P, joints) [N·m] during each physics step.
-        measured_joint_pos: (C, joints) [rad] at the encoders, before each control step.
-        base: (C, 7) position [m] and quaternion of the base before each control step; empty if it is fixed.
-    """
-
-    joint_pos: np.ndarray
-    joint_torque: np.ndarray
-    measured_joint_pos: np.ndarray
-    base: np.ndarray
+    joint_pos: np.ndarray  # (P, joints) [rad] after each physics step
+    joint_torque: np.ndarray  # (P, joints) [N·m] during each physics step
+    measured_joint_pos: np.ndarray  # (C, joints) [rad] at the encoders, before each control step
+    base: np.ndarray  # (C, 7) position [m] and quaternion before each control step; empty if it is fixed
 
 
 @njit(cache=True, nogil=True)
@@ -76,21 +69,16 @@ def replay(
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.
     """
+    held = targets if lead_in is None else np.concatenate([lead_in, targets])
+    held = np.ascontiguousarray(held, dtype=np.float64)
+    steps, n = held.shape
+    physics, before = steps * world.substeps, steps - len(targets)
+    pos, torque, measured = np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n))
+    base = np.zeros((0 if world.is_fixed else steps, 7))
     motors = world.reset(actuator, start)
-    if lead_in is not None:
-        _run(world, motors, lead_in)
-    recorded = _run(world, motors, targets)
+    _play(world.arrays, motors, held, pos, torque, measured, base)
     fault = world.fault()
     if fault and not tolerate_fault:
         raise SimulationFault(FAULTS[fault], remedy="shorten physics_dt or check the motors' gains")
-    return recorded
-
-
-def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Playback:
-    targets = np.ascontiguousarray(targets, dtype=np.float64)
-    steps, n = targets.shape
-    physics = steps * world.substeps
-    base = np.zeros((0 if world.is_fixed else steps, 7))
-    out = Playback(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
-    _play(world.arrays, motors, targets, out.joint_pos, out.joint_torque, out.measured_joint_pos, out.base)
-    return out
+    first = before * world.substeps
+    return Playback(pos[first:], torque[first:], measured[before:], base[before:])

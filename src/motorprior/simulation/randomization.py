@@ -90,13 +90,10 @@ class Randomization:
                 value = tuple(value)
                 object.__setattr__(self, field.name, value)
             if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
-                argument = f"randomization.{field.name}"
-                raise ConfigError(
-                    f"{argument} {quoted(value)} is not a "
-                    f"{'range' if ranged else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
-                    remedy="give the smaller number first, both within the bounds" if ranged else "give one number",
-                    argument=argument,
-                )
+                argument, kind = f"randomization.{field.name}", "range" if ranged else "number"
+                problem = f"{argument} {quoted(value)} is not a {kind} within {bounds[0]:g}..{bounds[1]:g}"
+                remedy = "give the smaller number first, both within the bounds" if ranged else "give one number"
+                raise ConfigError(problem, remedy=remedy, argument=argument)
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""

@@ -33,29 +33,18 @@ from motorprior.simulation.world_step import WorldArrays, hold_target, read_stat
 
 @dataclass(frozen=True)
 class Episode:
-    """Result of an episode.
+    """Result of an episode."""
 
-    Attributes:
-        total: sum of rewards [m].
-        steps: control steps until the fall or the time limit.
-        speed_error: mean over the steps of |filtered forward speed - commanded speed| [m/s].
-        displacement: (2,) forward and left [m].
-        fault: 0 or a key of `world_step.FAULTS`.
-        mean: (observations,) mean of the observations, one per step.
-        m2: (observations,) Σ (x - mean)².
-        trace: (steps, 7 + joints) qpos before every control step; empty if not requested.
-        motion: (steps, 6 + 2 joints) qvel before every control step and the torque on the joints in the physics step
-            before it [N·m]; empty if not requested or not available from the engine.
-    """
-
-    total: float
-    steps: int
-    speed_error: float
-    displacement: np.ndarray
-    fault: int
-    mean: np.ndarray
-    m2: np.ndarray
-    trace: np.ndarray
+    total: float  # sum of rewards [m]
+    steps: int  # control steps until the fall or the time limit
+    speed_error: float  # mean over the steps of |filtered forward speed - commanded speed| [m/s]
+    displacement: np.ndarray  # (2,) forward and left [m]
+    fault: int  # 0 or a key of `world_step.FAULTS`
+    mean: np.ndarray  # (observations,) mean of the observations, one per step
+    m2: np.ndarray  # (observations,) Σ (x - mean)²
+    trace: np.ndarray  # (steps, 7 + joints) qpos before every control step; empty if not requested
+    # (steps, 6 + 2 joints) qvel before every control step and the torque on the joints in the physics step before it
+    # [N·m]; empty if not requested or not available from the engine
     motion: np.ndarray
 
 

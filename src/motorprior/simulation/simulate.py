@@ -35,12 +35,8 @@ def simulate(
         seed: of the sample of motors.
         suspended: suspend a free base in the air.
 
-    Returns:
-        Angles [rad] and torques [N·m] of every physics step, encoders and base of every control step.
-
     Raises:
-        ConfigError: motors or targets that do not fit the robot.
-        ArtifactError: a robot that cannot be read.
+        ConfigError, ArtifactError: motors or targets that do not fit the robot, or a robot that cannot be read.
         SimulationFault: NaN, a reset or a full buffer of the engine.
     """
     robot = as_robot(robot)

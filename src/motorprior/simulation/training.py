@@ -111,22 +111,12 @@ def train_policy(
 
 
 class Training:
-    """A training: call `run`, then `policy`.
-
-    Args:
-        robot: with legs.
-        motors: see `train_policy`.
-        settings: of the training.
-        start: a policy to continue from.
-        where: name of ``start`` in errors.
+    """A training: call `run`, then `policy`. See `train_policy` for the arguments; ``where`` names ``start`` in errors.
 
     Attributes:
         robot: with the speed range of the training.
         search: its state.
         curve: a point per iteration.
-
-    Raises:
-        ConfigError, ArtifactError: see `train_policy`.
     """
 
     def __init__(
@@ -230,7 +220,6 @@ class Training:
         for name, count in faults.items():
             progress.note(f"{count} of {total} episodes ended early: {name}")
         if faults.total() == total:
-            raise SimulationFault(
-                f"each of the {total} episodes had a simulation fault ({', '.join(faults)})",
-                remedy="the motors are too stiff or too strong for the physics step: use smaller gains",
-            )
+            problem = f"each of the {total} episodes had a simulation fault ({', '.join(faults)})"
+            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
+            raise SimulationFault(problem, remedy=remedy)

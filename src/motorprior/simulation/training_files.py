@@ -27,19 +27,10 @@ _NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean",
 
 
 class TrainingFiles:
-    """Writes the files; a checkpoint in the folder is continued if its description is ``wanted``.
-
-    Args:
-        folder: of the training.
-        wanted: `stage.description`.
-        tensorboard: also write events for TensorBoard.
-
-    Raises:
-        ConfigError: tensorboardX is not installed.
-    """
+    """Writes the files; a checkpoint in the folder is continued if its `stage.description` is ``wanted``."""
 
     def __init__(self, folder: Path, wanted: Mapping[str, Any], tensorboard: bool = False):
-        self._folder, self._wanted, self._events, self._tensorboard = folder, wanted, None, tensorboard
+        self._folder, self._wanted, self._tensorboard, self._events = folder, wanted, tensorboard, None
         if tensorboard and find_spec("tensorboardX") is None:
             remedy = "pip install 'motorprior[tensorboard]'"
             raise ConfigError("tensorboardX is not installed", remedy=remedy, argument="tensorboard")

@@ -95,15 +95,11 @@ class World:
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
     def reset(
-        self,
-        actuator: Actuator,
-        joint_pos: np.ndarray | None = None,
-        conditions: Conditions | None = None,
-        seed: int = 0,
+        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
     ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
 
-        The pose and the conditions are the robot's nominal ones if not given; ``seed`` has no effect in this engine.
+        The pose and the conditions are the robot's nominal ones if not given.
         """
         joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal_conditions if conditions is None else conditions
