@@ -34,7 +34,13 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     require_count("seeds", seeds)
     require_count("workers", config.workers)
     threads = min(seeds, usable_threads(config.workers, progress)) if config.executor == "threads" else 1
-    walks = [_of_seed(config, config.search.seed + number, threads) for number in range(seeds)]
+    walks = [
+        replace(
+            config, out=config.out / SEED_FOLDER.format(seed), search=replace(config.search, seed=seed),
+            workers=max(1, config.workers // threads),
+        )
+        for seed in range(config.search.seed, config.search.seed + seeds)
+    ]  # fmt: skip
     in_parallel([partial(_train, walk) for walk in walks], threads, progress)
     _draw(config, walks)
     results = Results.of(
@@ -43,11 +49,6 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     )
     write_results(config.out, results)
     return results
-
-
-def _of_seed(config: Walk, seed: int, threads: int) -> Walk:
-    out, search = config.out / SEED_FOLDER.format(seed), replace(config.search, seed=seed)
-    return replace(config, out=out, search=search, workers=max(1, config.workers // threads))
 
 
 def _train(walk: Walk, progress: Progress) -> None:

@@ -28,7 +28,7 @@ class ArsConfig:
     num_top_directions: int = 8  # b, best directions that the update uses, at most N
     step_size: float = 0.02  # α
     delta_std: float = 0.03  # ν, standard deviation of the perturbation of each parameter
-    seed: int = 0  # of all noise, not negative
+    seed: int = 0  # seed of all noise, not negative
 
     def __post_init__(self) -> None:
         require_count("search.num_directions", self.num_directions, 1, MAX_DIRECTIONS)

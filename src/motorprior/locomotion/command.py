@@ -32,7 +32,9 @@ class Commands:
     forward: Range | None = None
     """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at
     the edge of their training range."""
-    yaw_rate: Range | None = None  # lowest and highest [rad/s], to the left; the robot's own range if not given
+    yaw_rate: Range | None = (
+        None  # lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given
+    )
     hold: float = 2.5  # duration of a command [s]
     straight: float = 0.5  # share of the commands without a turn [-]
     still: float = 0.1  # share of the commands to stand still [-]
