@@ -22,8 +22,8 @@ from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 
 ID = "motorprior/Walk-v0"
 ERRING = Randomization(
@@ -81,9 +81,8 @@ def test_its_episode_is_that_of_motorprior_walk(motors):
     env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
     choice = motorprior.environments.MotorChoice(**motors)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
-    simulator = WalkSimulator(
-        choice.sampler(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
-    )
+    scene = Scene(PUPPER_V2, choice.sampler(PUPPER_V2), walk, choice.physics_dt(PUPPER_V2))
+    simulator = WalkSimulator(scene)
     (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(ACTIONS)
     while not ended:
         act(policy, observation, action)

@@ -77,10 +77,13 @@ def test_file_holds_everything(tmp_path, units):
 
 
 def test_another_robots_policy_is_refused():
-    with pytest.raises(ConfigError, match="policy of robot 'dog', wanted 'pupper_v2'"):
-        a_policy(robot="dog").require_robot(PUPPER_V2)
-    with pytest.raises(ConfigError, match="its joints are"):
-        a_policy(joint_names=PUPPER_V2.joint_names[::-1]).require_robot(PUPPER_V2)
+    for change, words in (
+        ({"robot": "dog"}, "robot of the policy: 'dog', wanted 'pupper_v2'"),
+        ({"joint_names": PUPPER_V2.joint_names[::-1]}, "joints of the policy"),
+        ({"control_dt": 0.02}, "control period .* 0.02, wanted 0.01"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            a_policy(**change).require_robot(PUPPER_V2)
     a_policy().require_robot(PUPPER_V2)
 
 

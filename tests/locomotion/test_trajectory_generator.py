@@ -14,7 +14,6 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.build_model import build_model
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 BODY = body_of(PUPPER_V2)
 FREQUENCY, LIFT = BODY.frequency, BODY.swing_height
@@ -137,7 +136,7 @@ def test_with_support_a_pd_stands_in_the_pose_it_is_told_and_without_it_sags():
         target = pose.copy()
         if share is not None:
             add_support(BODY, 0.0, 1.0, share, pose, target)
-        played = replay(World(WorldConfig.of(PUPPER_V2)), motors, np.tile(target, (100, 1)))
+        played = replay(World(PUPPER_V2), motors, np.tile(target, (100, 1)))
         sag.append(PUPPER_V2.standing_height - played.base[-1, 2])
     assert abs(sag[0]) < 0.3 * sag[1] and sag[1] > 0.003
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nextafter
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +32,8 @@ class Commands:
     forward: Range | None = None
     """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at
     the edge of their training range."""
-    yaw_rate: Range | None = (
-        None  # lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given
-    )
+    yaw_rate: Range | None = None
+    """Lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given."""
     hold: float = 2.5  # duration of a command [s]
     straight: float = 0.5  # share of the commands without a turn [-]
     still: float = 0.1  # share of the commands to stand still [-]
@@ -106,17 +105,16 @@ class Timetable:
             LogError: the file cannot be read.
             ConfigError: times that do not increase from 0 on, or a command outside the robot's range; names the row.
         """
-        size, earliest = robot.require_legs(), 0.0
+        size, before = robot.require_legs(), -inf
+        bounds = (0.0, inf), size.forward, (-size.yaw_rate, size.yaw_rate)
         rows = [(float(time), float(forward), float(turn)) for time, forward, turn in read_number_table(path, COLUMNS)]
         for number, row in enumerate(rows):
-            bounds = (earliest, inf), size.forward, (-size.yaw_rate, size.yaw_rate)
             for name, value, (low, high) in zip(COLUMNS, row, bounds, strict=True):
-                if not low <= value <= high:
-                    raise ConfigError(
-                        f"row {number}: {name} {value:g} is not within {low:g} to {high:g}", where=path,
-                        remedy=f"order the rows by time and give commands in the range of robot {robot.name!r}",
-                    )  # fmt: skip
-            earliest = nextafter(row[0], inf)
+                if not low <= value <= high or (name == COLUMNS[0] and value <= before):
+                    problem = f"row {number}: {name} is {value:g}, but must be within {low:g} to {high:g}"
+                    remedy = f"give commands in the range of robot {robot.name!r}, and times that increase"
+                    raise ConfigError(problem, where=path, remedy=remedy)
+            before = row[0]
         return cls(tuple(rows))
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
