@@ -113,10 +113,7 @@ def train_policy(
 class Training:
     """A training: call `run`, then `policy`. See `train_policy` for the arguments; ``where`` names ``start`` in errors.
 
-    Attributes:
-        robot: with the speed range of the training.
-        search: its state.
-        curve: a point per iteration.
+    The robot gets the speed range of the training; the curve has a point per iteration.
     """
 
     def __init__(
@@ -161,15 +158,7 @@ class Training:
         ray_address: str | None = None,
         files: TrainingFiles | None = None,
     ) -> None:
-        """Train, from a checkpoint in ``files`` if there is one.
-
-        Args:
-            workers: episodes at a time.
-            progress: where to report to.
-            name: of the training.
-            executor: see `make_executor`.
-            ray_address: of a Ray cluster.
-            files: to write while it runs.
+        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one.
 
         Raises:
             SimulationFault: every episode had one.
@@ -178,14 +167,14 @@ class Training:
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search, settings = self.search, self.settings
         with ExitStack() as stack:
-            if files is not None:
-                self.curve = stack.enter_context(closing(files)).begin(search, settings.episode_steps)
-            if self.curve:
-                progress.note(f"{name}: continues after iteration {search.ars.iteration}")
             train, *evaluate = (
                 stack.enter_context(closing(make_executor(scene.simulator, workers, executor, ray_address)))
                 for scene in self._scenes
             )
+            if files is not None:
+                self.curve = stack.enter_context(closing(files)).begin(search, settings.episode_steps)
+            if self.curve:
+                progress.note(f"{name}: continues after iteration {search.ars.iteration}")
             total = settings.iterations
             task = stack.enter_context(progress.start(f"{name}: {total} iterations", total))
             task.advance(search.ars.iteration)
