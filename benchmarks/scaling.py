@@ -18,8 +18,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import Executor, make_executor
-from motorprior.locomotion.executor_ray import chunk_size
+from motorprior.locomotion.executor import Executor, chunk_size, make_executor
 from motorprior.locomotion.policy_search import EpisodeTask, PolicySearch, episode_seed, run_task
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

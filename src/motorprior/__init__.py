@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot
     from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
-    from motorprior.simulation.simulate import simulate as simulate
+    from motorprior.simulation.playback import simulate as simulate
     from motorprior.simulation.training import train_policy as train_policy
     from motorprior.studies.compare import compare as compare
 
@@ -71,7 +71,7 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "make_vector_env": "environments",
     "read_log": "logs.formats.registry",
     "record_bench": "bench.record_bench",
-    "simulate": "simulation.simulate",
+    "simulate": "simulation.playback",
     "train_policy": "simulation.training",
     "write_log": "logs.formats.parquet_io",
 }

@@ -5,6 +5,7 @@ import pytest
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
+from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.framing import command_frame, telemetry_reader
@@ -43,7 +44,7 @@ class CopiedBody:
 class Spy:
     """The simulated backend, remembering its last state."""
 
-    def __init__(self, backend: MujocoBackend):
+    def __init__(self, backend: Backend):
         self._backend = backend
 
     def reset(self, seed: int):

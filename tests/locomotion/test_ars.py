@@ -5,8 +5,7 @@ import pytest
 from policies import stats_of
 
 from motorprior.exceptions import SimulationFault
-from motorprior.locomotion.ars import Ars, ArsConfig
-from motorprior.locomotion.running_stats import RunningStats
+from motorprior.locomotion.ars import Ars, ArsConfig, RunningStats
 
 TARGET = np.array([1.0, -2.0, 0.5, 0.0, 3.0])
 

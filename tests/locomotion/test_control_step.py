@@ -7,7 +7,8 @@ import pytest
 from policies import ACTIONS, OBSERVATIONS
 
 from motorprior.backend import BackendState
-from motorprior.locomotion.body import LEAD_SHARE, MAX_COMMAND, body_of
+from motorprior.locomotion.ars import update_stats
+from motorprior.locomotion.body import GAITS, LEAD_SHARE, MAX_COMMAND, body_of
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
     MAX_DRIFT,
@@ -19,8 +20,6 @@ from motorprior.locomotion.control_step import (
     levelling,
     new_gait,
 )
-from motorprior.locomotion.gaits import GAITS
-from motorprior.locomotion.running_stats import update_stats
 from motorprior.locomotion.task import sliding
 from motorprior.locomotion.trajectory_generator import add_support, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motorprior.locomotion.gaits import GAITS, GaitName, phases_of
+from motorprior.locomotion.body import GAITS, GaitName, phases_of
 from motorprior.locomotion.trajectory_generator import advance_phase, foot_path
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

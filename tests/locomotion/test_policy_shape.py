@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from policies import OBSERVATIONS, as_file_content, stats_of
 
-from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.ars import ArsConfig, RunningStats
 from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.locomotion.running_stats import RunningStats
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.rollout import Episode
 

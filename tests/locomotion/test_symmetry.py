@@ -5,12 +5,10 @@ import pytest
 from policies import ACTIONS, OBSERVATIONS, stats_of
 
 from motorprior.backend import BackendState
-from motorprior.locomotion.body import body_of
+from motorprior.locomotion.body import GAITS, GaitName, body_of
 from motorprior.locomotion.control_step import command_step, follow_command, new_gait
-from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.locomotion.policy import act
-from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.locomotion.symmetry import mirror_of
+from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
 from motorprior.locomotion.task import observe
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.gaits import GAITS
+from motorprior.locomotion.body import GAITS, body_of
 from motorprior.locomotion.trajectory_generator import add_support, foot_path, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.build_model import build_model

@@ -16,8 +16,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.backend import SimulatedBackend
-from motorprior.simulation.env import BackendSimulator
+from motorprior.simulation.env import BackendSimulator, SimulatedBackend
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.scene import Scene, WalkConfig

@@ -18,9 +18,9 @@ from motorprior.actuator.kernels import measure_joint_pos, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.body import GAITS, GaitName
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import RAMP
-from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.locomotion.policy import PolicyArrays, zero_policy
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

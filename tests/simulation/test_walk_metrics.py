@@ -10,7 +10,7 @@ import pytest
 
 from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
 from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.training_files import EVENTS, METRICS, read_metrics
+from motorprior.simulation.training_files import EVENTS, METRICS
 
 
 class Stops:
@@ -73,4 +73,4 @@ def test_tensorboard_gets_every_line_once_after_an_interrupt_too(tmp_path: Path)
         run_walk(walk, Stops(after=2))
     run_walk(walk)
     (events,) = (tmp_path / EVENTS).iterdir()
-    assert events.read_bytes().count(b"walk/upright") == len(read_metrics(tmp_path)["upright"]) == 4
+    assert events.read_bytes().count(b"walk/upright") == 4

@@ -13,7 +13,7 @@ from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.simulate import excitation_targets, simulated_log
+from motorprior.simulation.playback import excitation_targets, simulated_log
 from motorprior.simulation.suspended_load import with_loads
 from motorprior.stage import description, is_finished, working
 

@@ -17,8 +17,7 @@ import numpy as np
 from motorprior.artifacts import require_keys, write_tensors
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import NUM_MODULATIONS, Body, action_size, observation_size
-from motorprior.locomotion.gaits import GAITS, GaitName
+from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
 from motorprior.robots.robot import Robot
 from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number, one_of
 
@@ -157,7 +156,7 @@ class Policy:
     robot: str  # its name
     joint_names: tuple[str, ...]  # in the order of residuals and observed angles
     forward: tuple[float, float]  # range of commanded speeds [m/s]: the robot's, extended by that of the training
-    gait: GaitName = "trot"  # see `locomotion.gaits`
+    gait: GaitName = "trot"  # see `body.phases_of`
     provenance: Mapping[str, Any] = field(default_factory=dict)  # settings of its training; JSON values only
 
     @classmethod

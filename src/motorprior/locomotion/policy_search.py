@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motorprior.bounds import seed_of
-from motorprior.locomotion.ars import Ars, ArsConfig
+from motorprior.locomotion.ars import Ars, ArsConfig, RunningStats
 from motorprior.locomotion.executor import Executor
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.locomotion.running_stats import RunningStats
 
 EVALUATION_EVERY, EVALUATION_DRAWS = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes

@@ -8,17 +8,18 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.backend import Backend, BackendState
 from motorprior.bounds import require_finite
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.control_step import begin_gait, command_step, complete_observation, evaluate_step, new_gait
 from motorprior.locomotion.policy import PolicyArrays, act
-from motorprior.locomotion.running_stats import update_stats
 from motorprior.locomotion.task import observe
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig
 
 
 def spaces(num_joints: int) -> tuple[Box, Box]:
@@ -149,3 +150,35 @@ class BackendSimulator:
     def close(self) -> None:
         """Close the backend."""
         self._env.close()
+
+
+class SimulatedBackend:
+    """A robot in the engine of a scene, with new motors and conditions in every episode.
+
+    Raises:
+        ConfigError: a robot that has no model for the engine.
+    """
+
+    def __init__(self, scene: Scene):
+        self._scene, self.world = scene, scene.world()
+        self._motors: ActuatorArrays | None = None
+
+    def reset(self, seed: int) -> BackendState:
+        """Stand in the nominal pose; ``seed`` determines everything random."""
+        self._motors = self._scene.begin(self.world, seed)
+        return self.world.state(self._motors, 0.0)
+
+    def step(self, position_target: np.ndarray) -> BackendState:
+        """Hold (joints,) targets [rad] for one control step.
+
+        Raises:
+            ConfigError: no reset before; another shape, or a target that is not finite.
+        """
+        if self._motors is None:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
+        target = require_finite("position_target", position_target, (self._scene.robot.num_joints,))
+        return self.world.state(self._motors, self.world.hold(self._motors, target))
+
+    def close(self) -> None:
+        """Close the engine."""
+        self.world.close()

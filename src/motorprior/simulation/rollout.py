@@ -13,6 +13,7 @@ import numpy as np
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.compiled import njit
+from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import Body, body_of
 from motorprior.locomotion.control_step import (
     GaitState,
@@ -23,7 +24,6 @@ from motorprior.locomotion.control_step import (
     new_gait,
 )
 from motorprior.locomotion.policy import PolicyArrays, act
-from motorprior.locomotion.running_stats import update_stats
 from motorprior.locomotion.sensing import SensorErrors
 from motorprior.locomotion.task import observe
 from motorprior.simulation.scene import Scene

@@ -11,17 +11,16 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands, Timetable
-from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.sensing import SensorErrors
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
 
 if TYPE_CHECKING:
-    from motorprior.simulation.backend import SimulatedBackend
     from motorprior.simulation.bullet_world import BulletWorld
-    from motorprior.simulation.env import BackendSimulator
+    from motorprior.simulation.env import BackendSimulator, SimulatedBackend
     from motorprior.simulation.rollout import WalkSimulator
     from motorprior.simulation.world import World
 
@@ -88,7 +87,7 @@ class Scene:
 
     def backend(self) -> SimulatedBackend:
         """The episode step by step."""
-        from motorprior.simulation.backend import SimulatedBackend
+        from motorprior.simulation.env import SimulatedBackend
 
         return SimulatedBackend(self)
 

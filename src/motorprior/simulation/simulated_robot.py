@@ -23,13 +23,12 @@ IMU_NOISE = (0.002, 0.01)
 
 @dataclass(frozen=True)
 class SimulatedState:
-    """Sensor readings and the true pose of the base."""
+    """Sensor readings."""
 
     joint_pos: np.ndarray  # (joints,) [rad]
     joint_vel: np.ndarray  # (joints,) [rad/s]
     attitude: np.ndarray  # (3,) roll, pitch, yaw [rad]
     rates: np.ndarray  # (3,) [rad/s]
-    base: np.ndarray  # (7,) position [m] and quaternion
 
 
 @njit(cache=True, nogil=True)
@@ -78,24 +77,18 @@ class SimulatedRobot:
         """Simulate under (joints,) targets [rad]."""
         _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
 
-    def position(self) -> np.ndarray:
-        """(2,) horizontal position of the base [m]."""
-        return np.zeros(2) if self._suspended else self._world.data.qpos[:2].copy()
-
     def state(self) -> SimulatedState:
         """The present state."""
         data, measured = self._world.data, np.zeros(self._robot.num_joints)
         read_joints(self._world.arrays, self._arrays, measured)
         noise = self._rng.standard_normal(6)
-        attitude, rates, base = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        attitude, rates = np.zeros(3), np.zeros(3)
         if not self._suspended:
-            base = data.qpos[:7].copy()
-            attitude, rates = np.array(roll_pitch_yaw(base[3:])), data.qvel[3:6].copy()
+            attitude, rates = np.array(roll_pitch_yaw(data.qpos[3:7])), data.qvel[3:6]
         count = 2.0 * np.pi / self._wire.encoder_counts
         return SimulatedState(
             joint_pos=count * np.round(measured / count),
             joint_vel=self._arrays.memory[FILTERED_VEL].copy(),
             attitude=attitude + IMU_NOISE[0] * noise[:3],
             rates=rates + IMU_NOISE[1] * noise[3:],
-            base=base,
         )

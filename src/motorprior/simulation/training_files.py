@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import parse_json, read_tensors, write_tensors, write_text
+from motorprior.artifacts import read_tensors, write_tensors, write_text
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.files import read_text
 from motorprior.locomotion.policy_search import PolicySearch
 
 CHECKPOINT, METRICS, EVENTS = "search.safetensors", "metrics.jsonl", "tensorboard"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
-_NUMBERS = ("iteration", "episodes", "return_mean", "return_best", "steps_mean", "upright", "speed_error")
 
 
 class TrainingFiles:
@@ -89,13 +87,3 @@ class TrainingFiles:
             for name in ("return_mean", "return_best", "upright", "speed_error"):
                 self._events.add_scalar(f"walk/{name}", row[name], row["iteration"])
             self._events.flush()
-
-
-def read_metrics(folder: Path) -> dict[str, np.ndarray]:
-    """(N,) values of every quantity of a finished training, by name; ArtifactError if the file cannot be read."""
-    path = folder / METRICS
-    try:
-        rows = [parse_json(line) for line in read_text(path, 40_000_000).splitlines()]
-        return {name: np.array([row[name] for row in rows]) for name in _NUMBERS}
-    except (ValueError, KeyError, TypeError) as error:
-        raise ArtifactError(f"not the metrics of a training ({error})", where=path, remedy="train again") from error

@@ -23,13 +23,6 @@ from motorprior.simulation.world import World
 
 
 @njit(cache=True, nogil=True)
-def _begin(body, worlds, walkers, index, observations):
-    """First observation of one robot."""
-    begin_walk(body, without_refcounts(worlds[index]), without_refcounts(walkers[index]))
-    observations[index] = walkers[index].gait.observation
-
-
-@njit(cache=True, nogil=True)
 def _step(body, worlds, walkers, share, actions, weights, steps, out):
     """One control step of the robots in ``share``; ``out`` is (observations, rewards, over, faults, phases)."""
     observations, rewards, over, faults, phases = out
@@ -138,11 +131,11 @@ class WalkVectorEnv(VectorEnv):
 
     def _begin(self, index: int, seed: int | None) -> None:
         drawn = int(self._rngs[index].integers(2**31)) if seed is None else seed
-        worlds, walkers = self._lists
-        walkers[index] = drawn_walker(self._scene, self._body, self._worlds[index], drawn)
-        worlds[index] = self._worlds[index].arrays
+        world, (worlds, walkers) = self._worlds[index], self._lists
+        walker = drawn_walker(self._scene, self._body, world, drawn)
+        begin_walk(self._body, world.arrays, walker)
+        worlds[index], walkers[index], self._observations[index] = world.arrays, walker, walker.gait.observation
         self._steps[index], self._phases[index], self._faults[index], self._over[index] = 0, 0.0, 0, False
-        _begin(self._body, worlds, walkers, index, self._observations)
 
     def _info(self) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)

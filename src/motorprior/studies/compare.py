@@ -7,8 +7,8 @@ from pathlib import Path
 
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands, Range
-from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results

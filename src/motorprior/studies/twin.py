@@ -9,8 +9,8 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet
+from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
