@@ -165,7 +165,8 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     motors = MotorChoice("prior", prior=prior)
     run_walk(
         Walk(
-            out=folder, motors=motors, iterations=settings.iterations, search=ArsConfig(seed=seed), workers=settings.workers,
+            out=folder, motors=motors, iterations=settings.iterations, search=ArsConfig(seed=seed),
+            workers=settings.workers,
             robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
             hidden_units=settings.hidden_units,
         ),

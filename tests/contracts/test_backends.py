@@ -10,7 +10,7 @@ from threads import in_thread
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
-from motorprior.backend import Backend
+from motorprior.backend import Backend, BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
@@ -128,7 +128,7 @@ def simulated(request: pytest.FixtureRequest, grey_network):
     made.close()
 
 
-def walked(backend: Backend, seed: int, steps: int = 20) -> list[tuple]:
+def walked(backend: Backend, seed: int, steps: int = 20) -> list[BackendState]:
     """States of a small motion of all joints."""
     states = [backend.reset(seed)]
     for step in range(steps):

@@ -151,7 +151,7 @@ def falling(engine, randomization):
     backend = backend_of(engine, SOFT, randomization)
     backend.reset(3)
     world = backend.world
-    if engine == "mujoco":
+    if isinstance(world, World):
         world.data.qpos[2] += 10.0
     else:
         (x, y, z), quat = world.call("getBasePositionAndOrientation", world.body)

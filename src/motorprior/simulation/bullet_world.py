@@ -164,11 +164,8 @@ class BulletWorld:
             floor = self.call("createMultiBody", 0.0, self.call("createCollisionShape", self._bullet.GEOM_PLANE))
             self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
         self.body = self._load_robot(self._urdf(rotors, tuple(conditions.com.tolist())))
-        names = [
-            self.call("getJointInfo", self.body, index)[1].decode()
-            for index in range(self.call("getNumJoints", self.body))
-        ]
-        self._names = {name: index for index, name in enumerate(names)}
+        links = range(self.call("getNumJoints", self.body))
+        self._names = {self.call("getJointInfo", self.body, index)[1].decode(): index for index in links}
         self._indices = [self._names[name] for name in self.robot.joint_names]
         self._com = np.array(self.call("getDynamicsInfo", self.body, -1)[3])
 
@@ -239,8 +236,6 @@ def import_bullet() -> Any:
     try:
         import pybullet
     except ImportError as error:
-        raise ConfigError(
-            "PyBullet is not installed",
-            remedy="pip install 'motorprior[pybullet]' on Python 3.11, the last that it has wheels for",
-        ) from error
+        remedy = "pip install 'motorprior[pybullet]' on Python 3.11, the last that it has wheels for"
+        raise ConfigError("PyBullet is not installed", remedy=remedy) from error
     return pybullet

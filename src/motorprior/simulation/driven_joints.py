@@ -24,13 +24,8 @@ class DrivenJoints:
 
     They replace the joints' own armature, damping and dry friction. The torque is written to ``data.qfrc_applied``, the
     damping to ``model.dof_damping``, which the integrator treats implicitly. The motors start at rest at ``data.qpos``,
-    also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
-
-    Args:
-        model: compiled; changed in place.
-        data: of the model.
-        actuator: one motor per joint.
-        joints: names of hinges.
+    also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled model is changed in
+    place; ``joints`` names hinges, one per motor.
 
     Raises:
         ConfigError: an unknown joint, one that is not a hinge or that the model already drives, another number of

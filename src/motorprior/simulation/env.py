@@ -34,13 +34,8 @@ def spaces(num_joints: int) -> tuple[Box, Box]:
 class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
 
-    Args:
-        robot: with legs.
-        backend: simulated or real robot; must hold each target for the robot's control period.
-        walk: reward, time limit, commands, gait and sensor errors; the default has perfect sensors on level ground.
-
-    Attributes:
-        gait: state of the gait.
+    The backend must hold each target for the robot's control period. Without ``walk`` the sensors are perfect, on level
+    ground. ``gait`` is the state of the gait.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
@@ -56,11 +51,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode.
-
-        Args:
-            seed: of the backend; drawn by the env's own generator if not given.
-            options: unused.
+        """Begin an episode; without a seed of the backend the env's own generator draws one. ``options`` is unused.
 
         Returns:
             Observation, shape (observations,), and the info that `step` describes.

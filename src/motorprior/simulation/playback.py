@@ -66,13 +66,8 @@ def replay(
 ) -> Playback:
     """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
 
-    Args:
-        world: simulated robot; it is reset first.
-        actuator: one motor per joint.
-        targets: position targets.
-        start: joint angles at the beginning; the nominal pose if not given.
-        lead_in: (L, joints) targets held before the recording begins.
-        tolerate_fault: return the recording even if the simulation diverged in it.
+    The world is reset first. ``start`` (joints,) [rad] is the nominal pose if not given; ``lead_in`` (L, joints) targets
+    are held before the recording begins; ``tolerate_fault`` returns the recording even if the simulation diverged in it.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.

@@ -30,53 +30,33 @@ class Randomization:
         ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
     """
 
-    armature: Range = (0.0, 0.0)
-    """Range of the reflected inertia added to each joint [kg·m²]."""
-    damping: Range = (0.0, 0.0)
-    """Range of the passive damping added to each joint [N·m·s/rad]."""
-    strength: Range = (1.0, 1.0)
-    """Range of the factor on torque and damping of each motor, its friction included [-]."""
-    kp: Range = (1.0, 1.0)
-    """Range of the factor on kp of each motor [-]."""
-    kd: Range = (1.0, 1.0)
-    """Range of the factor on kd of each motor [-]."""
-    torque_limit: Range = (1.0, 1.0)
-    """Range of the factor on the torque limit of each motor [-]."""
+    armature: Range = (0.0, 0.0)  # range of the reflected inertia added to each joint [kg·m²]
+    damping: Range = (0.0, 0.0)  # range of the passive damping added to each joint [N·m·s/rad]
+    strength: Range = (1.0, 1.0)  # range of the factor on torque and damping of each motor, its friction included [-]
+    kp: Range = (1.0, 1.0)  # range of the factor on kp of each motor [-]
+    kd: Range = (1.0, 1.0)  # range of the factor on kd of each motor [-]
+    torque_limit: Range = (1.0, 1.0)  # range of the factor on the torque limit of each motor [-]
     coulomb: Range = (1.0, 1.0)
     """Range of the factor on the dry friction of each motor, without its load-dependent part [-]."""
-    friction: Range = (1.0, 1.0)
-    """Range of the factor on the friction of the feet [-]."""
-    mass: Range = (1.0, 1.0)
-    """Range of the factor on mass and inertia of each link [-]."""
-    com: float = 0.0
-    """Largest shift of the chassis' centre of mass along each axis [m]."""
+    friction: Range = (1.0, 1.0)  # range of the factor on the friction of the feet [-]
+    mass: Range = (1.0, 1.0)  # range of the factor on mass and inertia of each link [-]
+    com: float = 0.0  # largest shift of the chassis' centre of mass along each axis [m]
     gravity_tilt: float = 0.0
     """Largest angle between gravity and the normal of the ground [rad], equivalent to a slope. Roll and pitch are
     observed relative to gravity; reward and termination use them relative to the ground."""
-    encoder_offset: float = 0.0
-    """Largest error of each encoder's zero [rad]; it also acts in the motor's control loop."""
-    joint_noise: float = 0.0
-    """Standard deviation of white noise on the observed joint angles [rad]."""
-    tilt_noise: float = 0.0
-    """Standard deviation of white noise on the observed roll and pitch [rad]."""
-    rate_noise: float = 0.0
-    """Standard deviation of white noise on the observed rates [rad/s]."""
+    encoder_offset: float = 0.0  # largest error of each encoder's zero [rad]; it also acts in the motor's control loop
+    joint_noise: float = 0.0  # standard deviation of white noise on the observed joint angles [rad]
+    tilt_noise: float = 0.0  # standard deviation of white noise on the observed roll and pitch [rad]
+    rate_noise: float = 0.0  # standard deviation of white noise on the observed rates [rad/s]
     gyro_bias: float = 0.0
     """Standard deviation of the constant error of each observed rate [rad/s]; the integrated heading drifts."""
-    sensor_delay: Range = (0.0, 0.0)
-    """Range of the age of the observations [s]."""
-    sensor_jitter: float = 0.0
-    """Largest additional age of a single reading [s]."""
-    dropped: float = 0.0
-    """Share of lost sensor frames; the policy uses the last one received [-]."""
-    command_delay: Range = (0.0, 0.0)
-    """Range of the age of the motors' position targets [s], rounded to physics steps."""
-    command_jitter: float = 0.0
-    """Largest additional age of a single target [s]."""
-    push: float = 0.0
-    """Largest horizontal impulse on the chassis [N·s], spread over one control step."""
-    push_interval: float = 1.0
-    """Time between two pushes [s]."""
+    sensor_delay: Range = (0.0, 0.0)  # range of the age of the observations [s]
+    sensor_jitter: float = 0.0  # largest additional age of a single reading [s]
+    dropped: float = 0.0  # share of lost sensor frames; the policy uses the last one received [-]
+    command_delay: Range = (0.0, 0.0)  # range of the age of the motors' position targets [s], rounded to physics steps
+    command_jitter: float = 0.0  # largest additional age of a single target [s]
+    push: float = 0.0  # largest horizontal impulse on the chassis [N·s], spread over one control step
+    push_interval: float = 1.0  # time between two pushes [s]
 
     def __post_init__(self) -> None:
         lower = dict.fromkeys(("friction", "strength", "kp", "kd", "torque_limit"), 0.01)

@@ -37,16 +37,13 @@ class WalkConfig:
         ConfigError: a number out of range, or an unknown engine.
     """
 
-    episode_steps: int = 500
-    """Control steps until the time limit."""
-    task: TaskWeights = field(default_factory=TaskWeights)
-    """Reward."""
+    episode_steps: int = 500  # control steps until the time limit
+    task: TaskWeights = field(default_factory=TaskWeights)  # reward
     randomization: Randomization = field(default_factory=Randomization)
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands | Timetable = field(default_factory=Commands)
     """Commanded speeds and yaw rates, also above the robot's usual range."""
-    gait: GaitName = "trot"
-    """Gait: phases of the legs."""
+    gait: GaitName = "trot"  # gait: phases of the legs
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses several cores."""
 

@@ -42,11 +42,7 @@ class SimulatedRobot:
 
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on it.
 
-    Args:
-        robot: with a wire.
-        motors: one per joint; their gains and torque limits are those at the wire's own gains and current limit.
-        suspended: the base is fixed in the air.
-        rng: of the IMU's noise.
+    The motors' gains and torque limits are those at the wire's own gains and current limit; ``rng`` is the IMU's noise.
     """
 
     def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, rng: np.random.Generator):
@@ -76,6 +72,10 @@ class SimulatedRobot:
     def advance(self, milliseconds: int, target: np.ndarray) -> None:
         """Simulate under (joints,) targets [rad]."""
         _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
+
+    def position(self) -> np.ndarray:
+        """(2,) horizontal position of the base [m]."""
+        return np.zeros(2) if self._suspended else self._world.data.qpos[:2].copy()
 
     def state(self) -> SimulatedState:
         """The present state."""

@@ -77,12 +77,7 @@ class WalkVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin N episodes.
-
-        Args:
-            seed: N seeds, or one: robot i gets seed + i. A robot without a seed uses its own generator.
-            options: unused.
-        """
+        """Begin N episodes. From one seed, robot i gets seed + i; without, it uses its own generator."""
         self._begun = True
         for index, own in zip(range(self.num_envs), self._seeds(seed), strict=True):
             if own is not None:

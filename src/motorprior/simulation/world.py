@@ -39,11 +39,8 @@ class World:
     The first one changes MuJoCo in the whole process: warnings are only counted (``mjData.warning``), timers stop
     (`mj_call.stop_timers`), and a fatal error in compiled code ends the process (`mj_call.end_on_fatal_error`).
 
-    Args:
-        robot: its description.
-        physics_dt: step [s], which must divide control_dt; the robot's own if not given.
-        suspended: fix a free base in the air.
-        control_dt: time a position target is held [s]; the robot's own if not given.
+    The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a position target is held
+    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air.
 
     Raises:
         ConfigError: a physics step that does not divide the control step; a fixed base cannot be suspended.
@@ -146,8 +143,9 @@ class World:
     def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
         """State of a free robot, a copy; see `world_step.read_state`."""
         measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
-        state = read_state(self.arrays, motors, torque_squared_sum, measured, feet)
-        return BackendState(*(part.copy() if isinstance(part, np.ndarray) else part for part in state))
+        pos, quat, lin_vel, ang_vel, *_, fault = read_state(self.arrays, motors, torque_squared_sum, measured, feet)
+        base = pos.copy(), quat.copy(), lin_vel.copy(), ang_vel.copy()
+        return BackendState(*base, measured, feet, torque_squared_sum, fault)
 
     def close(self) -> None:
         """Nothing to close."""

@@ -77,13 +77,9 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 @njit(cache=True, nogil=True, inline="always")
 def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
-    """Age in control steps of the newest target that has arrived.
+    """Age in control steps of the newest target that has arrived, ``substep`` physics steps after control step ``step``.
 
-    Args:
-        delays: (steps,) or (1,) delay of the target of every control step [physics steps].
-        step: control steps since the reset.
-        substep: physics steps since the control step began.
-        substeps: physics steps per control step.
+    ``delays`` (steps,) or (1,) is the delay of the target of every control step [physics steps].
     """
     late = 0
     while late <= step and delays[(step - late) % delays.shape[0]] > late * substeps + substep:
