@@ -66,8 +66,8 @@ def replay(
 ) -> Playback:
     """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
 
-    The world is reset first. ``start`` (joints,) [rad] is the nominal pose if not given; ``lead_in`` (L, joints) targets
-    are held before the recording begins; ``tolerate_fault`` returns the recording even if the simulation diverged in it.
+    The world is reset first. ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in``
+    (L, joints) are held before the recording begins; ``tolerate_fault`` returns the recording of a diverged simulation.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.

@@ -77,7 +77,7 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 @njit(cache=True, nogil=True, inline="always")
 def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
-    """Age in control steps of the newest target that has arrived, ``substep`` physics steps after control step ``step``.
+    """Age in control steps of the newest target that has arrived, ``substep`` physics steps after step ``step``.
 
     ``delays`` (steps,) or (1,) is the delay of the target of every control step [physics steps].
     """
