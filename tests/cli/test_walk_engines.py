@@ -8,12 +8,9 @@ from typing import Any
 
 import pytest
 
-from motorprior.artifacts import read_json, read_tensors
-from motorprior.exceptions import SimulationFault
+from motorprior.artifacts import read_json
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.policy_search import EVALUATION_DRAWS
 from motorprior.simulation.randomization import ROBUST
-from motorprior.simulation.rollout import WalkSimulator
 from motorprior.studies import twin
 
 Command = Callable[..., Any]
@@ -79,23 +76,3 @@ def test_an_engine_or_library_that_is_not_installed_is_named(
     out = ("--out", tmp_path / "walk")
     refused(*SMALL, "--engine", "pybullet", *out, words=("PyBullet is not installed", "motorprior[pybullet]"))
     refused(*SMALL, "--executor", "ray", *out, words=("Ray is not installed", "motorprior[ray]"))
-
-
-def test_episodes_that_fail_cost_no_finished_iteration(
-    motorprior: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    line = ("walk", "--actuator", "pd", "--iterations", 3, "--episode-steps", 5, "--workers", 1)
-    assert motorprior(*line, "--out", tmp_path / "whole").code == 0
-    healthy, episodes = WalkSimulator.run, iter(range(10_000))
-
-    def run(self: WalkSimulator, *args: Any) -> Any:
-        if next(episodes) == EVALUATION_DRAWS + 70:  # in the third iteration of 32 episodes
-            raise SimulationFault("lost", remedy="try again")
-        return healthy(self, *args)
-
-    with monkeypatch.context() as context:
-        context.setattr(WalkSimulator, "run", run)
-        assert motorprior(*line, "--out", tmp_path / "broken").code == 2
-    assert int(read_tensors(tmp_path / "broken" / "search.safetensors")[0]["iteration"]) == 2
-    assert motorprior(*line, "--out", tmp_path / "broken").code == 0
-    assert contents(tmp_path / "broken") == contents(tmp_path / "whole")

@@ -53,15 +53,6 @@ def test_climbs_a_quadratic_to_its_top():
     np.testing.assert_allclose(search.parameters, TARGET, atol=0.1)
 
 
-def test_same_seed_same_bytes_and_another_seed_others():
-    first, again, other = (Ars(ArsConfig(seed=s), 5, 2) for s in (2, 2, 3))
-    for _ in range(5):
-        for search in (first, again, other):
-            iterate(search)
-    assert as_bytes(first) == as_bytes(again)
-    assert as_bytes(first)["parameters"] != as_bytes(other)["parameters"]
-
-
 def test_resumed_search_gives_the_bytes_of_one_never_stopped():
     config = ArsConfig(seed=4)
     through, stopped = Ars(config, 5, 2), Ars(config, 5, 2)

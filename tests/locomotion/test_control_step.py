@@ -8,7 +8,7 @@ from policies import ACTIONS, OBSERVATIONS
 
 from motorprior.backend import BackendState
 from motorprior.locomotion.ars import update_stats
-from motorprior.locomotion.body import GAITS, LEAD_SHARE, MAX_COMMAND, body_of
+from motorprior.locomotion.body import GAITS, MAX_COMMAND, body_of
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
     MAX_DRIFT,
@@ -21,7 +21,6 @@ from motorprior.locomotion.control_step import (
     new_gait,
 )
 from motorprior.locomotion.task import sliding
-from motorprior.locomotion.trajectory_generator import add_support, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BODY, DT = body_of(PUPPER_V2), PUPPER_V2.control_dt
@@ -90,14 +89,6 @@ def test_a_turn_against_drift_and_heading_error_brings_a_robot_back_on_its_way(f
     assert max(aside) > 0.005 and aside[-1] < 0.1 * max(aside) and abs(heading) < 0.01
 
 
-def test_the_phase_is_observed_as_far_as_the_robot_walks():
-    gait = new_gait(BODY)
-    gait.scalars[0] = 0.2
-    assert not followed(gait)[21:].any()
-    angle = 0.4 * math.pi
-    assert followed(gait, 0.5, steps=100)[21:] == pytest.approx([math.cos(angle), math.sin(angle)])
-
-
 def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_needs_not():
     """Pitch is positive with the nose down, roll with the left side up."""
     assert BODY.levelling_gain == 0.0
@@ -114,23 +105,6 @@ def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_
     longer = {leg.name: one - other for leg, one, other in zip(PUPPER_V2.legs, *drops, strict=True)}
     assert longer["FR"] > longer["FL"] > longer["RL"] and longer["FR"] > longer["RR"] > longer["RL"]
     assert longer["FR"] > 0.0 > longer["RL"]
-
-
-def test_targets_lead_the_gait_by_what_its_pd_lags():
-    gait = new_gait(BODY)
-    followed(gait, 0.2, steps=100)
-    gait.scalars[0], path = 0.1, np.zeros((2, 12))
-    for row, phase in zip(path, (0.1, 0.1 + BODY.frequency * DT), strict=True):
-        joint_targets(BODY, phase, 0.2, 0.0, BODY.frequency, 0.0, (0.0, 0.0), 1.0, BODY.swing_height, row)
-    joint = PUPPER_V2.joints[0]
-    lead = LEAD_SHARE * joint.kd / joint.kp
-    expected = path[0] + lead * (path[1] - path[0]) / DT
-    add_support(BODY, 0.1, 1.0, 1.0, path[0], expected)
-    gait.target[:] = expected + 0.1  # near enough that the bound on its speed does not matter
-    command_step(BODY, gait, NOTHING)
-    np.testing.assert_allclose(gait.target, expected, atol=1e-12)
-    assert np.abs(expected - path[0]).max() > 0.1
-    assert 0.05 < lead < 0.1 and gait.phase == pytest.approx(0.1 + BODY.frequency * DT)
 
 
 @pytest.mark.parametrize("gait_name", GAITS)

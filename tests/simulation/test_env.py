@@ -14,9 +14,6 @@ from motorprior.locomotion.control_step import (
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
-    command_step,
-    evaluate_step,
-    follow_command,
     new_gait,
 )
 from motorprior.locomotion.policy import action_to_command, low_pass
@@ -115,30 +112,6 @@ def test_order_of_a_control_step():
         wrong = weights.speed * abs(filtered_speed - twist[0]) + weights.heading * goal + weights.yaw_rate * twist[1]
         assert earned == pytest.approx(0.01 * (weights.alive - wrong - 2.0 * weights.torque))
         assert not terminated
-
-
-def test_the_loop_over_the_compiled_functions_gives_the_same_bytes():
-    env, backend = steady_env(GlidingBackend()), GlidingBackend()
-    observation, _ = env.reset(seed=1)
-    state, gait, weights = backend.reset(1), new_gait(BODY), TaskWeights().array()
-    observe(BODY, state, gait.observation)
-    for step in range(60):
-        follow_command(BODY, gait, SPEED, TURN)
-        assert observation.tobytes() == gait.observation.tobytes()
-        action = np.sin(np.arange(17) + 0.1 * step)
-        observation, earned, terminated, _, _ = env.step(action)
-        command_step(BODY, gait, action)
-        state = backend.step(gait.target.copy())
-        assert (earned, terminated) == evaluate_step(BODY, gait, state, weights)
-
-
-def test_reset_forgets_the_episode_before():
-    def episode(env):
-        first, _ = env.reset(seed=7)
-        return [first, *(env.step(np.full(17, 0.7))[0] for _ in range(5))]
-
-    env = WalkEnv(PUPPER_V2, GlidingBackend())
-    np.testing.assert_array_equal(episode(env), episode(env))
 
 
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():

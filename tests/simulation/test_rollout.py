@@ -165,16 +165,6 @@ def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait:
         assert one.m2[19:21].min() > 0.0, "speed and turn were commanded, and changed"
 
 
-def test_a_robot_told_to_stand_stands_and_one_told_to_walk_goes_its_way():
-    still, ahead, back = (
-        simulator_of("ideal_pd", WalkConfig(300, commands=Commands.steady(speed))).run(zero_policy(12), 0, trace=True)
-        for speed in (0.0, 0.3, -0.2)
-    )
-    assert np.abs(still.displacement).max() < 0.01 and np.ptp(still.trace[100:, 7:], axis=0).max() < 0.01
-    assert ahead.steps == back.steps == 300
-    assert ahead.displacement[0] > 0.4 and back.displacement[0] < -0.2
-
-
 def test_the_speed_error_is_that_of_the_filtered_speed_along_the_heading():
     simulators = [simulator_of("physical", WalkConfig(steps, commands=Commands.steady(0.4))) for steps in (60, 61)]
     short, whole = (simulator.run(POLICY, 0, trace=True) for simulator in simulators)
@@ -194,16 +184,6 @@ def test_motion_goes_with_the_trace():
     moved, velocity = np.diff(episode.trace[:, :3], axis=0), episode.motion[:, :3]
     np.testing.assert_allclose(moved, 0.005 * (velocity[1:] + velocity[:-1]), atol=1.5e-3)
     assert not episode.motion[0, 18:].any() and np.abs(episode.motion[1:, 18:]).max() > 0.1
-
-
-def test_an_episode_keeps_nothing_of_the_one_before():
-    walk = WalkConfig(30, randomization=Randomization(sensor_delay=(0.0, 0.02), command_delay=(0.0, 0.02), push=0.2))
-    used, fresh = (WalkSimulator(Scene(PUPPER_V2, draw_pd, walk)) for _ in range(2))
-    used.run(POLICY, 1, trace=True)
-    again, alone = (simulator.run(POLICY, 2, trace=True) for simulator in (used, fresh))
-    for name in ("trace", "motion", "displacement", "mean", "m2"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
-    assert not alone.motion[0].any() and alone.motion[1].any()
 
 
 def test_the_zero_policy_trots_and_stays_up():

@@ -27,12 +27,3 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
     for name in ("weights", "hidden", "readout"):
         np.testing.assert_array_equal(getattr(found, name), getattr(walked, name))
     assert found.provenance["own_return"] == walked.provenance["own_return"]
-
-
-def test_policies_are_evaluated_on_the_validation_fleet(tmp_path: Path):
-    run_walk(Walk(out=tmp_path, motors=MotorChoice("fleet"), validation="mixed", **SHORT))
-    fleet = mp.load_fleet("pupper_v2")
-    validated, trained = (mp.train_policy(PUPPER_V2, fleet, validation=each, **SHORT) for each in ("mixed", None))
-    walked = Policy.load(tmp_path / POLICY).provenance["own_return"]
-    assert validated.provenance["own_return"] == walked != trained.provenance["own_return"]
-    assert (validated.provenance["validation"], trained.provenance["validation"]) == ("mixed", None)
