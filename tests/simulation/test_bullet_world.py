@@ -21,7 +21,6 @@ from motorprior.simulation.world_step import physics_step
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 
 SUSPENDED, STANDING = True, False
-LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
 PHYSICAL = load_fleet("pupper_v2").sample(12, np.random.default_rng(0)).actuator()
 KNEE_INERTIA = 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
