@@ -120,7 +120,15 @@ class Training:
         motors = MotorChoice(prior=self.prior, posterior=posterior, limit_follows_gain=current)
         iterations = self.iterations if start is None else self.further
         speeds, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
-        walk = Walk(out, motors, start, iterations, episode_steps=EPISODE_STEPS, commands=speeds, search=search)
+        walk = Walk(
+            out=out,
+            motors=motors,
+            start=start,
+            iterations=iterations,
+            episode_steps=EPISODE_STEPS,
+            commands=speeds,
+            search=search,
+        )
         run_walk(walk, Lines(sys.stderr), out.name)
         return out / POLICY
 

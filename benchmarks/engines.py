@@ -19,20 +19,17 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import SerialExecutor
-from motorprior.locomotion.policy_search import advance, new_search
+from motorprior.locomotion.executor import make_executor
+from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
 from motorprior.simulation import bullet_world
-from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.bullet_backend import PybulletBackend
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.playback import replay
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.scene import ENGINES, Scene, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200
@@ -55,7 +52,7 @@ def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuato
 def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
     """Replay the targets in MuJoCo."""
     recorded = replay(world, motors, targets)
-    after = recorded.joint_pos[world.config.substeps - 1 :: world.config.substeps]
+    after = recorded.joint_pos[world.substeps - 1 :: world.substeps]
     return np.vstack([spec.NOMINAL_POSE[None], after[:-1]]), recorded.base[:, :3]
 
 
@@ -64,8 +61,8 @@ def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Moti
     arrays, joints, base = world.reset(motors), [], []
     for target in targets:
         joints.append(world.joints()[0])
-        base.append(world.base().pos)
-        for _ in range(world.config.substeps):
+        base.append(world.base()[0])
+        for _ in range(world.substeps):
             world.physics_step(arrays, target)
     return np.array(joints), np.array(base)
 
@@ -83,8 +80,7 @@ def main() -> None:
     print("motors, place: joint RMSE [mrad], base distance after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
         for suspended in (True, False):
-            config = WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=suspended)
-            mujoco, bullet = World(config), BulletWorld(config)
+            mujoco, bullet = World(PUPPER_V2, 0.001, suspended), BulletWorld(PUPPER_V2, suspended)
             rows, seconds = [], np.zeros(2)
             for draw in range(DRAWS):
                 rng = np.random.default_rng([draw, 77])
@@ -117,7 +113,7 @@ def convergence(prior: MotorPrior) -> dict[str, float]:
     shipped = bullet_world.SOLVER_ITERATIONS
     for iterations in (shipped, 10 * shipped):
         bullet_world.SOLVER_ITERATIONS = iterations
-        world = BulletWorld(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
+        world = BulletWorld(PUPPER_V2)
         motions.append(in_bullet(world, motors, targets))
         world.close()
     bullet_world.SOLVER_ITERATIONS = shipped
@@ -128,17 +124,14 @@ def convergence(prior: MotorPrior) -> dict[str, float]:
 
 def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     """Time of the second ARS iteration (32 episodes of up to 250 control steps) on one core."""
-    figures, walk, config = {}, WalkConfig(), WorldConfig.of(PUPPER_V2, physics_dt=0.001)
+    figures = {}
     for kind in KINDS[:-1]:
-        simulators = {
-            "mujoco": WalkSimulator(partial(motors_of, kind, prior), config, walk),
-            "pybullet": BackendSimulator(PUPPER_V2, PybulletBackend(partial(motors_of, kind, prior), config), walk),
-        }
-        for engine, simulator in simulators.items():
-            search, executor = new_search(ArsConfig(), SHAPE), SerialExecutor(lambda made=simulator: made)
-            advance(search, SHAPE, executor)
+        for engine in ENGINES:
+            scene = Scene(PUPPER_V2, partial(motors_of, kind, prior), WalkConfig(engine=engine), 0.001)
+            search, executor = PolicySearch(ArsConfig(), SHAPE), make_executor(scene.simulator, 1)
+            search.advance(executor)
             started = time.perf_counter()
-            steps = advance(search, SHAPE, executor).mean_steps
+            steps = search.advance(executor).mean_steps
             figures[f"iteration_s/{kind}/{engine}"] = time.perf_counter() - started
             print(f"{kind}, {engine}: {figures[f'iteration_s/{kind}/{engine}']:.2f} s per iteration, {steps:.0f} steps")
     return figures

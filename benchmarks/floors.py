@@ -35,7 +35,6 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.robot_fidelity import STEPS, compare, trot_targets
 
 DAMPING_RATIOS = (1.0, 1.5, 2.0, 3.0)
@@ -90,8 +89,8 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
 
 def robot_floor(fleet_name: str, suspended: bool, damping_ratio: float) -> tuple[float, float, float]:
     """Joint error [rad], ratio of torque above 20 Hz, and distance of the bases [m]: medians over TROTS."""
-    fine = World(WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT, suspended=suspended))
-    coarse, rows = World(WorldConfig.of(PUPPER_V2, suspended=suspended)), []
+    fine = World(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT, suspended=suspended)
+    coarse, rows = World(PUPPER_V2, suspended=suspended), []
     coarse.model.pair_solref[:] = CONTACT_TIME, damping_ratio
     for trot in range(TROTS):
         rng = np.random.default_rng([2, trot])

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.gaits import GAITS
+from motorprior.locomotion.body import GAITS, body_of
 from motorprior.locomotion.trajectory_generator import foot_path
 from motorprior.report.plots_style import png_bytes
 from motorprior.report.plots_walk import footfalls

@@ -17,14 +17,13 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.ars import ArsConfig, Candidate
-from motorprior.locomotion.executor import Executor, make_executor
-from motorprior.locomotion.executor_ray import chunk_size
-from motorprior.locomotion.policy_search import EpisodeTask, Round, advance, episode_seed, new_search, run_task
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.executor import Executor, chunk_size, make_executor
+from motorprior.locomotion.policy_search import EpisodeTask, PolicySearch, episode_seed, run_task
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 EPISODE_STEPS, REPEATS = 250, 9
@@ -38,7 +37,7 @@ def draw(rng: np.random.Generator) -> IdealPd:
 
 def make_walker() -> WalkSimulator:
     """The simulator of a worker."""
-    return WalkSimulator(draw, WorldConfig.of(PUPPER_V2), WalkConfig(EPISODE_STEPS))
+    return WalkSimulator(Scene(PUPPER_V2, draw, WalkConfig(EPISODE_STEPS)))
 
 
 def empty_task(simulator: object, shared: object, task: int) -> int:
@@ -59,16 +58,16 @@ def median_seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
 
 def iteration_seconds(executor: Executor, directions: int) -> float:
     """Time of one ARS iteration."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
-    return median_seconds(lambda: advance(search, SHAPE, executor), 5)
+    search = PolicySearch(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
+    return median_seconds(lambda: search.advance(executor), 5)
 
 
 class Recorded:
     """An executor that only unpickles recorded results, in chunks."""
 
     def __init__(self, walker: WalkSimulator, episodes: int, workers: int):
-        shared, size = Round.of(new_search(ArsConfig(), SHAPE), SHAPE), chunk_size(episodes, workers)
-        tasks = [EpisodeTask(Candidate(direction, 1), direction) for direction in range(size)]
+        shared, size = PolicySearch(ArsConfig(), SHAPE), chunk_size(episodes, workers)
+        tasks = [EpisodeTask(direction, 1, direction) for direction in range(size)]
         chunk = pickle.dumps([run_task(walker, shared, task) for task in tasks])
         self._chunks = [chunk] * -(-episodes // size)
 
@@ -82,9 +81,9 @@ class Recorded:
 
 def update_seconds(walker: WalkSimulator, directions: int, workers: int) -> float:
     """Driver time of an iteration without episodes: seeds, tasks, results, statistics, update."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
+    search = PolicySearch(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
     recorded = Recorded(walker, 2 * directions, workers)
-    return median_seconds(lambda: advance(search, SHAPE, recorded))
+    return median_seconds(lambda: search.advance(recorded))
 
 
 def predicted(figures: dict[str, float], workers: int, directions: int) -> float:
@@ -99,11 +98,11 @@ def predicted(figures: dict[str, float], workers: int, directions: int) -> float
 
 def message_sizes(walker: WalkSimulator, directions: int, workers: int) -> dict[str, float]:
     """Bytes per task and per result, pickled in chunks."""
-    search = new_search(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
-    shared, candidates = Round.of(search, SHAPE), search.ask()
+    search = PolicySearch(ArsConfig(num_directions=directions, num_top_directions=directions // 2), SHAPE)
+    candidates = search.ars.ask()
     size = chunk_size(len(candidates), workers)
-    tasks = [EpisodeTask(candidate, episode_seed(0, 0, candidate.direction)) for candidate in candidates[:size]]
-    episodes = [run_task(walker, shared, task) for task in tasks]
+    tasks = [EpisodeTask(*candidate, episode_seed(0, 0, candidate[0])) for candidate in candidates[:size]]
+    episodes = [run_task(walker, search, task) for task in tasks]
     sizes = {"task": len(pickle.dumps(tasks)) / size, "result": len(pickle.dumps(episodes)) / size}
     return {f"bytes_per_{name}/chunks_of_{size}": value for name, value in sizes.items()}
 
@@ -113,13 +112,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json")
     path = parser.parse_args().json
-    walker, search = make_walker(), new_search(ArsConfig(), SHAPE)
-    shared = Round.of(search, SHAPE)
+    walker, shared = make_walker(), PolicySearch(ArsConfig(), SHAPE)
     figures: dict[str, float] = {
         "bytes_shared": len(pickle.dumps(shared)),
         **message_sizes(walker, 16, 2),
         **message_sizes(walker, 8192, 64),
-        "episode_s": median_seconds(lambda: walker.run(shared.policy(Candidate(0, 0)), 0)),
+        "episode_s": median_seconds(lambda: walker.run(shared.policy(0, 0), 0)),
         "update_s_per_direction": update_seconds(walker, 1024, 64) / 1024,
     }
     for workers in (1, 2):

@@ -18,17 +18,17 @@ from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
 from motorprior.identification.prior_file import load_prior
-from motorprior.locomotion.body import action_size
+from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.gait_controller import GaitController
+from motorprior.locomotion.control_step import command_step, follow_command, new_gait
 from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.mj_call import mj_step
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import WorldArrays, physics_step
 
 STEPS, REPEATS = 500, 7
@@ -59,11 +59,12 @@ def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
 
 def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
     """(steps, joints) targets [rad] of the zero policy: the plain trot."""
-    controller, zero = GaitController(robot, robot.control_dt), np.zeros(action_size(robot.num_joints))
-    targets = np.zeros((steps, robot.num_joints))
+    body, zero = body_of(robot), np.zeros(action_size(robot.num_joints))
+    targets, gait = np.zeros((steps, robot.num_joints)), new_gait(body)
     for target in targets:
-        controller.follow(robot.require_legs().forward[1], 0.0)
-        target[:] = controller.command(zero)
+        follow_command(body, gait, body.max_speed, 0.0)
+        command_step(body, gait, zero)
+        target[:] = gait.target
     return targets
 
 
@@ -79,11 +80,11 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
     zero, learned, paths = zero_policy(robot.num_joints), actuators["rollout"], {}
     walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_legs().forward[1]))
     for name, motors in actuators.items():
-        world = WorldConfig.of(robot, physics_dt=robot.physics_step(motors.kind.max_step))
-        simulator = WalkSimulator(lambda rng, motors=motors: motors, world, walk)
+        physics_dt = robot.physics_step(motors.kind.max_step)
+        simulator = WalkSimulator(Scene(robot, lambda rng, motors=motors: motors, walk, physics_dt))
         paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
-    steps, world = paths["rollout"][0], World(WorldConfig.of(robot))
-    drive = np.zeros((2, steps * world.config.substeps, robot.num_joints))
+    steps, world = paths["rollout"][0], World(robot)
+    drive = np.zeros((2, steps * world.substeps, robot.num_joints))
     recorded(world.arrays, world.reset(learned), zero_policy_targets(robot, steps), drive)
 
     def engine_alone() -> float:

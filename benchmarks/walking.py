@@ -38,19 +38,18 @@ from motorprior.identification.fit_prior import PRIOR
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.executor import make_executor
-from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.policy_search import BestPolicy, new_search, train, updated_best
+from motorprior.locomotion.policy import Policy, PolicyArrays, zero_policy
+from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.engines import Scene
 from motorprior.simulation.motor_choice import MotorChoice, motor_sampler
 from motorprior.simulation.randomization import ROBUST, Randomization
-from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import Episode, WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.studies.gait_quality import gait_quality, quality_results
 from motorprior.studies.twin import EVALUATION_SEED, HARD, NOISY, twin_of
 from turning import TURNS, command_cases, command_errors, command_results
@@ -104,7 +103,7 @@ class Environments:
         """Simulator of one environment."""
         if place == "sampled":
             draw, physics_dt = motor_sampler(MotorPrior.load(self.prior), self.robot)
-            return WalkSimulator(draw, WorldConfig.of(self.robot, physics_dt=physics_dt), walk)
+            return WalkSimulator(Scene(self.robot, draw, walk, physics_dt))
         return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
 
     def episodes(
@@ -166,7 +165,8 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     motors = MotorChoice("prior", prior=prior)
     run_walk(
         Walk(
-            folder, motors, iterations=settings.iterations, search=ArsConfig(seed=seed), workers=settings.workers,
+            out=folder, motors=motors, iterations=settings.iterations, search=ArsConfig(seed=seed),
+            workers=settings.workers,
             robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
             hidden_units=settings.hidden_units,
         ),
@@ -182,16 +182,14 @@ def seconds_to_goal(environments: Environments, seed: int) -> tuple[float, float
     """
     draw, physics_dt = motor_sampler(MotorPrior.load(environments.prior), environments.robot)
     shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
-    scene = Scene(environments.robot, "mujoco", draw, physics_dt, WalkConfig(Walk.episode_steps, randomization=ROBUST))
-    search, best = new_search(ArsConfig(seed=seed), shape), BestPolicy.none_yet(shape)
+    scene = Scene(environments.robot, draw, WalkConfig(Walk.episode_steps, randomization=ROBUST), physics_dt)
+    search = PolicySearch(ArsConfig(seed=seed), shape)
     executor, seconds, walking = make_executor(scene.simulator, environments.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
         began = time.monotonic()
-        if iterations == 0:
-            best = updated_best(search, shape, executor, best)
-        best = train(search, shape, executor, iterations, best)
+        search.train(executor, iterations)
         seconds += time.monotonic() - began
-        rows = environments.walks("sampled", best.policy, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
+        rows = environments.walks("sampled", search.best, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
         speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
         heading, aside = (
             rows.mean(quantity=name) if rows.where(quantity=name) else float("inf")  # all fell within two seconds
@@ -234,10 +232,10 @@ def fast_policy(settings: Settings, environments: Environments, simulator: Calla
     """The best policy of a training in this simulator, seed 0."""
     shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
     executor = make_executor(simulator, environments.workers)
-    search, best = new_search(ArsConfig(seed=0), shape), BestPolicy.none_yet(shape)
-    best = train(search, shape, executor, settings.top_iterations, best)
+    search = PolicySearch(ArsConfig(seed=0), shape)
+    search.train(executor, settings.top_iterations)
     executor.close()
-    return best.policy
+    return search.best
 
 
 def top_speed(environments: Environments, place: str, policy: PolicyArrays) -> float:
@@ -258,7 +256,7 @@ def measure(settings: Settings) -> Results:
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
     environments = Environments(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
-    found, gait = [], BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True)).policy
+    found, gait = [], zero_policy(robot.num_joints)
     for place in PLACES:
         found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):

@@ -119,5 +119,5 @@ def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from motorprior.simulation.motor_choice import MotorChoice
 
     folder = tmp_path_factory.mktemp("walks") / "gait_0"
-    run_walk(Walk(folder, MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    run_walk(Walk(out=folder, motors=MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
     return folder

@@ -11,19 +11,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
-from policies import ACTIONS, random_policy
+from policies import ACTIONS
 
-import motorprior.environments
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy import act
-from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
 
 ID = "motorprior/Walk-v0"
 ERRING = Randomization(
@@ -74,23 +68,6 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
     env.close()
     np.testing.assert_array_equal(measured[0], measured[1])
     assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6  # all twelve joints
-
-
-def test_its_episode_is_that_of_motorprior_walk(motors):
-    policy = random_policy(0.05, seed=1, mean=0.1, std=0.7)
-    env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
-    choice = motorprior.environments.MotorChoice(**motors)
-    walk = WalkConfig(50, TaskWeights(heading=0.1))
-    simulator = WalkSimulator(
-        choice.sampler(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
-    )
-    (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(ACTIONS)
-    while not ended:
-        act(policy, observation, action)
-        observation, reward, terminated, truncated, _ = env.step(action)
-        total, ended = total + float(reward), terminated or truncated
-    assert total == simulator.run(policy, seed=4).total
-    env.close()
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])

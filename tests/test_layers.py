@@ -33,7 +33,7 @@ FOLDERS = {
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
     "filelock": "stage",
-    "tensorboardX": "simulation/walk_metrics",
+    "tensorboardX": "simulation/training_files",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 

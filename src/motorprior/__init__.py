@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot
     from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
-    from motorprior.simulation.simulate import simulate as simulate
-    from motorprior.simulation.train_policy import train_policy as train_policy
+    from motorprior.simulation.playback import simulate as simulate
+    from motorprior.simulation.training import train_policy as train_policy
     from motorprior.studies.compare import compare as compare
 
 __version__ = "0.1.0"
@@ -73,8 +73,8 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "make_vector_env": "environments",
     "read_log": "logs.read_log",
     "record_bench": "bench.record_bench",
-    "simulate": "simulation.simulate",
-    "train_policy": "simulation.train_policy",
+    "simulate": "simulation.playback",
+    "train_policy": "simulation.training",
     "write_log": "logs.readers.motor_log_file",
 }
 

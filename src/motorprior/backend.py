@@ -5,15 +5,13 @@ MuJoCo, PyBullet, the virtual and the real robot implement it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class BackendState:
-    """State of a robot after a control step."""
+class BackendState(NamedTuple):
+    """State of a robot after a control step; compiled code takes it as it is."""
 
     base_pos: np.ndarray  # (3,) [m], world; x is the initial heading, z up
     base_quat: np.ndarray  # (4,) rotation_base_to_world (w, x, y, z)

@@ -12,86 +12,55 @@ training from time to time.
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 
-from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Commands
-from motorprior.locomotion.env import WalkEnv
-from motorprior.locomotion.gaits import GaitName
-from motorprior.locomotion.task import TaskWeights
+from motorprior.locomotion.command import Timetable
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.engines import Scene
+from motorprior.simulation.env import WalkEnv
 from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
-from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig
-from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.vector_env import WalkVectorEnv
-from motorprior.simulation.world_config import WorldConfig
 
 ENV_ID = "motorprior/Walk-v0"
+_EPISODE = WalkConfig.__dataclass_fields__
 
 
-def make_scene(
-    robot: str | Path | Robot = DEFAULT_ROBOT,
-    motors: MotorSource | None = None,
-    *,
-    engine: str = "mujoco",
-    task: TaskWeights | None = None,
-    randomization: Randomization | None = None,
-    commands: Commands | None = None,
-    gait: GaitName = "trot",
-    roughness: float = 0.0,
-    episode_steps: int = 500,
-    **choice: Any,
-) -> Scene:
-    """The simulation of an environment.
+def _scene(robot: str | Path | Robot, motors: MotorSource | None, options: dict[str, Any]) -> Scene:
+    """The simulation of an environment."""
+    walk = WalkConfig(**{name: value for name, value in options.items() if name in _EPISODE})
+    choice = {name: value for name, value in options.items() if name not in _EPISODE}
+    robot = as_robot(robot) if isinstance(walk.commands, Timetable) else walk.commands.extend_range(as_robot(robot))
+    for name in {"prior", "posterior"} & choice.keys():
+        choice[name] = Path(choice[name])
+    chosen = MotorChoice(choice.pop("actuator", "fleet"), **choice)
+    draw_motors, physics_dt = motor_sampler(chosen.sampler(robot) if motors is None else motors, robot)
+    return Scene(robot, draw_motors, walk, physics_dt)
+
+
+def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | None = None, **options: Any) -> WalkEnv:
+    """Make one Gymnasium environment that samples new motors in each episode.
+
+    Its observations and actions are those of the policies of `train_policy`.
 
     Args:
         robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
         motors: motors of the episodes: a prior, a posterior or a fleet to sample, fixed motors, or a function that
             samples them with a generator.
-        engine: "mujoco" or "pybullet".
-        task: reward.
-        randomization: what is sampled per episode, in addition to the motors.
-        commands: speed and yaw rate, sampled for every episode; the robot's whole range if not given.
-        gait: trot, walk, pace, bound or pronk.
-        roughness: height of bumps [m], up to 4 m from the start; PyBullet only.
-        episode_steps: control steps until truncation.
-        choice: without ``motors``, fields of `MotorChoice`, such as actuator, prior and kp; the physical motors of the
-            robot's own fleet by default.
+        options: fields of `WalkConfig`, such as engine, task, randomization, commands, gait and episode_steps; without
+            ``motors`` also fields of `MotorChoice`, such as actuator, prior and kp; the physical motors of the robot's
+            own fleet by default.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
         TypeError: an unknown option.
     """
-    commands = commands or Commands()
-    robot = commands.extend_range(as_robot(robot))
-    walk = WalkConfig(episode_steps, task or TaskWeights(), randomization or Randomization(), commands, gait)
-    for name in ("prior", "posterior"):
-        if choice.get(name) is not None:
-            choice[name] = Path(choice[name])
-    chosen = MotorChoice(choice.pop("actuator", "fleet"), **choice)
-    if motors is None:
-        draw_motors, physics_dt = chosen.sampler(robot), chosen.physics_dt(robot)
-    else:
-        draw_motors, physics_dt = motor_sampler(motors, robot)
-    return Scene(robot, engine, draw_motors, physics_dt, walk, Terrain(roughness))
-
-
-def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | None = None, **options: Any) -> WalkEnv:
-    """Make one Gymnasium environment that samples new motors in each episode; see `make_scene` for the options.
-
-    Its observations and actions are those of the policies of `train_policy`.
-    """
-    scene = make_scene(robot, motors, **options)
-    walk, sensors = scene.walk, partial(scene.walk.randomization.sensors, scene.robot)
-    return WalkEnv(scene.robot, scene.backend(), walk.task, walk.episode_steps, sensors, walk.commands, walk.gait)
+    scene = _scene(robot, motors, options)
+    return WalkEnv(scene.robot, scene.backend(), scene.walk)
 
 
 def make_vector_env(
@@ -102,18 +71,12 @@ def make_vector_env(
     threads: int = 1,
     **options: Any,
 ) -> WalkVectorEnv:
-    """Make ``num_envs`` environments in one, stepped by compiled code on ``threads`` threads; see `make_scene`.
+    """Make ``num_envs`` environments in one, stepped by compiled code on ``threads`` threads; see `make_env`.
 
     Raises:
-        ConfigError, ArtifactError, TypeError: see `make_scene`; or another engine than MuJoCo.
+        ConfigError, ArtifactError, TypeError: see `make_env`; or another engine than MuJoCo.
     """
-    scene = make_scene(robot, motors, **options)
-    if scene.engine != "mujoco":
-        raise ConfigError(
-            f"vector environments are for MuJoCo, not {scene.engine!r}", remedy='use vectorization_mode="async"'
-        )
-    world = WorldConfig.of(scene.robot, physics_dt=scene.physics_dt)
-    return WalkVectorEnv(num_envs, scene.draw_motors, world, scene.walk, threads)
+    return WalkVectorEnv(_scene(robot, motors, options), num_envs, threads)
 
 
 gymnasium.register(

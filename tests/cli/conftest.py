@@ -135,7 +135,7 @@ def prior(bench: Path, prior_of_bench: MotorPrior) -> Path:
 def walk(bench: Path) -> Path:
     """A walk folder: one iteration on an ideal PD."""
     folder = bench.parent / "walk"
-    run_walk(Walk(folder, MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    run_walk(Walk(out=folder, motors=MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
     return folder
 
 

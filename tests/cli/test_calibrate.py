@@ -14,7 +14,6 @@ from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.posture import with_posture
 
 SMALL = ("--starts", "1", "--iterations", "1", "--draws", "3")
@@ -30,7 +29,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for joint in ROBOT.legs[0].joints[1:]:
         targets[:, joint] += 0.2 * np.sin(2.0 * np.pi * 2.0 * time)
     for name, suspended in (("in_the_air", True), ("on_the_floor", False)):
-        world = World(WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=0.002, suspended=suspended))
+        world = World(ROBOT, physics_dt=0.001, control_dt=0.002, suspended=suspended)
         lead_in = np.tile(ROBOT.nominal_pose, (300, 1))
         measured = replay(world, motors, targets, ROBOT.nominal_pose, lead_in).measured_joint_pos
         log = MotorLog(

@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 from motorprior.artifacts import read_tensors
-from motorprior.locomotion.policy import Policy
 
 WALK = ("walk", "--actuator", "pd", "--episode-steps", "20", "--iterations", "12")
 SABOTAGE = """
@@ -53,10 +52,9 @@ def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tm
     failed = walk(broken, 2, fail_at=366)
     assert failed.returncode == 2
     said = failed.stderr.strip().splitlines()[-1]
-    assert said.startswith("error: MuJoCo stopped: mj_stackAlloc") and "10 iterations" in said and " -> " in said
+    assert said.startswith("error: MuJoCo stopped: mj_stackAlloc") and " -> run again" in said
     state, header = read_tensors(broken / "search.safetensors")
     assert int(state["iteration"]) == len(header["curve"]) == 10
-    assert Policy.load(broken / "policy.safetensors").provenance["iteration"] == 10  # usable as it is
     assert not (broken / "stage.json").exists()
     assert not list(tmp_path.glob("MUJOCO_LOG*"))
     assert walk(broken, 2).returncode == 0

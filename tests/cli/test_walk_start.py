@@ -35,10 +35,3 @@ def test_a_start_of_another_gait_or_size_is_rejected(motorprior: Command, tmp_pa
     assert policy_in(tmp_path / "pace").gait == "pace"
     for words in ((), ("--gait", "pace", "--hidden-units", 4)):
         assert motorprior(*SMALL, *words, "--iterations", 1, "--start", start, "--out", tmp_path / "out").code == 2
-
-
-def test_several_seeds_have_a_folder_each_and_the_best_is_named(motorprior: Command, tmp_path: Path):
-    done = motorprior(*SMALL, "--iterations", 1, "--out", tmp_path, "--seeds", 2, "--search.seed", 7)
-    assert done.code == 0 and "seeds.png" in done.out
-    returns = {seed: policy_in(tmp_path / f"seed_{seed}").provenance["own_return"] for seed in (7, 8)}
-    assert f"motorprior play {tmp_path / f'seed_{max(returns, key=lambda seed: returns[seed])}'}\n" in done.out

@@ -30,7 +30,8 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
     motors, notes = MotorChoice("prior", tmp_path / "prior.safetensors"), io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
-    run_walk(Walk(tmp_path / "walk", motors, iterations=1, episode_steps=20, search=search, workers=1), Lines(notes))
+    walk = Walk(out=tmp_path / "walk", motors=motors, iterations=1, episode_steps=20, search=search, workers=1)
+    run_walk(walk, Lines(notes))
     assert "(pupper_v2 has at most 1.26)" in notes.getvalue()
 
 

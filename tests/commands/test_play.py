@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from motorprior.commands.play import Play, run_play
-from motorprior.exceptions import ConfigError
-from motorprior.locomotion.schedule_file import read_schedule
+from motorprior.exceptions import MotorPriorError
+from motorprior.locomotion.command import Timetable
 from motorprior.report import film
 from motorprior.results import Results
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -66,12 +66,12 @@ def test_a_turn_on_the_spot_has_no_measures_per_metre(gait_walk: Path, tmp_path:
 )
 def test_an_invalid_schedule_is_rejected_by_file_row_and_value(tmp_path: Path, text: str, words: tuple[str, ...]):
     (tmp_path / "plan.csv").write_text(text)
-    with pytest.raises(ConfigError) as error:
-        read_schedule(tmp_path / "plan.csv", PUPPER_V2)
+    with pytest.raises(MotorPriorError) as error:
+        Timetable.read(tmp_path / "plan.csv", PUPPER_V2)
     assert [word for word in ("plan.csv", *words) if word not in str(error.value)] == []
 
 
 def test_a_schedule_is_read_as_it_is_written(tmp_path: Path):
     (tmp_path / "plan.csv").write_text("time_s,forward_m_s,yaw_rate_rad_s\n0,0.3,0\n1.75,-0.1,0.5\n")
-    commands = read_schedule(tmp_path / "plan.csv", PUPPER_V2).schedule(PUPPER_V2, 0, 200)
+    commands = Timetable.read(tmp_path / "plan.csv", PUPPER_V2).schedule(PUPPER_V2, 0, 200)
     np.testing.assert_array_equal(commands[[0, 174, 175, 199]], [[0.3, 0], [0.3, 0], [-0.1, 0.5], [-0.1, 0.5]])

@@ -10,18 +10,18 @@ from motorprior.artifacts import read_tensors
 from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import PICTURE, run_walk_seeds
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion import policy_search
 from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.training import CHECKPOINT
-from motorprior.simulation.walk_metrics import METRICS
+from motorprior.simulation.training_files import CHECKPOINT, METRICS
 from motorprior.stage import MARKER
 
 
 def walk(folder: Path, seed: int = 2, **changes) -> Walk:
     search = ArsConfig(seed=seed, num_directions=2, num_top_directions=2)
     return replace(
-        Walk(folder, MotorChoice("pd", kp=8.0), iterations=3, episode_steps=10, workers=1, search=search), **changes
+        Walk(out=folder, motors=MotorChoice("pd", kp=8.0), iterations=3, episode_steps=10, workers=1, search=search),
+        **changes,
     )
 
 
@@ -40,7 +40,7 @@ def test_killed_before_its_marker_a_training_continues_from_its_checkpoint(
     done = int(read_tensors(killed / CHECKPOINT)[0]["iteration"])
     assert 0 < done <= 3 and not (killed / MARKER).exists()
     if done == 3:
-        monkeypatch.setattr(policy_search, "advance", None)  # no iteration is repeated
+        monkeypatch.setattr(PolicySearch, "advance", None)  # no iteration is repeated
     assert run_walk(walk(killed))
     for name in (POLICY, CURVE, METRICS):
         assert (killed / name).read_bytes() == (whole / name).read_bytes(), name

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from threads import in_thread
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
-from motorprior.backend import Backend
+from motorprior.backend import Backend, BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
@@ -18,56 +18,52 @@ from motorprior.hardware.serial_backend import SerialBackend
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.terrain import Terrain
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.scene import Scene, WalkConfig
 
-MUJOCO, BULLET = WorldConfig.of(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=0.001)
+BULLET = WalkConfig(engine="pybullet")
+
+
+def backend_of(draw_motors, walk: WalkConfig | None = None) -> Backend:
+    walk = walk or WalkConfig()
+    if walk.engine == "pybullet":
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    return Scene(PUPPER_V2, draw_motors, walk, spec.TWIN_PHYSICS_DT).backend()
+
+
+def of_fleet(name: str):
+    fleet = load_fleet(name)
+    return lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator()
+
+
+def of_grey_boxes(grey_network):
+    """Motors drawn around a small servo."""
+    network = grey_network(spread=0.05)
+    return lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3)))
 
 
 def mujoco(_: object) -> Backend:
-    """Physical motors of the shipped fleet."""
-    fleet = load_fleet("pupper_v2")
-    return MujocoBackend(
-        lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator(),
-        WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
-    )
+    return backend_of(of_fleet("pupper_v2"))
 
 
 def mujoco_of_grey_boxes(grey_network) -> Backend:
-    """Motors drawn around a small servo."""
-    network = grey_network(spread=0.05)
-    return MujocoBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))), MUJOCO)
-
-
-def pybullet(_: object) -> Backend:
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    fleet = load_fleet("pupper_v2")
-    return PybulletBackend(lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator(), BULLET)
-
-
-def pybullet_of_grey_boxes(grey_network) -> Backend:
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    network = grey_network(spread=0.05)
-    return PybulletBackend(lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3))), BULLET)
-
-
-def pybullet_rough(_: object) -> Backend:
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    fleet = load_fleet("mixed")
-    motors = lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator()  # noqa: E731
-    return PybulletBackend(motors, BULLET, terrain=Terrain(roughness=0.02), randomization=EVERYTHING)
+    return backend_of(of_grey_boxes(grey_network))
 
 
 def mujoco_randomized(_: object) -> Backend:
-    fleet = load_fleet("pupper_v2")
-    return MujocoBackend(
-        lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator(),
-        WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT),
-        EVERYTHING,
-    )
+    return backend_of(of_fleet("pupper_v2"), WalkConfig(randomization=EVERYTHING))
+
+
+def pybullet(_: object) -> Backend:
+    return backend_of(of_fleet("pupper_v2"), BULLET)
+
+
+def pybullet_of_grey_boxes(grey_network) -> Backend:
+    return backend_of(of_grey_boxes(grey_network), BULLET)
+
+
+def pybullet_randomized(_: object) -> Backend:
+    return backend_of(of_fleet("mixed"), replace(BULLET, randomization=EVERYTHING))
 
 
 EVERYTHING = Randomization(
@@ -113,7 +109,7 @@ def test_a_target_after_a_late_step_is_held_as_long_as_others():
         backend.close()
 
 
-SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_rough]
+SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_randomized]
 """Backends whose time is their own: a seed says everything that happens."""
 BACKENDS = [*SIMULATED, pytest.param(virtual_robot, marks=pytest.mark.real_time)]
 
@@ -132,20 +128,20 @@ def simulated(request: pytest.FixtureRequest, grey_network):
     made.close()
 
 
-def walked(backend: Backend, seed: int, steps: int = 20) -> list[tuple]:
+def walked(backend: Backend, seed: int, steps: int = 20) -> list[BackendState]:
     """States of a small motion of all joints."""
-    states = [astuple(backend.reset(seed))]
+    states = [backend.reset(seed)]
     for step in range(steps):
-        states.append(astuple(backend.step(spec.NOMINAL_POSE + 0.1 * np.sin(0.3 * step))))
+        states.append(backend.step(spec.NOMINAL_POSE + 0.1 * np.sin(0.3 * step)))
     return states
 
 
 def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
     for state in (backend.reset(0), backend.step(spec.NOMINAL_POSE)):
-        shapes = [np.shape(value) for value in astuple(state)]
+        shapes = [np.shape(value) for value in state]
         assert shapes == [(3,), (4,), (3,), (3,), (12,), (4, 3), (), ()]
-        known = replace(state, foot_pos=np.zeros(0)) if np.isnan(state.foot_pos).all() else state
-        assert state.fault == 0 and all(np.all(np.isfinite(value)) for value in astuple(known))
+        known = state._replace(foot_pos=np.zeros(0)) if np.isnan(state.foot_pos).all() else state
+        assert state.fault == 0 and all(np.all(np.isfinite(value)) for value in known)
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -161,9 +157,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(simula
 
 def test_a_state_is_not_changed_by_later_steps(backend: Backend):
     state = backend.reset(0)
-    kept = [np.array(value) for value in astuple(state)]
+    kept = [np.array(value) for value in state]
     backend.step(spec.NOMINAL_POSE + 0.3)
-    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(kept, astuple(state), strict=True))
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(kept, state, strict=True))
 
 
 def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Backend):
@@ -200,16 +196,14 @@ TELEPORTING = IdealPd.uniform(12, kp=1e8, kd=0.0, torque_limit=1e9)
 """Everything stays finite."""
 
 
-@pytest.mark.parametrize("engine", [MujocoBackend, PybulletBackend])
+@pytest.mark.parametrize("walk", [WalkConfig(), BULLET], ids=["mujoco", "pybullet"])
 @pytest.mark.parametrize(
     "motors", [ABSURD, UNDEFINED, BUZZING, TELEPORTING], ids=["absurd", "NaN", "buzzing", "teleporting"]
 )
-def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(engine, motors: IdealPd):
-    if engine is PybulletBackend:
-        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(walk: WalkConfig, motors: IdealPd):
     sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
     queue = [motors, sound]
-    backend = engine(lambda rng: queue.pop(0), BULLET if engine is PybulletBackend else MUJOCO)
+    backend = backend_of(lambda rng: queue.pop(0), walk)
     backend.reset(0)
     assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1
     assert backend.reset(0).fault == 0

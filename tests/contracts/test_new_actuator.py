@@ -13,8 +13,8 @@ from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation import rollout
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 
 KP, KD = 9.0, 0.8
 ENCODER_ZERO = 0.01  # [rad]
@@ -70,13 +70,9 @@ def same_pd(n: int) -> IdealPd:
 
 def test_it_walks_in_the_compiled_rollout_that_was_compiled_before_it():
     policy = random_policy(0.05, seed=1)
-    known = WalkSimulator(lambda rng: same_pd(12), WorldConfig.of(PUPPER_V2), WalkConfig(50)).run(
-        policy, seed=3, trace=True
-    )
+    known = WalkSimulator(Scene(PUPPER_V2, lambda rng: same_pd(12), WalkConfig(50))).run(policy, seed=3, trace=True)
     before = len(rollout._episode.signatures)  # pyright: ignore[reportFunctionMemberAccess]
-    new = WalkSimulator(lambda rng: Spring(12), WorldConfig.of(PUPPER_V2), WalkConfig(50)).run(
-        policy, seed=3, trace=True
-    )
+    new = WalkSimulator(Scene(PUPPER_V2, lambda rng: Spring(12), WalkConfig(50))).run(policy, seed=3, trace=True)
     assert len(rollout._episode.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
     assert new.steps == known.steps == 50 and new.fault == 0
     # the policy sees other encoders; the first command is the same

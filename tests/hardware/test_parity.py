@@ -5,6 +5,7 @@ import pytest
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
+from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.framing import command_frame, telemetry_reader
@@ -14,13 +15,12 @@ from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, SensorReadings
 from motorprior.hardware.wire_conversion import backend_state, from_wire
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.mujoco_backend import MujocoBackend
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.env import WalkEnv
+from motorprior.simulation.scene import Scene, WalkConfig
 
 WIRE = PUPPER_V2.require_wire()
 JOINTS = 12
@@ -44,7 +44,7 @@ class CopiedBody:
 class Spy:
     """The simulated backend, remembering its last state."""
 
-    def __init__(self, backend: MujocoBackend):
+    def __init__(self, backend: Backend):
         self._backend = backend
 
     def reset(self, seed: int):
@@ -63,9 +63,9 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     """Two seconds of a random policy: env and wire side by side; the wire's float32 is all that is lost."""
     policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
-    config = WorldConfig.of(PUPPER_V2, physics_dt=spec.TWIN_PHYSICS_DT)
-    spy = Spy(MujocoBackend(lambda draw: fleet.sample(12, draw).actuator(), config))
-    env, motion = WalkEnv(PUPPER_V2, spy, commands=Commands(hold=0.4)), PolicyMotion(PUPPER_V2, policy)
+    walk = WalkConfig(commands=Commands(hold=0.4))
+    spy = Spy(Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, spec.TWIN_PHYSICS_DT).backend())
+    env, motion = WalkEnv(PUPPER_V2, spy, walk), PolicyMotion(PUPPER_V2, policy)
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)

@@ -32,11 +32,6 @@ def test_speeds_of_an_episode_are_one_of_each_part_of_the_range_in_any_order():
     assert np.ptp(first) > 0.5
 
 
-def test_the_same_seed_is_the_same_schedule_and_another_is_another():
-    one, again, other = (Commands().schedule(ROBOT, seed, 500) for seed in (3, 3, 4))
-    assert one.tobytes() == again.tobytes() != other.tobytes()
-
-
 def test_commands_beyond_the_robots_range_widen_it_and_others_leave_it():
     assert Commands((0.1, 0.3)).extend_range(ROBOT) == Commands().extend_range(ROBOT) == ROBOT
     assert Commands((-0.5, 0.3)).extend_range(ROBOT).require_legs().forward == (-0.5, GAIT.forward[1])

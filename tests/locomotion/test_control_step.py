@@ -6,46 +6,38 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.locomotion.body import LEAD_SHARE, MAX_COMMAND, body_of
+from motorprior.backend import BackendState
+from motorprior.locomotion.ars import update_stats
+from motorprior.locomotion.body import GAITS, MAX_COMMAND, body_of
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
     MAX_DRIFT,
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
-    begin_gait,
     command_step,
     follow_command,
     levelling,
     new_gait,
-    update_stats,
 )
-from motorprior.locomotion.gaits import GAITS
 from motorprior.locomotion.task import sliding
-from motorprior.locomotion.trajectory_generator import add_support, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BODY, DT = body_of(PUPPER_V2), PUPPER_V2.control_dt
-NOTHING, LEVEL = np.zeros(ACTIONS), np.zeros(OBSERVATIONS)
-
-
-def begun(body=BODY):
-    gait = new_gait(PUPPER_V2.num_joints, len(PUPPER_V2.legs))
-    begin_gait(body, gait)
-    return gait
+NOTHING = np.zeros(ACTIONS)
 
 
 def followed(gait, forward=0.0, yaw_rate=0.0, steps=1, rate=0.0):
     """The last observation of a level robot that turns at ``rate`` [rad/s]."""
-    seen = np.zeros(OBSERVATIONS)
+    gait.observation[:] = 0.0
     for _ in range(steps):
-        seen[4] = rate
-        follow_command(BODY, gait, forward, yaw_rate, DT, seen)
-    return seen
+        gait.observation[4] = rate
+        follow_command(BODY, gait, forward, yaw_rate)
+    return gait.observation.copy()
 
 
 def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate():
-    gait = begun()
+    gait = new_gait(BODY)
     speeds = np.array([followed(gait, 0.5, -0.6)[19:21] for _ in range(80)])
     assert np.all(np.diff(speeds[:, 0]) <= BODY.max_speed * DT / RAMP + 1e-12)
     np.testing.assert_allclose(speeds[round(RAMP / DT) - 1 :], np.tile([0.5, -0.6], (31, 1)), atol=1e-12)
@@ -54,52 +46,47 @@ def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate()
 
 
 def test_a_command_beyond_the_robots_range_is_the_end_of_the_range():
-    assert followed(begun(), 9.0, 9.0, 300)[19:21] == pytest.approx([MAX_COMMAND * BODY.max_speed, BODY.max_yaw_rate])
-    assert followed(begun(), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.min_speed, -BODY.max_yaw_rate])
+    assert followed(new_gait(BODY), 9.0, 9.0, 300)[19:21] == pytest.approx(
+        [MAX_COMMAND * BODY.max_speed, BODY.max_yaw_rate]
+    )
+    assert followed(new_gait(BODY), -9.0, -9.0, 300)[19:21] == pytest.approx([BODY.min_speed, -BODY.max_yaw_rate])
 
 
 def test_the_heading_error_is_the_turn_that_was_not_commanded():
-    gait = begun()
+    gait = new_gait(BODY)
     assert followed(gait, forward=0.3, steps=100, rate=0.2)[18] == pytest.approx(0.2)
     assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == MAX_HEADING_ERROR
-    turning, seen, commanded = begun(), np.zeros(OBSERVATIONS), 0.0
+    turning, commanded = new_gait(BODY), 0.0
     for _ in range(150):  # a robot that turns as it is told, ramp and all
-        seen[4] = min(BODY.max_yaw_rate * (commanded + DT) / RAMP, 0.4)
-        follow_command(BODY, turning, 0.0, 0.4, DT, seen)
+        turning.observation[4] = min(BODY.max_yaw_rate * (commanded + DT) / RAMP, 0.4)
+        follow_command(BODY, turning, 0.0, 0.4)
         commanded += DT
-    assert seen[18] == pytest.approx(0.0, abs=1e-12)
+    assert turning.observation[18] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_drift_is_the_way_aside_that_follows_from_the_heading_error():
-    gait = begun()
+    gait = new_gait(BODY)
     followed(gait, 0.3, steps=100)
     followed(gait, 0.3, steps=10, rate=1.0)  # 0.1 rad
     before = gait.scalars[2]
     after = followed(gait, 0.3, steps=50)[17]
     assert after - before == pytest.approx(50 * DT * 0.3 * math.sin(0.1))
     assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(MAX_DRIFT * BODY.max_speed)
-    standing = begun()
+    standing = new_gait(BODY)
     assert followed(standing, 0.0, steps=100, rate=0.3)[17] == 0.0
 
 
 @pytest.mark.parametrize("forward", [0.3, -0.2])
 def test_a_turn_against_drift_and_heading_error_brings_a_robot_back_on_its_way(forward: float):
     """The sign of both gains is one for both ways: a linear policy has no other."""
-    gait, seen, aside, heading = begun(), np.zeros(OBSERVATIONS), [], 0.0
+    gait, aside, heading = new_gait(BODY), [], 0.0
+    seen = gait.observation
     for step in range(3000):
         seen[4] = 1.0 if step in range(100, 110) else -2.0 * seen[18] - 4.0 * seen[17]  # led astray by 0.1 rad at first
         heading += DT * seen[4]
-        follow_command(BODY, gait, forward, 0.0, DT, seen)
+        follow_command(BODY, gait, forward, 0.0)
         aside.append(abs(gait.scalars[2]))
     assert max(aside) > 0.005 and aside[-1] < 0.1 * max(aside) and abs(heading) < 0.01
-
-
-def test_the_phase_is_observed_as_far_as_the_robot_walks():
-    gait = begun()
-    gait.scalars[0] = 0.2
-    assert not followed(gait)[21:].any()
-    angle = 0.4 * math.pi
-    assert followed(gait, 0.5, steps=100)[21:] == pytest.approx([math.cos(angle), math.sin(angle)])
 
 
 def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_needs_not():
@@ -110,41 +97,24 @@ def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_
     assert levelling(soft, seen) == pytest.approx((0.5 * (0.1 - 0.5 * LEVEL_RATE), -0.5 * (0.2 + LEVEL_RATE)))
     assert levelling(BODY, seen) == (0.0, 0.0)
     seen[2:4] = 0.0
-    gait, flat = begun(soft), begun(soft)
-    command_step(soft, NOTHING, seen, gait, DT)
-    command_step(soft, NOTHING, LEVEL, flat, DT)
+    gait, flat = new_gait(soft), new_gait(soft)
+    gait.observation[:] = seen
+    command_step(soft, gait, NOTHING)
+    command_step(soft, flat, NOTHING)
     drops = [[leg.hip_height(each.target) for leg in PUPPER_V2.legs] for each in (gait, flat)]
     longer = {leg.name: one - other for leg, one, other in zip(PUPPER_V2.legs, *drops, strict=True)}
     assert longer["FR"] > longer["FL"] > longer["RL"] and longer["FR"] > longer["RR"] > longer["RL"]
     assert longer["FR"] > 0.0 > longer["RL"]
 
 
-def test_targets_lead_the_gait_by_what_its_pd_lags():
-    gait = begun()
-    followed(gait, 0.2, steps=100)
-    gait.scalars[0], path = 0.1, np.zeros((2, 12))
-    for row, phase in zip(path, (0.1, 0.1 + BODY.frequency * DT), strict=True):
-        joint_targets(BODY, phase, 0.2, 0.0, BODY.frequency, 0.0, (0.0, 0.0), 1.0, BODY.swing_height, row)
-    joint = PUPPER_V2.joints[0]
-    lead = LEAD_SHARE * joint.kd / joint.kp
-    expected = path[0] + lead * (path[1] - path[0]) / DT
-    add_support(BODY, 0.1, 1.0, 1.0, path[0], expected)
-    gait.target[:] = expected + 0.1  # near enough that the bound on its speed does not matter
-    command_step(BODY, NOTHING, LEVEL, gait, DT)
-    np.testing.assert_allclose(gait.target, expected, atol=1e-12)
-    assert np.abs(expected - path[0]).max() > 0.1
-    assert 0.05 < lead < 0.1 and gait.phase == pytest.approx(0.1 + BODY.frequency * DT)
-
-
 @pytest.mark.parametrize("gait_name", GAITS)
 def test_targets_never_change_faster_than_the_bound_nor_leave_the_joint_limits(gait_name):
     body, rng = body_of(PUPPER_V2, gait_name), np.random.default_rng(0)
-    gait = begun(body)
+    gait = new_gait(body)
     before, fastest = gait.target.copy(), 0.0
     for _ in range(300):
-        seen = np.zeros(OBSERVATIONS)
-        follow_command(body, gait, rng.uniform(-0.5, 1.0), rng.uniform(-1.0, 1.0), DT, seen)
-        command_step(body, rng.uniform(-3.0, 3.0, ACTIONS), seen, gait, DT)
+        follow_command(body, gait, rng.uniform(-0.5, 1.0), rng.uniform(-1.0, 1.0))
+        command_step(body, gait, rng.uniform(-3.0, 3.0, ACTIONS))
         fastest = max(fastest, np.abs(gait.target - before).max() / DT)
         assert np.all(gait.target >= body.lower) and np.all(gait.target <= body.upper)
         before = gait.target.copy()
@@ -157,10 +127,11 @@ def feet_at(x, y=0.0, height=0.0):
 
 
 def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
-    gait, joints = begun(), PUPPER_V2.nominal_pose
+    gait, joints = new_gait(BODY), PUPPER_V2.nominal_pose
 
-    def slid(places, angles=joints):
-        return sliding(BODY, gait.feet, places, angles, 0.0, 0.0, DT)
+    def slid(places):
+        state = BackendState(np.zeros(3), np.zeros(4), np.zeros(3), np.zeros(3), joints, places, 0.0)
+        return sliding(BODY, gait.feet, state, 0.0, 0.0)
 
     assert slid(feet_at(0.0)) == 0.0, "nobody knows where they were"
     assert slid(feet_at(0.003, 0.004)) == pytest.approx(4 * 0.005 / DT)
@@ -171,9 +142,8 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
 
 def test_statistics_of_an_episode_equal_numpy():
     observations = np.random.default_rng(0).normal(3.0, 2.0, (50, OBSERVATIONS))
-    count, mean, m2 = 0, np.zeros(OBSERVATIONS), np.zeros(OBSERVATIONS)
-    for observation in observations:
-        count = update_stats(observation, count, mean, m2)
-    assert count == 50
+    mean, m2 = np.zeros((2, OBSERVATIONS))
+    for count, observation in enumerate(observations):
+        update_stats(observation, count, mean, m2)
     np.testing.assert_allclose(mean, observations.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(m2 / 50, observations.var(axis=0), rtol=1e-12)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.locomotion.leg_kinematics import leg_angles
+from motorprior.locomotion.body import leg_angles
 
 
 def foot(thigh: float, shank: float, hip: float, knee: float) -> tuple[float, float]:

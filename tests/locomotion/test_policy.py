@@ -1,6 +1,7 @@
 """The policy by hand, its filter and scaling, and its file."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 BODY = body_of(PUPPER_V2)
 
 
-def a_policy(units=3, **changes):
+def a_policy(units=3, **changes: Any):
     rng = np.random.default_rng(3)
     arrays = random_policy(1.0, seed=3, units=units)
     arrays = arrays._replace(mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.1, 2.0, OBSERVATIONS))
@@ -77,10 +78,14 @@ def test_file_holds_everything(tmp_path, units):
 
 
 def test_another_robots_policy_is_refused():
-    with pytest.raises(ConfigError, match="policy of robot 'dog', wanted 'pupper_v2'"):
-        a_policy(robot="dog").require_robot(PUPPER_V2)
-    with pytest.raises(ConfigError, match="its joints are"):
-        a_policy(joint_names=PUPPER_V2.joint_names[::-1]).require_robot(PUPPER_V2)
+    changes: list[tuple[dict[str, Any], str]] = [
+        ({"robot": "dog"}, "robot of the policy: 'dog', wanted 'pupper_v2'"),
+        ({"joint_names": PUPPER_V2.joint_names[::-1]}, "joints of the policy"),
+        ({"control_dt": 0.02}, "control period .* 0.02, wanted 0.01"),
+    ]
+    for change, words in changes:
+        with pytest.raises(ConfigError, match=words):
+            a_policy(**change).require_robot(PUPPER_V2)
     a_policy().require_robot(PUPPER_V2)
 
 

@@ -1,4 +1,4 @@
-"""Parameters stand for a policy and back, with and without normalisation of what it observes."""
+"""Parameters stand for a policy and back; the search keeps the best policy of its evaluations."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from policies import OBSERVATIONS, as_file_content, stats_of
 
-from motorprior.locomotion.ars import ArsConfig, Candidate
-from motorprior.locomotion.policy_search import BestPolicy, Round, advance, new_search, train, updated_best
+from motorprior.locomotion.ars import ArsConfig, RunningStats
+from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.locomotion.running_stats import RunningStats
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.rollout import Episode
 
@@ -30,8 +29,7 @@ def seen() -> RunningStats:
 def test_a_search_that_starts_from_a_policy_begins_with_that_very_policy(units, symmetric, seen):
     shape = shape_of(units, symmetric)
     arrays = shape.policy(0.2 * np.random.default_rng(1).standard_normal(shape.size), seen)
-    search = new_search(ArsConfig(), shape, as_file_content(arrays))
-    again = Round.of(search, shape).policy(Candidate(0, 0))
+    again = PolicySearch(ArsConfig(), shape, as_file_content(arrays)).policy(0, 0)
     for one, other in zip(arrays, again, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
@@ -55,38 +53,39 @@ class Constant:
         self.total, self.walked, self.tasks = total, [], []
 
     def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:
-        self.walked.append(shared.policy(tasks[0].candidate))
+        self.walked.append(shared.policy(*tasks[0][:2]))
         self.tasks.append(list(tasks))
         nothing = np.zeros(OBSERVATIONS)
-        return [Episode(self.total, 1, 0.0, np.zeros(2), 0, 1, nothing, nothing, nothing, nothing) for _ in tasks]
+        return [Episode(self.total, 1, 0.0, np.zeros(2), 0, nothing, nothing, nothing, nothing) for _ in tasks]
 
     def close(self) -> None:
         pass
 
 
 def test_the_averaged_policy_replaces_the_best_only_if_it_is_better():
-    shape = shape_of()
-    search, evaluator = new_search(ArsConfig(), shape), Constant(1.0)
-    search.parameters, search.average = np.full(shape.size, 0.5), np.full(shape.size, 0.1)
-    best = updated_best(search, shape, evaluator, BestPolicy.none_yet(shape))
-    np.testing.assert_allclose(evaluator.walked[0].weights, shape.policy(search.average, search.observations).weights)
-    assert best.score == 1.0 and best.policy is not None
-    search.average = np.full(shape.size, 0.2)
-    assert updated_best(search, shape, evaluator, best) is best, "as good is not better"
+    search, evaluator = PolicySearch(ArsConfig(), shape_of()), Constant(1.0)
+    search.ars.parameters, search.ars.average = np.full((2, search.shape.size), [[0.5], [0.1]])
+    search.evaluate(evaluator)
+    averaged = search.shape.policy(search.ars.average, search.ars.observations)
+    np.testing.assert_allclose(evaluator.walked[0].weights, averaged.weights)
+    assert search.best_return == 1.0 and search.best_iteration == 0
+    search.ars.average, best = np.full(search.shape.size, 0.2), search.best
+    search.evaluate(evaluator)
+    assert search.best is best, "as good is not better"
     evaluator.total = 1.1
-    assert updated_best(search, shape, evaluator, best).score == 1.1
+    search.evaluate(evaluator)
+    assert search.best is not best and search.best_return == 1.1
 
 
 def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do():
-    shape, walker = shape_of(), Constant(1.0)
-    search = new_search(ArsConfig(num_directions=5, num_top_directions=5), shape)
+    walker = Constant(1.0)
+    search = PolicySearch(ArsConfig(num_directions=5, num_top_directions=5), shape_of())
     for _ in range(3):
-        advance(search, shape, walker)
+        search.advance(walker)
     pairs: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for iteration, tasks in enumerate(walker.tasks):
-        for task in tasks:
-            met = pairs.setdefault((iteration, task.candidate.direction), [])
-            met.append((task.candidate.sign, task.seed))
+        for direction, sign, seed in tasks:
+            pairs.setdefault((iteration, direction), []).append((sign, seed))
     assert len(pairs) == 15
     assert all({sign for sign, _ in met} == {-1, 1} and len({seed for _, seed in met}) == 1 for met in pairs.values())
     assert len({met[0][1] for met in pairs.values()}) == 15
@@ -94,9 +93,7 @@ def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do
 
 @pytest.mark.parametrize(("patience", "ends"), [(1, 10), (3, 30), (None, 45)])
 def test_a_training_ends_after_enough_evaluations_without_a_better_policy(patience, ends):
-    shape = shape_of()
-    search, candidates, evaluator = new_search(ArsConfig(), shape), Constant(5.0), Constant(1.0)
-    best = updated_best(search, shape, evaluator, BestPolicy.none_yet(shape))
-    kept = train(search, shape, candidates, 45, best, evaluator=evaluator, patience=patience)
-    assert kept is best and search.iteration == ends
+    search, candidates, evaluator = PolicySearch(ArsConfig(), shape_of()), Constant(5.0), Constant(1.0)
+    search.train(candidates, 45, evaluator, patience)
+    assert search.best_iteration == 0 and search.ars.iteration == ends
     assert len(evaluator.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends

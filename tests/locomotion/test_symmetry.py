@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS, stats_of
 
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
-from motorprior.locomotion.gaits import GAITS, GaitName
+from motorprior.backend import BackendState
+from motorprior.locomotion.body import GAITS, GaitName, body_of
+from motorprior.locomotion.control_step import command_step, follow_command, new_gait
 from motorprior.locomotion.policy import act
-from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.locomotion.symmetry import mirror_of
+from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
 from motorprior.locomotion.task import observe
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -50,24 +49,26 @@ def test_the_joints_of_a_mirrored_robot_are_its_partners_with_abduction_turned(r
 def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forward: float, yaw_rate: float, rng):
     """Both gaits run from the same phase, the mirrored one half a cycle later where the legs of a pair alternate."""
     mirror, body = mirror_of(PUPPER_V2, gait), body_of(PUPPER_V2, gait)._replace(levelling_gain=0.2)
-    one, other = new_gait(12, 4), new_gait(12, 4)
-    begin_gait(body, one)
-    begin_gait(body, other)
+    one, other = new_gait(body), new_gait(body)
     other.scalars[0] = 0.0 if gait in ("bound", "pronk") else 0.5
-    seen, reflected = np.zeros(OBSERVATIONS), np.zeros(OBSERVATIONS)
+
+    def seen(state, quat, rates, joints, yaw_rate):
+        nothing = np.zeros(3)
+        at = BackendState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
+        observe(body, at, state.observation)
+        follow_command(body, state, forward, yaw_rate)
+        return state.observation
+
     for _ in range(60):
         w, x, y, z = np.array([1.0, 0.0, 0.0, 0.0]) + rng.uniform(0.1, 0.2, 4)
-        rates, joints = rng.standard_normal(3), rng.standard_normal(12)
-        length, pose = np.sqrt(w * w + x * x + y * y + z * z), PUPPER_V2.nominal_pose
-        observe(np.array([w, x, y, z]) / length, rates, joints + pose, pose, seen)
-        flipped, turned = np.array([w, -x, y, -z]) / length, rates * [-1.0, 1.0, -1.0]
-        observe(flipped, turned, ABDUCTIONS * joints[RIGHT_TO_LEFT] + pose, pose, reflected)
-        follow_command(body, one, forward, yaw_rate, 0.01, seen)
-        follow_command(body, other, forward, -yaw_rate, 0.01, reflected)
-        np.testing.assert_allclose(mirror.observation.mirrored(seen), reflected, atol=1e-12)
+        rates, joints, length = rng.standard_normal(3), rng.standard_normal(12), np.sqrt(w * w + x * x + y * y + z * z)
+        straight = seen(one, np.array([w, x, y, z]) / length, rates, joints, yaw_rate)
+        turned = rates * [-1.0, 1.0, -1.0], ABDUCTIONS * joints[RIGHT_TO_LEFT]
+        reflected = seen(other, np.array([w, -x, y, -z]) / length, *turned, -yaw_rate)
+        np.testing.assert_allclose(mirror.observation.mirrored(straight), reflected, atol=1e-12)
         action = rng.uniform(-1.0, 1.0, ACTIONS)
-        command_step(body, action, seen, one, 0.01)
-        command_step(body, mirror.action.mirrored(action), reflected, other, 0.01)
+        command_step(body, one, action)
+        command_step(body, other, mirror.action.mirrored(action))
         np.testing.assert_allclose(ABDUCTIONS * one.target[RIGHT_TO_LEFT], other.target, atol=1e-12)
 
 

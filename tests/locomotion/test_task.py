@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from motorprior.backend import BackendState
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.task import TaskWeights, fallen, heading_rate, observe, reward
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 
-LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 DT = 0.01
 WRONG = ("speed", "lateral", "heading", "yaw_rate", "tilt", "torque", "slip")
 
@@ -21,11 +23,16 @@ def pay(weights: TaskWeights | None = None, alive: bool = True, **wrong: float) 
     return reward(speed, lateral, heading, yaw_rate, tilt, torque, slip, alive, DT, given)
 
 
-def test_a_level_robot_in_the_nominal_pose_observes_zeros():
-    out = np.full(23, np.nan)
-    observe(LEVEL, np.zeros(3), NOMINAL_POSE.copy(), NOMINAL_POSE, out)
-    np.testing.assert_allclose(out[:17], 0.0, atol=1e-15)
+def observed(quaternion, rates, joints) -> np.ndarray:
+    out, zero = np.full(23, np.nan), np.zeros(3)
+    state = BackendState(zero, np.array(quaternion), zero, np.array(rates), joints, np.zeros((4, 3)), 0.0)
+    observe(body_of(PUPPER_V2), state, out)
     assert np.isnan(out[17:]).all(), "what the gait follows is not the sensors'"
+    return out
+
+
+def test_a_level_robot_in_the_nominal_pose_observes_zeros():
+    np.testing.assert_allclose(observed([1.0, 0, 0, 0], [0.0, 0, 0], NOMINAL_POSE)[:17], 0.0, atol=1e-15)
 
 
 def test_observation_layout_and_signs():
@@ -34,8 +41,7 @@ def test_observation_layout_and_signs():
     cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     quaternion = np.array([cp * cr, cp * sr, sp * cr, -sp * sr])
     joints = NOMINAL_POSE + np.arange(12) * 0.01
-    out = np.full(23, np.nan)
-    observe(quaternion, np.array([1.0, 2.0, 3.0]), joints, NOMINAL_POSE, out)
+    out = observed(quaternion, [1.0, 2.0, 3.0], joints)
     assert out[:5] == pytest.approx([roll, pitch, 1.0, 2.0, 3.0])
     np.testing.assert_allclose(out[5:17], np.arange(12) * 0.01, atol=1e-15)
 

@@ -13,7 +13,6 @@ from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 RECIPE = PRESETS["rollout"]
 
@@ -22,7 +21,7 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
     """Known torques on a suspended robot without motors, finely simulated."""
     import mujoco
 
-    world = World(WorldConfig.of(PUPPER_V2, physics_dt=step, suspended=True))
+    world = World(PUPPER_V2, physics_dt=step, suspended=True)
     world.model.jnt_limited[:] = 0  # an end stop is no load of the motor's
     world.data.qpos[:] = spec.NOMINAL_POSE
     rng = np.random.default_rng(0)

@@ -16,9 +16,9 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.playback import replay
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 ARM = """<mujoco><worldbody><body name="base"><geom size="0.1" mass="1"/>
@@ -104,7 +104,7 @@ def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: R
     height = 0.4 * np.cos(0.8) + 0.02
     assert dog.standing_height == pytest.approx(height)
     assert dog.legs[0].hip_height(dog.nominal_pose) == pytest.approx(height)
-    world = World(WorldConfig.of(dog))
+    world = World(dog)
     assert world.data.qpos[2] == pytest.approx(height)
     assert (world.model.npair, world.model.nu) == (4, 0)
 
@@ -129,7 +129,7 @@ def test_legs_that_turn_another_way_load_but_do_not_walk(tmp_path: Path, turned:
 def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
     motors = IdealPd.uniform(12, 20.0, 0.5, 10.0, 0.01)
     walk = WalkConfig(30, commands=Commands.steady(0.3))
-    episode = WalkSimulator(lambda rng: motors, WorldConfig.of(dog), walk).run(zero_policy(12), seed=0, trace=True)
+    episode = WalkSimulator(Scene(dog, lambda rng: motors, walk)).run(zero_policy(12), seed=0, trace=True)
     assert episode.fault == 0 and episode.trace.shape == (episode.steps, 19)
     targets = open_loop_gait(body_of(dog), 80, 0.3, 1.25, 0.0, 1.0, dog.control_dt).reshape(-1, 4, 3)
     front_right, front_left, rear_right, rear_left = targets.swapaxes(0, 1)
@@ -200,7 +200,7 @@ def test_a_model_that_does_not_fit_is_refused_with_joint_file_and_remedy(tmp_pat
 def test_the_models_own_actuators_are_removed_where_the_user_says_so(tmp_path: Path):
     toml = ARM_TOML.replace('base = "fixed"', 'base = "fixed"\nactuators = "remove"')
     arm = load_robot(written(tmp_path, toml, "arm", ARM.replace("</mujoco>", ACTUATOR)))
-    assert World(WorldConfig.of(arm)).model.nu == 0
+    assert World(arm).model.nu == 0
 
 
 def test_what_a_model_includes_is_part_of_it(tmp_path: Path):
@@ -228,6 +228,6 @@ def test_published_models_load(shared_data: Path, tmp_path: Path, name: str, joi
         (tmp_path / path.name).write_bytes(path.read_bytes())
     robot = load_robot(tmp_path / f"{name}.toml")
     assert robot.num_joints == joints
-    played = replay(World(WorldConfig.of(robot)), IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
+    played = replay(World(robot), IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
                     np.tile(robot.nominal_pose, (50, 1)))  # fmt: skip
     assert np.isfinite(played.joint_pos).all()

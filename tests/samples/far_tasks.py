@@ -10,8 +10,8 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 
 
 def draw_pd(rng: np.random.Generator) -> IdealPd:
@@ -22,7 +22,7 @@ def draw_pd(rng: np.random.Generator) -> IdealPd:
 
 def make_walker() -> WalkSimulator:
     """Walks of 60 control steps."""
-    return WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(episode_steps=60))
+    return WalkSimulator(Scene(PUPPER_V2, draw_pd, WalkConfig(episode_steps=60)))
 
 
 class Counter:

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.locomotion.ars import RunningStats
 from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.running_stats import RunningStats
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED

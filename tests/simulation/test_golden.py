@@ -13,14 +13,13 @@ from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import SerialExecutor
-from motorprior.locomotion.policy_search import BestPolicy, new_search, train
+from motorprior.locomotion.executor import make_executor
+from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import DrawMotors, Scene, WalkConfig
 
 # Compiled code is made for the processor; numpy and the C library choose theirs by it: other sums, other bits.
 HOLDS_FOR = {
@@ -49,10 +48,12 @@ def found(draw: DrawMotors) -> str:
     )  # fmt: skip
     walk = WalkConfig(episode_steps=80, randomization=everything)
     shape = PolicyShape.of(PUPPER_V2, "trot", hidden_units=4, symmetric=True)
-    search = new_search(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
-    executor = SerialExecutor(lambda: WalkSimulator(draw, WorldConfig.of(PUPPER_V2), walk))
-    best = train(search, shape, executor, 3, BestPolicy.none_yet(shape))
-    arrays = [*search.state().values(), *best.state().values()]
+    search = PolicySearch(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
+    executor = make_executor(lambda: WalkSimulator(Scene(PUPPER_V2, draw, walk)), 1)
+    for _ in range(3):
+        search.advance(executor)
+    search.evaluate(executor)
+    arrays = search.state().values()
     return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
 
 

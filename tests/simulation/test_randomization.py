@@ -16,13 +16,11 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.bullet_backend import PybulletBackend
-from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.env import BackendSimulator, SimulatedBackend
 from motorprior.simulation.randomization import Randomization, nominal_conditions
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
@@ -34,7 +32,6 @@ EVERYTHING = Randomization(
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 WITH_FRICTION = FrictionPd(PD, np.full(12, 0.05))
-LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 STEPS = 100
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -47,17 +44,16 @@ def draw_pd(rng):
 
 
 def episode(randomization, seed=3):
-    return WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), WalkConfig(STEPS, randomization=randomization)).run(
+    return WalkSimulator(Scene(PUPPER_V2, draw_pd, WalkConfig(STEPS, randomization=randomization))).run(
         POLICY, seed, trace=True
     )
 
 
 def test_off_by_default():
-    conditions = replace(Randomization(), push_interval=0.5).conditions(PUPPER_V2, 5, 100)  # drawn, from empty ranges
     nominal = nominal_conditions(PUPPER_V2)
+    conditions = Randomization().conditions(PUPPER_V2, 5, 100)
     for field in fields(conditions):
-        for drawn in (conditions, Randomization().conditions(PUPPER_V2, 5, 100)):
-            np.testing.assert_array_equal(getattr(drawn, field.name), getattr(nominal, field.name))
+        np.testing.assert_array_equal(getattr(conditions, field.name), getattr(nominal, field.name))
     assert nominal.friction == 1.0 and np.all(nominal.mass == 1.0) and nominal.push.shape == (0, 2)
     np.testing.assert_array_equal(nominal.gravity, [0.0, 0.0, -9.81])
     sensors = Randomization().sensors(PUPPER_V2, 5, 100)
@@ -66,8 +62,8 @@ def test_off_by_default():
 
 def test_the_compiled_episode_is_the_python_episode_with_everything_on():
     walk = WalkConfig(STEPS, randomization=EVERYTHING)
-    compiled = WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk)
-    python = BackendSimulator(PUPPER_V2, MujocoBackend(draw_pd, WorldConfig.of(PUPPER_V2), EVERYTHING, STEPS), walk)
+    scene = Scene(PUPPER_V2, draw_pd, walk)
+    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, scene.backend(), walk)
     for seed in range(4):
         one, other = (simulator.run(POLICY, seed, trace=True) for simulator in (compiled, python))
         assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
@@ -98,8 +94,8 @@ def test_draws_fill_their_ranges():
 
 
 def test_mass_friction_and_gravity_reach_mujoco():
-    conditions, world = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(WorldConfig.of(PUPPER_V2))
-    plain = World(WorldConfig.of(PUPPER_V2)).model
+    conditions, world = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(PUPPER_V2)
+    plain = World(PUPPER_V2).model
     world.reset(WITH_FRICTION, conditions=conditions)
     np.testing.assert_allclose(world.model.body_mass[1:], plain.body_mass[1:] * conditions.mass)
     np.testing.assert_allclose(world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None])
@@ -114,7 +110,7 @@ def test_mass_friction_and_gravity_reach_mujoco():
 
 def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     offset = np.linspace(-0.05, 0.05, 12)
-    world = World(WorldConfig.of(PUPPER_V2, suspended=True))
+    world = World(PUPPER_V2, suspended=True)
     world.model.opt.gravity[:] = 0.0
     motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset))
     measured, target = np.zeros(12), spec.NOMINAL_POSE + 0.1
@@ -129,7 +125,7 @@ def test_a_late_target_is_the_one_before_until_it_comes():
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
     late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_jitter
     assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
-    ours, theirs = (World(WorldConfig.of(PUPPER_V2, physics_dt=0.001, suspended=True)) for _ in range(2))
+    ours, theirs = (World(PUPPER_V2, physics_dt=0.001, suspended=True) for _ in range(2))
     one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_jitter=late))
     other, before = theirs.reset(PD), spec.NOMINAL_POSE
     for target, age in zip(targets, late, strict=True):
@@ -141,27 +137,24 @@ def test_a_late_target_is_the_one_before_until_it_comes():
         np.testing.assert_array_equal(ours.data.qpos, theirs.data.qpos)
 
 
-def backends(randomization):
-    yield MujocoBackend(lambda rng: LIMP, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, 20)
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    yield PybulletBackend(
-        lambda rng: LIMP, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, episode_steps=20
-    )
+def backend_of(engine, motors, randomization):
+    walk = WalkConfig(30, randomization=randomization, engine=engine)
+    return SimulatedBackend(Scene(PUPPER_V2, lambda rng: motors, walk, 0.001))
 
 
 SOFT = IdealPd.uniform(12, kp=8.8, kd=0.3, torque_limit=1.26, armature=0.003)
 
 
-def falling(kind, randomization):
+def falling(engine, randomization):
     """Joints as measured, base positions and quaternions of a robot that kicks in the air, (30, 19): no contact."""
-    backend = kind(lambda rng: SOFT, WorldConfig.of(PUPPER_V2, physics_dt=0.001), randomization, episode_steps=30)
+    backend = backend_of(engine, SOFT, randomization)
     backend.reset(3)
-    if kind is MujocoBackend:
-        backend._world.data.qpos[2] += 10.0
+    world = backend.world
+    if isinstance(world, World):
+        world.data.qpos[2] += 10.0
     else:
-        world = backend._world
-        (x, y, z), quat = world.call("getBasePositionAndOrientation", world.robot)
-        world.call("resetBasePositionAndOrientation", world.robot, [x, y, z + 10.0], quat)
+        (x, y, z), quat = world.call("getBasePositionAndOrientation", world.body)
+        world.call("resetBasePositionAndOrientation", world.body, [x, y, z + 10.0], quat)
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (30, 12))
     states = [backend.step(target) for target in targets]
     backend.close()
@@ -178,38 +171,9 @@ def falling(kind, randomization):
 def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.1)
-    mujoco, bullet = falling(MujocoBackend, only), falling(PybulletBackend, only)
+    mujoco, bullet = falling("mujoco", only), falling("pybullet", only)
     np.testing.assert_allclose(mujoco, bullet, atol=1.5e-5)  # rad and m; measured: 7e-6
-    assert np.abs(bullet - falling(PybulletBackend, Randomization())).max() > 3e-4
-
-
-def test_a_pd_whose_constants_vary_is_a_pd_of_other_constants():
-    def walked(motors, randomization):
-        walk = WalkConfig(STEPS, randomization=randomization)
-        return WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2), walk).run(POLICY, 3, trace=True)
-
-    varied = walked(PD, Randomization(kp=(0.8, 0.8), kd=(1.5, 1.5), torque_limit=(0.6, 0.6)))
-    same = IdealPd.uniform(12, kp=0.8 * 8.8, kd=1.5 * 0.84, torque_limit=0.6 * 1.26, armature=0.003)
-    np.testing.assert_array_equal(varied.trace, walked(same, Randomization()).trace)
-
-
-def test_a_push_is_an_impulse_in_both_engines():
-    only = Randomization(push=0.2, push_interval=0.05)
-    force = only.conditions(PUPPER_V2, 7, 20).push
-    assert np.flatnonzero(force.any(axis=1)).tolist() == [5, 10, 15] and np.hypot(*force.T).max() <= 0.2 / 0.01
-    speeds = []
-    for backend in backends(only):
-        backend.reset(7)
-        # five steps of falling alike, then the push
-        before = [backend.step(spec.NOMINAL_POSE) for _ in range(5)][-1]
-        after = backend.step(spec.NOMINAL_POSE)
-        speeds.append(after.base_lin_vel - before.base_lin_vel)
-        backend.close()
-    # the legs hang loosely from the chassis, so its speed changes by more than impulse / 2.135 kg, in its direction
-    impulse = 0.01 * force[5]
-    for speed in speeds:
-        assert speed[:2] @ impulse > 0.7 * np.hypot(*impulse) ** 2 / 2.1354
-    np.testing.assert_allclose(speeds[0], speeds[1], atol=0.2 * np.hypot(*speeds[0][:2]))
+    assert np.abs(bullet - falling("pybullet", Randomization())).max() > 3e-4
 
 
 def test_on_a_slope_roll_and_pitch_are_those_against_gravity():

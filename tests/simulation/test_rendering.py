@@ -8,8 +8,7 @@ import numpy as np
 from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rendering import set_view_and_light
-from motorprior.simulation.skeleton import skeleton
+from motorprior.simulation.rendering import set_view_and_light, skeleton
 
 
 def test_a_robot_of_collision_shapes_alone_is_visible():

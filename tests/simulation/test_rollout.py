@@ -18,19 +18,18 @@ from motorprior.actuator.kernels import measure_joint_pos, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.body import GAITS, GaitName
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import RAMP
-from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.locomotion.policy import PolicyArrays, zero_policy
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.mujoco_backend import MujocoBackend
+from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")
@@ -72,26 +71,28 @@ def draw_grey_box(rng):
     return LatentActuator(network, rng.standard_normal((12, 3)))
 
 
-KINDS = {
-    "ideal_pd": (draw_pd, WorldConfig.of(PUPPER_V2, physics_dt=0.002)),
-    "physical": (draw_physical, WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
-    "latent": (draw_latent, WorldConfig.of(PUPPER_V2, physics_dt=0.001)),
-    "grey_box": (draw_grey_box, WorldConfig.of(PUPPER_V2, physics_dt=0.002)),
+KINDS = {  # motors, physics step [s]
+    "ideal_pd": (draw_pd, 0.002),
+    "physical": (draw_physical, 0.001),
+    "latent": (draw_latent, 0.001),
+    "grey_box": (draw_grey_box, 0.002),
 }
+
+
+def simulator_of(kind, walk):
+    draw, physics_dt = KINDS[kind]
+    return WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt))
+
+
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 CLUMSY = random_policy(3.0, seed=4, std=0.5)
 
 
-@pytest.fixture(params=KINDS)
-def kind(request):
-    return KINDS[request.param]
-
-
 class PlainLoop:
-    """`MujocoBackend` written out: one interpreted call of MuJoCo per physics step."""
+    """`World` written out: one interpreted call of MuJoCo per physics step."""
 
-    def __init__(self, draw, config):
-        self.world, self.draw = World(config), draw
+    def __init__(self, draw, physics_dt):
+        self.world, self.draw = World(PUPPER_V2, physics_dt), draw
 
     def reset(self, seed):
         self.motors = self.world.reset(self.draw(np.random.default_rng(seed)))
@@ -100,8 +101,8 @@ class PlainLoop:
     def step(self, position_target):
         world, total, torque = self.world, 0.0, np.zeros(12)
         q, dq = world.data.qpos[-12:], world.data.qvel[-12:]
-        for _ in range(world.config.substeps):
-            step_actuator(self.motors, world.config.physics_dt, position_target, q, dq, torque)
+        for _ in range(world.substeps):
+            step_actuator(self.motors, world.physics_dt, position_target, q, dq, torque)
             world.data.qfrc_applied[-12:] = torque
             world.model.dof_damping[-12:] = self.motors.damping
             mujoco.mj_step(world.model, world.data)
@@ -109,7 +110,7 @@ class PlainLoop:
             for motor in torque - self.motors.damping * dq:
                 squared += float(motor) * float(motor)
             total += squared
-        return self.state(total / world.config.substeps)
+        return self.state(total / world.substeps)
 
     def close(self):
         pass
@@ -122,24 +123,30 @@ class PlainLoop:
         return BackendState(*parts, torque_squared_sum, self.world.fault())
 
 
+def assert_equal(one, other):
+    assert (one.total, one.steps, one.fault, one.speed_error) == (
+        other.total,
+        other.steps,
+        other.fault,
+        other.speed_error,
+    )
+    for name in ("displacement", "mean", "m2"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])
 def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
-    draw, world = kind
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
-    simulators = (
-        WalkSimulator(draw, world, walk),
-        BackendSimulator(PUPPER_V2, MujocoBackend(draw, world), walk),
-        BackendSimulator(PUPPER_V2, PlainLoop(draw, world), walk),
-    )
+    scene = Scene(PUPPER_V2, KINDS[kind][0], walk, KINDS[kind][1])
+    others = (BackendSimulator(PUPPER_V2, backend, walk) for backend in (scene.backend(), PlainLoop(*KINDS[kind])))
+    compiled, *pythons = WalkSimulator(scene), *others
     for seed in (0, 1):
-        episode, *others = (simulator.run(policy, seed, trace=True) for simulator in simulators)
-        for other in others:
-            assert (episode.total, episode.steps, episode.fault) == (other.total, other.steps, other.fault)
-            assert episode.speed_error == other.speed_error
-            for name in ("displacement", "mean", "m2"):
-                np.testing.assert_array_equal(getattr(episode, name), getattr(other, name))
-            np.testing.assert_array_equal(episode.trace[:, :7], other.trace[:, :7])
-        assert episode.count == episode.steps and (episode.steps < STEPS) == falls
+        episode = compiled.run(policy, seed, trace=True)
+        for python in pythons:
+            assert_equal(episode, python.run(policy, seed, trace=True))
+        assert (episode.steps < STEPS) == falls
 
 
 EVERY = Randomization(
@@ -149,34 +156,17 @@ EVERY = Randomization(
 
 @pytest.mark.parametrize("gait", GAITS)
 def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
-    draw, world = KINDS["ideal_pd"]
     walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2), gait)
-    policy = random_policy(0.05, seed=4, units=6)
-    python = BackendSimulator(PUPPER_V2, MujocoBackend(draw, world, EVERY, STEPS), walk)
+    policy, scene = random_policy(0.05, seed=4, units=6), Scene(PUPPER_V2, draw_pd, walk)
+    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, scene.backend(), walk)
     for seed in (0, 1):
-        one, other = (each.run(policy, seed, trace=True) for each in (WalkSimulator(draw, world, walk), python))
-        assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)
-        assert one.speed_error == other.speed_error
-        for name in ("displacement", "mean", "m2"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-        np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
+        one = compiled.run(policy, seed, trace=True)
+        assert_equal(one, python.run(policy, seed, trace=True))
         assert one.m2[19:21].min() > 0.0, "speed and turn were commanded, and changed"
 
 
-def test_a_robot_told_to_stand_stands_and_one_told_to_walk_goes_its_way():
-    draw, world = KINDS["ideal_pd"]
-    still, ahead, back = (
-        WalkSimulator(draw, world, WalkConfig(300, commands=Commands.steady(speed))).run(zero_policy(12), 0, trace=True)
-        for speed in (0.0, 0.3, -0.2)
-    )
-    assert np.abs(still.displacement).max() < 0.01 and np.ptp(still.trace[100:, 7:], axis=0).max() < 0.01
-    assert ahead.steps == back.steps == 300
-    assert ahead.displacement[0] > 0.4 and back.displacement[0] < -0.2
-
-
 def test_the_speed_error_is_that_of_the_filtered_speed_along_the_heading():
-    draw, world = KINDS["physical"]
-    simulators = [WalkSimulator(draw, world, WalkConfig(steps, commands=Commands.steady(0.4))) for steps in (60, 61)]
+    simulators = [simulator_of("physical", WalkConfig(steps, commands=Commands.steady(0.4))) for steps in (60, 61)]
     short, whole = (simulator.run(POLICY, 0, trace=True) for simulator in simulators)
     share, speed, errors = 1.0 - math.exp(-PUPPER_V2.control_dt / SPEED_FILTER), 0.0, []
     for step, (qpos, qvel) in enumerate(zip(whole.trace[1:], whole.motion[1:], strict=True)):
@@ -188,8 +178,7 @@ def test_the_speed_error_is_that_of_the_filtered_speed_along_the_heading():
 
 
 def test_motion_goes_with_the_trace():
-    draw, world = KINDS["physical"]
-    episode = WalkSimulator(draw, world, WalkConfig(60, commands=Commands.steady(0.4))).run(POLICY, 0, trace=True)
+    episode = simulator_of("physical", WalkConfig(60, commands=Commands.steady(0.4))).run(POLICY, 0, trace=True)
     assert episode.trace.shape == (episode.steps, 19) and episode.motion.shape == (episode.steps, 6 + 24)
     # within a control step of 10 ms the base moves by about its velocity at both ends
     moved, velocity = np.diff(episode.trace[:, :3], axis=0), episode.motion[:, :3]
@@ -197,19 +186,9 @@ def test_motion_goes_with_the_trace():
     assert not episode.motion[0, 18:].any() and np.abs(episode.motion[1:, 18:]).max() > 0.1
 
 
-def test_an_episode_keeps_nothing_of_the_one_before():
-    walk = WalkConfig(30, randomization=Randomization(sensor_delay=(0.0, 0.02), command_delay=(0.0, 0.02), push=0.2))
-    used, fresh = (WalkSimulator(draw_pd, WorldConfig.of(PUPPER_V2), walk) for _ in range(2))
-    used.run(POLICY, 1, trace=True)
-    again, alone = (simulator.run(POLICY, 2, trace=True) for simulator in (used, fresh))
-    for name in ("trace", "motion", "displacement", "mean", "m2"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
-    assert not alone.motion[0].any() and alone.motion[1].any()
-
-
 def test_the_zero_policy_trots_and_stays_up():
-    for draw, world in KINDS.values():
-        simulator = WalkSimulator(draw, world, WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)))
+    for kind in KINDS:
+        simulator = simulator_of(kind, WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)))
         episode = simulator.run(zero_policy(12), 0, trace=True)
         assert episode.steps == STEPS and episode.fault == 0
         assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings

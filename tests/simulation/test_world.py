@@ -18,20 +18,18 @@ from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.mujoco_backend import MujocoBackend
 from motorprior.simulation.playback import replay
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import FAULTS, hold_target, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-SUSPENDED = WorldConfig.of(PUPPER_V2, suspended=True)
 
 
 @pytest.mark.parametrize("physics_dt", [0.001, 0.002])
 def test_free_fall(physics_dt):
-    world = World(WorldConfig.of(PUPPER_V2, physics_dt=physics_dt))
+    world = World(PUPPER_V2, physics_dt=physics_dt)
     motors = world.reset(PD)
     world.data.qpos[2] = 10.0
     for _ in range(20):
@@ -44,26 +42,9 @@ def test_free_fall(physics_dt):
     np.testing.assert_allclose(world.data.qvel[3:], 0.0, atol=1e-9)
 
 
-def test_internal_torques_leave_the_momentum_of_a_falling_robot_alone():
-    world = World(WorldConfig.of(PUPPER_V2, physics_dt=0.001))
-    world.model.opt.gravity[:] = 0.0
-    motors = world.reset(PD)
-    world.data.qpos[2] = 10.0
-    target = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.4, 0.4, 12)
-    moved = 0.0
-    for _ in range(15):
-        hold_target(world.arrays, motors, target)
-        moved = max(moved, float(np.abs(world.data.qvel[6:]).max()))
-    mujoco.mj_forward(world.model, world.data)
-    mujoco.mj_subtreeVel(world.model, world.data)
-    # 2.135 kg with joints at several rad/s; Euler's momentum error is of order dt
-    assert moved > 3.0
-    np.testing.assert_allclose(world.data.subtree_linvel[1], 0.0, atol=2e-3)
-
-
 def test_a_suspended_knee_is_a_second_order_system():
     # shank about the knee 3.450e-4 kg·m² (see the robot's tests) plus armature; gravity off, other joints held
-    world = World(WorldConfig.of(PUPPER_V2, suspended=True, physics_dt=0.0005))
+    world = World(PUPPER_V2, suspended=True, physics_dt=0.0005)
     world.model.opt.gravity[:] = 0.0
     kp, kd, armature = 2.0, 0.02, 0.003
     stiff = np.array([1e4, 1e4, kp] * 4)
@@ -75,14 +56,14 @@ def test_a_suspended_knee_is_a_second_order_system():
     wave = np.sqrt(kp / inertia - decay**2)
     for step in range(1, 21):
         hold_target(world.arrays, motors, target)
-        t = step * world.config.control_dt
+        t = step * world.control_dt
         ringing = np.exp(-decay * t) * (np.cos(wave * t) + decay / wave * np.sin(wave * t))
         # Euler errs by dt·wave/2 of the amplitude: 0.0005·24/2·0.2 = 1.2e-3 rad
         np.testing.assert_allclose(world.data.qpos[2::3] - spec.NOMINAL_POSE[2], 0.2 * (1 - ringing), atol=2.5e-3)
 
 
 def test_the_standing_robot_carries_its_weight_on_four_feet():
-    world = World(WorldConfig.of(PUPPER_V2))
+    world = World(PUPPER_V2)
     motors = world.reset(PD)
     for _ in range(100):
         hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
@@ -96,7 +77,7 @@ def test_the_standing_robot_carries_its_weight_on_four_feet():
 
 
 def test_the_reported_torque_is_the_motors_with_the_engines_share():
-    world = World(SUSPENDED)
+    world = World(PUPPER_V2, suspended=True)
     motors = world.reset(PD)
     world.data.qvel[:] = np.linspace(-3, 3, 12)
     error, speed = np.linspace(0.1, -0.1, 12), world.data.qvel.copy()
@@ -110,7 +91,7 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
 
 
 def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
-    world, target = World(SUSPENDED), spec.NOMINAL_POSE + 0.2
+    world, target = World(PUPPER_V2, suspended=True), spec.NOMINAL_POSE + 0.2
     motors = world.reset(LatentActuator(grey_network(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):
@@ -124,7 +105,7 @@ def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
 
 def test_reset_forgets():
     targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.3, 0.3, (30, 12))
-    fresh, used = World(WorldConfig.of(PUPPER_V2)), World(WorldConfig.of(PUPPER_V2))
+    fresh, used = World(PUPPER_V2), World(PUPPER_V2)
     heavy = IdealPd.uniform(12, kp=3.0, kd=0.1, torque_limit=5.0, armature=0.02, delay=0.02)
     replay(used, heavy, -targets)  # other motors, other fall
     used.data.qfrc_applied[:] = 7.0
@@ -140,25 +121,25 @@ NAN = replace(PD, kd=np.full(12, np.nan))
 @pytest.mark.parametrize("motors", [BROKEN, NAN], ids=["absurd gains", "NaN"])
 def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_reward(motors, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo may write its log here
-    simulator = WalkSimulator(lambda rng: motors, WorldConfig.of(PUPPER_V2))
+    simulator = WalkSimulator(Scene(PUPPER_V2, lambda rng: motors))
     episode = simulator.run(random_policy(1.0, seed=0), seed=0)
     assert episode.fault == 1 and episode.steps < 250
     assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
-    backend = MujocoBackend(lambda rng: motors, WorldConfig.of(PUPPER_V2))
+    backend = Scene(PUPPER_V2, lambda rng: motors).backend()
     backend.reset(0)
     states = [backend.step(spec.NOMINAL_POSE + 0.1) for _ in range(5)]
     assert states[-1].fault == 1
     with pytest.raises(SimulationFault, match="not finite"):
-        replay(World(WorldConfig.of(PUPPER_V2)), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
+        replay(World(PUPPER_V2), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
 
 
 def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):
     # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet, is too much
     monkeypatch.chdir(tmp_path)
     small = mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
-    cramped = WorldConfig.of(replace(PUPPER_V2, model=GeneratedModel(lambda: small)))
+    cramped = replace(PUPPER_V2, model=GeneratedModel(lambda: small))
     standing = WalkConfig(episode_steps=60, commands=Commands.steady(0.0))
-    episode = WalkSimulator(lambda rng: PD, cramped, standing).run(zero_policy(12), seed=0)
+    episode = WalkSimulator(Scene(cramped, lambda rng: PD, standing)).run(zero_policy(12), seed=0)
     assert (episode.fault, FAULTS[episode.fault]) == (2, "MuJoCo ran out of contact or constraint memory")
     assert episode.steps < 60 and np.isfinite(episode.total)
 
@@ -167,20 +148,8 @@ def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
     kinds = mujoco.mjtWarning
     of_no_concern = {int(kinds.mjNWARNING), int(kinds.mjWARN_BADCTRL)}  # a robot without controls
     for kind in set(map(int, kinds.__members__.values())) - of_no_concern:
-        world = World(WorldConfig.of(PUPPER_V2))
+        world = World(PUPPER_V2)
         world.reset(PD)
         assert world.fault() == 0
         world.data.warning.number[kind] = 1
         assert world.fault() in FAULTS
-
-
-def test_after_a_fault_the_next_episode_is_as_if_nothing_had_happened(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    queue = [NAN, PD]
-    policy = random_policy(0.1, seed=0)
-    walk = WalkConfig(episode_steps=60)
-    simulator = WalkSimulator(lambda rng: queue.pop(0), WorldConfig.of(PUPPER_V2), walk)
-    assert simulator.run(policy, seed=0).fault == 1
-    after = simulator.run(policy, seed=0)
-    clean = WalkSimulator(lambda rng: PD, WorldConfig.of(PUPPER_V2), walk).run(policy, seed=0)
-    assert (after.total, after.steps, after.fault) == (clean.total, clean.steps, 0)

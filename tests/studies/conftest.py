@@ -12,7 +12,6 @@ from motorprior.logs.validity import checked
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.log_replay import COMMAND_PERIOD
 
 STEPS = 600
@@ -30,7 +29,7 @@ def record_log() -> RecordLog:
     """`record_log(actuator, suspended, seed, speed)`: sines of hips and knees, read by encoders."""
 
     def record(actuator: Actuator, suspended: bool = True, seed: int = 0, speed: float = 1.0) -> MotorLog:
-        config = WorldConfig.of(ROBOT, physics_dt=0.001, control_dt=COMMAND_PERIOD, suspended=suspended)
+        world = World(ROBOT, 0.001, suspended, COMMAND_PERIOD)
         rng, time = np.random.default_rng(seed), COMMAND_PERIOD * np.arange(STEPS)
         targets = np.tile(ROBOT.nominal_pose, (STEPS, 1))
         for leg in ROBOT.legs:
@@ -38,7 +37,7 @@ def record_log() -> RecordLog:
                 frequency, phase = speed * rng.uniform(0.8, 2.5), rng.uniform(0.0, 2.0 * np.pi)
                 targets[:, joint] += 0.25 * (np.sin(2.0 * np.pi * frequency * time + phase) - np.sin(phase))
         lead_in = np.tile(ROBOT.nominal_pose, (LEAD_IN, 1))
-        played = replay(World(config), actuator, targets, ROBOT.nominal_pose, lead_in)
+        played = replay(world, actuator, targets, ROBOT.nominal_pose, lead_in)
         return checked(
             MotorLog(
                 time=time, position_target=targets, joint_pos=played.measured_joint_pos,

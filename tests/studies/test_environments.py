@@ -9,7 +9,7 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.simulation.rollout import WalkConfig
+from motorprior.simulation.scene import WalkConfig
 from motorprior.studies.environments import ENVIRONMENTS, HeldOutWalks, motors_of_robot, walk_seed
 from motorprior.studies.twin import EVALUATION_SEED
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.locomotion.body import body_of, observation_size
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import follow_command, new_gait
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.foot_motion import FootMotion
@@ -29,7 +29,7 @@ def gliding(
     trace[:, 2], trace[:, 3], trace[:, 6] = ROBOT.standing_height + height, np.cos(heading / 2), np.sin(heading / 2)
     trace[:, 7:], motion[:, :2] = ROBOT.nominal_pose, velocity.T
     nothing = np.zeros(23)
-    return Episode(0.0, steps, 0.0, trace[-1, :2], 0, steps, nothing, nothing, trace[:steps], motion[:steps])
+    return Episode(0.0, steps, 0.0, trace[-1, :2], 0, nothing, nothing, trace[:steps], motion[:steps])
 
 
 def measured(episode: Episode, forward: float = 0.3, yaw_rate: float = 0.0) -> GaitQuality:
@@ -77,9 +77,10 @@ def test_a_commanded_turn_is_no_error():
 
 def commanded_heading(rate: float) -> np.ndarray:
     """(steps,) heading [rad] before every control step that follows `follow_command` exactly."""
-    body, gait, headings = body_of(ROBOT), new_gait(JOINTS, len(ROBOT.legs)), [0.0]
+    body, gait, headings = body_of(ROBOT), new_gait(body_of(ROBOT)), [0.0]
     for _ in range(STEPS - 1):
-        follow_command(body, gait, 0.3, rate, DT, np.zeros(observation_size(JOINTS)))
+        gait.observation[:] = 0.0
+        follow_command(body, gait, 0.3, rate)
         headings.append(headings[-1] + DT * gait.twist[1])
     return np.array(headings)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -27,22 +26,19 @@ class WalkCommand(Walk):
 
 def walk(config: WalkCommand) -> None:
     """See `run_walk`, and `run_walk_seeds` for several seeds."""
-    one = Walk(**{name: getattr(config, name) for name in (field.name for field in fields(Walk))})
+    one = Walk(**{field.name: getattr(config, field.name) for field in fields(Walk)})
     evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
+    robot = "" if config.robot == DEFAULT_ROBOT else f" --robot {config.robot}"
     if config.seeds == 1:
         if not run_walk(one, TERMINAL):
             TERMINAL.note(f"{config.out} is finished with these settings: nothing was trained")
         best = Policy.load(config.out / POLICY).provenance
         print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
-        print(f"play it: {_play(config, config.out)}")
+        print(f"play it: motorprior play {config.out}{robot}")
         return
     results = run_walk_seeds(one, config.seeds, TERMINAL)
     rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
     table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
     print(config.out / PICTURE)
     best_seed = max(results, key=lambda row: row.value).seed
-    print(f"play the best: {_play(config, config.out / SEED_FOLDER.format(best_seed))}")
-
-
-def _play(config: WalkCommand, folder: Path) -> str:
-    return f"motorprior play {folder}" + (f" --robot {config.robot}" if config.robot != DEFAULT_ROBOT else "")
+    print(f"play the best: motorprior play {config.out / SEED_FOLDER.format(best_seed)}{robot}")

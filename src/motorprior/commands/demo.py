@@ -221,8 +221,8 @@ def _walks(config: Demo) -> list[Walk]:
     policies = config.seeds * len(conditions)
     return [
         Walk(
-            config.out / "walk" / f"{name}_{seed}",
-            motors,
+            out=config.out / "walk" / f"{name}_{seed}",
+            motors=motors,
             iterations=config.iterations,
             episode_steps=500,  # shorter than the defaults of `Walk`, as is the time between commands
             commands=Commands(hold=1.25),

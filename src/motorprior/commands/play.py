@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,14 +17,14 @@ from motorprior.commands.walk_seeds import SEED_FOLDER
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.schedule_file import read_schedule
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.rollout import Episode, WalkConfig
-from motorprior.simulation.viewer import require_screen, show
+from motorprior.simulation.rendering import show
+from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import locked, write_results
 from motorprior.studies.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
 from motorprior.studies.training_scene import policy_for, training_scene
@@ -44,28 +43,20 @@ class Play:
 
     policies: tuple[Path, ...]
     """Policies, or folders that `motorprior walk` wrote."""
-    out: Path = Path("runs/play")
-    """Folder for the film (play.mp4 or play.gif) and figures.json."""
+    out: Path = Path("runs/play")  # folder for the film (play.mp4 or play.gif) and figures.json
     environment: EnvironmentName = "own"
     """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and noise; hard: the twin
     on unknown ground, with an unknown load and pushes."""
-    forward: float | None = None
-    """Commanded speed [m/s]; the largest in the range of all policies if not given."""
-    yaw_rate: float = 0.0
-    """Commanded yaw rate, to the left [rad/s]."""
+    forward: float | None = None  # commanded speed [m/s]; the largest in the range of all policies if not given
+    yaw_rate: float = 0.0  # commanded yaw rate, to the left [rad/s]
     schedule: Path | None = None
     """CSV file with the columns time_s, forward_m_s and yaw_rate_rad_s; a row is in force until the next. It replaces
     the two commands above."""
-    seconds: float = 10.0
-    """Duration [s]."""
-    seed: int = 0
-    """Seed of the motors, the same for all policies on the twin."""
-    viewer: bool = False
-    """Also open MuJoCo's viewer, which needs a screen."""
-    fleet: str | None = None
-    """Fleet of the twin; the robot's own if not given."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    seconds: float = 10.0  # duration [s]
+    seed: int = 0  # seed of the motors, the same for all policies on the twin
+    viewer: bool = False  # also open MuJoCo's viewer, which needs a screen
+    fleet: str | None = None  # fleet of the twin; the robot's own if not given
+    robot: str = DEFAULT_ROBOT  # robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)
 
 
 @dataclass(frozen=True)
@@ -81,40 +72,30 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     """Simulate the walks, measure them, write the film, and open the viewer if requested.
 
     Raises:
-        ArtifactError, ConfigError: a policy, its motors, the schedule or the fleet cannot be used; a command is outside
-            the range of the robot or of a policy's training; the viewer is requested without a screen.
+        ArtifactError, ConfigError, LogError: a policy, its motors, the schedule or the fleet cannot be used; a command
+            is outside the range of the robot or of a policy's training; the viewer finds no screen.
     """
-    with locked(config.out):
-        played, walks = _play(config, progress)
-    if config.viewer:
-        robot = load_robot(config.robot)
-        show(robot, walks, robot.control_dt)
-    return played
-
-
-def _play(config: Play, progress: Progress) -> tuple[Played, list[np.ndarray]]:
-    """Results and walks (steps, 7 + joints)."""
     robot, names = load_robot(config.robot), _names(config.policies)
     require_number("seconds", config.seconds, robot.control_dt, MAX_SECONDS)
     require_seed(config.seed)
-    if config.viewer:
-        require_screen()
     commands = commands_of(config, with_shared_speeds(robot, map(Policy.load, names.values())))
     steps = max(1, round(config.seconds / robot.control_dt))
-    episodes: dict[str, Episode] = {}
-    with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
-        for name, path in names.items():
-            episodes[name] = _walk(config, robot, path, WalkConfig(steps, commands=commands))
-            task.advance()
     commanded = commands.schedule(robot, EVALUATION_SEED + config.seed, steps)
-    measured = [_measured(config, robot, name, each, commanded) for name, each in episodes.items()]
-    results = sum(measured, Results())
-    write_results(config.out, results)
-    walks = [_until_end(episode.trace, steps) for episode in episodes.values()]
-    titles = [f"{name}, {_TITLES[config.environment]}" for name in names]
-    notes = [_notes(robot, episode, walk, commanded) for episode, walk in zip(episodes.values(), walks, strict=True)]
-    film = _write_film(config.out, robot, walks, titles, notes, progress)
-    return Played(film, results, {name: episode.steps for name, episode in episodes.items()}), walks
+    episodes: dict[str, Episode] = {}
+    with locked(config.out):
+        with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
+            for name, path in names.items():
+                episodes[name] = _walk(config, robot, path, WalkConfig(steps, commands=commands))
+                task.advance()
+        results = sum((_measured(config, robot, *named, commanded) for named in episodes.items()), Results())
+        write_results(config.out, results)
+        walks = [_until_end(episode.trace, steps) for episode in episodes.values()]
+        titles = [f"{name}, {_TITLES[config.environment]}" for name in names]
+        notes = [_notes(robot, each, walk, commanded) for each, walk in zip(episodes.values(), walks, strict=True)]
+        film = _write_film(config.out, robot, walks, titles, notes, progress)
+    if config.viewer:
+        show(robot, walks, robot.control_dt)
+    return Played(film, results, {name: episode.steps for name, episode in episodes.items()})
 
 
 def _write_film(
@@ -142,42 +123,34 @@ def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
     """Commands of the walk.
 
     Raises:
-        ConfigError: a command outside the robot's range, a schedule that cannot be read, or two kinds of commands.
+        ConfigError, LogError: a command outside the robot's range, a schedule that cannot be read, or both given.
     """
     size = robot.require_legs()
-    if config.schedule is not None:
-        if config.forward is not None or config.yaw_rate:
-            raise ConfigError(
-                "schedule replaces forward and yaw_rate", remedy="give one or the other", argument="schedule"
-            )
-        return read_schedule(config.schedule, robot)
-    forward = size.forward[1] if config.forward is None else config.forward
-    require_number("forward", forward, *size.forward)
-    require_number("yaw_rate", config.yaw_rate, -size.yaw_rate, size.yaw_rate)
-    return Commands.steady(forward, config.yaw_rate)
+    if config.schedule is None:
+        forward = size.forward[1] if config.forward is None else config.forward
+        require_number("forward", forward, *size.forward)
+        require_number("yaw_rate", config.yaw_rate, -size.yaw_rate, size.yaw_rate)
+        return Commands.steady(forward, config.yaw_rate)
+    if config.forward is not None or config.yaw_rate:
+        problem = "schedule replaces forward and yaw_rate"
+        raise ConfigError(problem, remedy="give one or the other", argument="schedule")
+    return Timetable.read(config.schedule, robot)
 
 
 def _names(policies: Iterable[Path]) -> dict[str, Path]:
     """Files of the policies by the names of their folders, or of files with other names than policy.safetensors."""
-    files = [_policy_in(path) if path.is_dir() else path for path in policies]
-    if not 1 <= len(files) <= MAX_POLICIES:
-        raise ConfigError(f"{len(files)} policies given", remedy=f"give 1 to {MAX_POLICIES}")
     names: dict[str, Path] = {}
-    for path in files:
+    for given in policies:
+        path = given / POLICY if given.is_dir() else given
+        seeds = sorted(given.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
+        if seeds and not path.is_file():
+            problem = f"no {POLICY} in it, but in {len(seeds)} folders of seeds below"
+            raise ConfigError(problem, where=given, remedy=f"give up to {MAX_POLICIES} of these: {seeds[0]}")
         name = path.resolve().parent.name if path.name == POLICY else path.stem
         names[name if name not in names else f"{name} ({len(names) + 1})"] = path
+    if not 1 <= len(names) <= MAX_POLICIES:
+        raise ConfigError(f"{len(names)} policies given", remedy=f"give 1 to {MAX_POLICIES}")
     return names
-
-
-def _policy_in(folder: Path) -> Path:
-    """The policy of a training; an error for a folder of several seeds names one."""
-    seeds = sorted(folder.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
-    if seeds and not (folder / POLICY).is_file():
-        raise ConfigError(
-            f"no {POLICY} in it, but in {len(seeds)} folders of seeds below", where=folder,
-            remedy=f"give one of these, or up to {MAX_POLICIES}: {seeds[0]}",
-        )  # fmt: skip
-    return folder / POLICY
 
 
 def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
@@ -202,19 +175,14 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
     if not len(episode.motion):
         upright = float(completed(episode, len(commanded)))
         return Results.of([Result("upright", "1", upright, name, config.environment)])
-    quality = gait_quality(robot, episode, _min_speed(commanded[:, 0]), float(commanded[0, 1]), len(commanded))
+    speeds = commanded[:, 0]
+    slowest = 0.0 if speeds.min() < 0.0 < speeds.max() else float(speeds[np.abs(speeds).argmin()])
+    quality = gait_quality(robot, episode, slowest, float(commanded[0, 1]), len(commanded))
     measured = quality_results(quality, robot, name, config.environment)
     if (commanded == commanded[0]).all():
         return measured
     rows = [row for row in measured if row.quantity not in _STEADY_ONLY]
-    if math.isfinite(episode.speed_error):
-        rows.append(Result("speed_off", "m/s", episode.speed_error, name, config.environment))
-    return Results.of(rows)
-
-
-def _min_speed(forward: np.ndarray) -> float:
-    """Commanded speed of the smallest magnitude [m/s]; 0 if the direction changes."""
-    return 0.0 if forward.min() < 0.0 < forward.max() else float(forward[np.abs(forward).argmin()])
+    return Results.of([*rows, Result("speed_off", "m/s", episode.speed_error, name, config.environment)])
 
 
 def _until_end(trace: np.ndarray, steps: int) -> np.ndarray:

@@ -22,7 +22,7 @@ from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.engines import Engine
+from motorprior.simulation.scene import Engine
 from motorprior.stage import description, in_parallel, is_finished, read_results, usable_threads, working, write_results
 from motorprior.studies import twin
 from motorprior.studies.training_scene import TrainedWalk, trained_walk

@@ -42,19 +42,17 @@ def build_walk_report(
     for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):
         trainings.setdefault(_training(run, policy.parent), []).append(policy.parent)
     if not trainings:
-        raise ConfigError(
-            f"no {POLICY} in it or one folder below", where=run,
-            remedy="give a folder that `motorprior walk` wrote",
-        )  # fmt: skip
-    robot, traces, maps = load_robot(robot_name), {}, {}
-    for name, (first, *_) in trainings.items():
-        walker = trained_walk(first / POLICY, robot)
+        remedy = "give a folder that `motorprior walk` wrote"
+        raise ConfigError(f"no {POLICY} in it or one folder below", where=run, remedy=remedy)
+    robot, traces, maps, learned = load_robot(robot_name), {}, {}, {}
+    for name, seeds in trainings.items():
+        walker = trained_walk(seeds[0] / POLICY, robot)
         traces[name] = walker.simulator.run(walker.policy.arrays(), EVALUATION_SEED, trace=True).trace
         walker.simulator.close()
         if with_robustness:
-            maps[name] = robustness(first / POLICY, robot, min(2, os.cpu_count() or 1), progress)
-    learned = {name: [folder for folder in seeds if (folder / CURVE).is_file()] for name, seeds in trainings.items()}
-    learned = {name: seeds for name, seeds in learned.items() if seeds}
+            maps[name] = robustness(seeds[0] / POLICY, robot, min(2, os.cpu_count() or 1), progress)
+        if with_curve := [folder for folder in seeds if (folder / CURVE).is_file()]:
+            learned[name] = with_curve
     sections = [learning(learned)] if learned else []
     sections.append(gaits(robot, traces))
     if maps:

@@ -7,13 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from motorprior.artifacts import atomic_path
+from motorprior.artifacts import atomic_path, read_json
 from motorprior.bounds import require_count
-from motorprior.commands.walk import POLICY, Walk, run_walk
+from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
-from motorprior.simulation.walk_metrics import read_metrics
 from motorprior.stage import in_parallel, usable_threads, write_results
 
 PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"
@@ -34,7 +33,13 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     require_count("seeds", seeds)
     require_count("workers", config.workers)
     threads = min(seeds, usable_threads(config.workers, progress)) if config.executor == "threads" else 1
-    walks = [_of_seed(config, config.search.seed + number, threads) for number in range(seeds)]
+    walks = [
+        replace(
+            config, out=config.out / SEED_FOLDER.format(seed), search=replace(config.search, seed=seed),
+            workers=max(1, config.workers // threads),
+        )
+        for seed in range(config.search.seed, config.search.seed + seeds)
+    ]  # fmt: skip
     in_parallel([partial(_train, walk) for walk in walks], threads, progress)
     _draw(config, walks)
     results = Results.of(
@@ -43,11 +48,6 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     )
     write_results(config.out, results)
     return results
-
-
-def _of_seed(config: Walk, seed: int, threads: int) -> Walk:
-    out, search = config.out / SEED_FOLDER.format(seed), replace(config.search, seed=seed)
-    return replace(config, out=out, search=search, workers=max(1, config.workers // threads))
 
 
 def _train(walk: Walk, progress: Progress) -> None:
@@ -59,13 +59,16 @@ def _draw(config: Walk, walks: list[Walk]) -> None:
     from motorprior.report.plots_style import png_bytes
     from motorprior.report.plots_walk import seed_curves  # here, since it imports matplotlib
 
-    metrics = [read_metrics(walk.out) for walk in walks]
-    longest = max((each["iteration"] for each in metrics), key=len)
+    curves = [read_json(walk.out / CURVE) for walk in walks]
+    longest = max(map(len, curves))
 
-    def padded(values: np.ndarray) -> np.ndarray:
-        return np.pad(values, (0, len(longest) - len(values)), mode="edge")  # a training that ended early
+    def values(name: str) -> np.ndarray:
+        rows = [np.array([point[name] for point in curve]) for curve in curves]
+        return np.array([np.pad(row, (0, longest - len(row)), mode="edge") for row in rows])  # some ended early
 
-    quantities = {"mean return [m]": "return_mean", "time upright [-]": "upright"}
-    curves = {title: np.array([padded(each[name]) for each in metrics]) for title, name in quantities.items()}
+    quantities = {
+        "mean return [m]": values("mean_return"),
+        "time upright [-]": values("mean_steps") / config.episode_steps,
+    }
     with atomic_path(config.out / PICTURE) as temporary:
-        temporary.write_bytes(png_bytes(seed_curves(longest, curves)))
+        temporary.write_bytes(png_bytes(seed_curves(np.arange(longest), quantities)))

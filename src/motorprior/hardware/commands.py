@@ -46,7 +46,6 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     policy = Policy.load(path)
     policy.check()
     policy.require_robot(robot)
-    policy.require_clock(robot.control_dt)
     gait = robot.with_speed_range(policy.forward).require_legs()
     if settings.forward is not None:
         require_number("forward", settings.forward, *gait.forward)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,9 +16,10 @@ from motorprior.hardware.session import StopRequest, check_and_confirm, check_be
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
 from motorprior.hardware.wire_conversion import backend_state
-from motorprior.locomotion.body import YAW_RATE, action_size
-from motorprior.locomotion.gait_controller import GaitController
+from motorprior.locomotion.body import YAW_RATE, action_size, body_of
+from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
 from motorprior.locomotion.policy import Policy, act
+from motorprior.locomotion.task import observe
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 
@@ -30,7 +30,7 @@ _STOPPING_TIME = 1.0  # [s]
 
 
 class PolicyMotion:
-    """A walking policy as a motion, with the same `GaitController` as `WalkEnv`.
+    """A walking policy as a motion, with the same `locomotion.control_step` as in simulation.
 
     Without an IMU the policy acts as if the robot were upright and turned as commanded.
 
@@ -42,7 +42,8 @@ class PolicyMotion:
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
         self._robot, self._policy, self._has_imu = robot, policy.arrays(), has_imu
-        self._controller = GaitController(robot.with_speed_range(policy.forward), policy.control_dt, policy.gait)
+        self._body = body_of(robot.with_speed_range(policy.forward), policy.gait)
+        self._gait = new_gait(self._body)
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = self.yaw_rate = 0.0
         self.gyro_bias = np.zeros(3)
@@ -50,20 +51,23 @@ class PolicyMotion:
     @property
     def observation(self) -> np.ndarray:
         """(observations,) the last input of the policy."""
-        return self._controller.observation
+        return self._gait.observation
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """The (joints,) targets [rad] for a measurement: observe, act, command."""
         state = backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints))
-        self._controller.read(replace(state, base_ang_vel=state.base_ang_vel - self.gyro_bias))
+        gait, state = self._gait, state._replace(base_ang_vel=state.base_ang_vel - self.gyro_bias)
+        observe(self._body, state, gait.observation)
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
-            self._controller.observation[YAW_RATE] = self._controller.gait.twist[1]
-        act(self._policy, self._controller.follow(self.forward, self.yaw_rate), self._action)
-        return self._controller.command(self._action)
+            gait.observation[YAW_RATE] = gait.twist[1]
+        follow_command(self._body, gait, self.forward, self.yaw_rate)
+        act(self._policy, gait.observation, self._action)
+        command_step(self._body, gait, self._action)
+        return gait.target.copy()
 
     def stopping(self) -> Motion:
         """Slow down and step in place."""
-        remaining = round(_STOPPING_TIME / self._controller.control_dt)
+        remaining = round(_STOPPING_TIME / self._body.control_dt)
 
         def target(measurement: Measurement) -> np.ndarray | None:
             nonlocal remaining
@@ -76,7 +80,7 @@ class PolicyMotion:
     def warm_up(self, measurement: Measurement) -> None:
         """Compile, or load compiled code, and reset."""
         self(measurement)
-        self._controller.reset()
+        begin_gait(self._body, self._gait)
 
 
 def gains_for(

@@ -1,7 +1,7 @@
 """Augmented Random Search (ARS), with an ask-and-tell interface over a flat vector of parameters.
 
 Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for reinforcement
-learning", algorithm 2. Noise is sent to workers as seeds.
+learning", algorithm 2 (V2). Noise is sent to workers as seeds.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.bounds import require_count, require_number
-from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.running_stats import RunningStats
+from motorprior.compiled import njit
+from motorprior.exceptions import SimulationFault
 
 MAX_DIRECTIONS = 10_000
 MAX_SEARCH_SEED = 2**53 - 1  # exact as a float64, as in JSON
@@ -22,89 +22,46 @@ AVERAGING = 0.1  # weight of the newest parameters in their running average
 
 @dataclass(frozen=True)
 class ArsConfig:
-    """Settings of the search.
+    """Settings of the search."""
 
-    Attributes:
-        num_directions: N, directions tried per iteration, each with both signs.
-        num_top_directions: b, best directions that the update uses.
-        step_size: α.
-        delta_std: ν, standard deviation of the perturbation of each parameter.
-        normalise: observations by their running mean and standard deviation (ARS V2); otherwise not (V1).
-        seed: seed of all noise, not negative.
-    """
-
-    num_directions: int = 16
-    num_top_directions: int = 8
-    step_size: float = 0.02
-    delta_std: float = 0.03
-    normalise: bool = True
-    seed: int = 0
+    num_directions: int = 16  # N, directions tried per iteration, each with both signs
+    num_top_directions: int = 8  # b, best directions that the update uses, at most N
+    step_size: float = 0.02  # α
+    delta_std: float = 0.03  # ν, standard deviation of the perturbation of each parameter
+    seed: int = 0  # seed of all noise, not negative
 
     def __post_init__(self) -> None:
         require_count("search.num_directions", self.num_directions, 1, MAX_DIRECTIONS)
-        require_count("search.num_top_directions", self.num_top_directions, 1, MAX_DIRECTIONS)
-        if self.num_top_directions > self.num_directions:
-            raise ConfigError(
-                f"search.num_top_directions {self.num_top_directions} is more than search.num_directions "
-                f"{self.num_directions}",
-                remedy="give at most as many top directions as directions",
-            )
+        require_count("search.num_top_directions", self.num_top_directions, 1, self.num_directions)
         for name in ("step_size", "delta_std"):
             require_number(f"search.{name}", getattr(self, name), 1e-9, 1e3)
         require_count("search.seed", self.seed, 0, MAX_SEARCH_SEED)
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One parameter vector to try, M + sign · ν · δ(direction); sign +1, -1, or 0 for M itself."""
-
-    direction: int
-    sign: int
-
-
-def direction_noise(seed: int, iteration: int, direction: int, size: int) -> np.ndarray:
-    """δ of a direction: standard normal, shape (size,); the same on every worker."""
-    return np.random.default_rng([seed, iteration, direction]).standard_normal(size)
-
-
-def perturbed(parameters: np.ndarray, candidate: Candidate, config: ArsConfig, iteration: int) -> np.ndarray:
-    """Parameters of a candidate, shape of ``parameters``."""
-    if candidate.sign == 0:
-        return parameters
-    noise = direction_noise(config.seed, iteration, candidate.direction, parameters.size)
-    return parameters + candidate.sign * (config.delta_std * noise)
-
-
 class Ars:
     """State of a search: call `ask`, run an episode per candidate, `tell` the returns.
 
-    Attributes:
-        config: the settings.
-        parameters: M, shape (num_parameters,), zeros at the start.
-        average: A, shape (num_parameters,): A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992).
-        iteration: number of updates so far.
-        observations: running statistics of the observations; normalise with these during an iteration.
-
-    Args:
-        config: the settings.
-        num_parameters: length of the parameter vector.
-        observation_size: length of an observation.
+    The statistics of the observations are running; normalise with them during an iteration.
     """
 
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
-        self.parameters = np.zeros(num_parameters)
-        self.average = self.parameters
-        self.iteration = 0
+        self.parameters = np.zeros(num_parameters)  # M
+        self.average = self.parameters  # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
+        self.iteration = 0  # number of updates so far
         self.observations = RunningStats.empty(observation_size)
 
     def direction(self, index: int) -> np.ndarray:
-        """δ of direction ``index`` in this iteration: standard normal, shape (num_parameters,)."""
-        return direction_noise(self.config.seed, self.iteration, index, self.parameters.size)
+        """δ of a direction in this iteration: standard normal, (num_parameters,); the same on every worker."""
+        return np.random.default_rng([self.config.seed, self.iteration, index]).standard_normal(self.parameters.size)
 
-    def ask(self) -> list[Candidate]:
-        """Candidates of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
-        return [Candidate(index, sign) for index in range(self.config.num_directions) for sign in (1, -1)]
+    def ask(self) -> list[tuple[int, int]]:
+        """Candidates (direction, sign) of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
+        return [(index, sign) for index in range(self.config.num_directions) for sign in (1, -1)]
+
+    def candidate(self, direction: int, sign: int) -> np.ndarray:
+        """Parameters to try, M + sign · ν · δ(direction)."""
+        return self.parameters + sign * (self.config.delta_std * self.direction(direction))
 
     def tell(self, returns: np.ndarray, observations: Sequence[RunningStats]) -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
@@ -137,21 +94,63 @@ class Ars:
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
         return {
-            "parameters": self.parameters.copy(),
-            "average": self.average.copy(),
+            "parameters": self.parameters,
+            "average": self.average,
             "iteration": np.array(self.iteration, dtype=np.int64),
             "observation_count": np.array(self.observations.count, dtype=np.int64),
-            "observation_mean": self.observations.mean.copy(),
-            "observation_m2": self.observations.m2.copy(),
+            "observation_mean": self.observations.mean,
+            "observation_m2": self.observations.m2,
         }
 
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Continue from a `state`, to the same bytes as an uninterrupted search."""
+        self.parameters, self.average, self.iteration = state["parameters"], state["average"], int(state["iteration"])
+        count, mean, m2 = (state[f"observation_{name}"] for name in ("count", "mean", "m2"))
+        self.observations = RunningStats(int(count), mean, m2)
+
+
+CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
+
+
+@njit(cache=True)
+def update_stats(observation: np.ndarray, count: int, mean: np.ndarray, m2: np.ndarray) -> None:
+    """Add one observation x to mean and m2 = Σ (x - mean)² of ``count`` earlier ones, in place.
+
+    d = x - mean, mean += d / n, m2 += d (x - mean) with the new mean (Welford 1962).
+    """
+    for i in range(observation.shape[0]):
+        shift = observation[i] - mean[i]
+        mean[i] += shift / (count + 1)
+        m2[i] += shift * (observation[i] - mean[i])
+
+
+@dataclass(frozen=True, eq=False)
+class RunningStats:
+    """Count of observations, their (observation,) mean and (observation,) m2 = Σ (x - mean)²."""
+
+    count: int
+    mean: np.ndarray
+    m2: np.ndarray
+
     @classmethod
-    def restore(cls, config: ArsConfig, state: Mapping[str, np.ndarray]) -> Ars:
-        """Continue a search from its `state`, to the same bytes as an uninterrupted one."""
-        search = cls(config, state["parameters"].size, state["observation_mean"].size)
-        search.parameters, search.average = state["parameters"], state["average"]
-        search.iteration = int(state["iteration"])
-        search.observations = RunningStats(
-            int(state["observation_count"]), state["observation_mean"], state["observation_m2"]
-        )
-        return search
+    def empty(cls, size: int) -> RunningStats:
+        """Statistics of no observations."""
+        return cls(0, np.zeros(size), np.zeros(size))
+
+    def merge(self, other: RunningStats) -> RunningStats:
+        """Statistics of both together (Chan, Golub, LeVeque 1983).
+
+        d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.
+        """
+        if other.count == 0:
+            return self
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        mean = self.mean + shift * (other.count / count)
+        m2 = self.m2 + other.m2 + np.square(shift) * (self.count * other.count / count)
+        return RunningStats(count, mean, m2)
+
+    def std(self) -> np.ndarray:
+        """Population standard deviation; 1 where an observation is constant or there is none."""
+        std = np.sqrt(self.m2 / max(self.count, 1))
+        return np.where(std > CONSTANT_STD, std, 1.0)

@@ -1,13 +1,14 @@
-"""Arrays of a robot for the compiled walking code, and the sizes of observation and action."""
+"""Arrays of a robot for the compiled walking code: geometry, gait, kinematics of its legs; sizes of an observation."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from motorprior.locomotion.gaits import phases_of
-from motorprior.locomotion.leg_kinematics import lever_arms
+from motorprior.compiled import njit
+from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 
 NUM_MODULATIONS = 5  # last entries of an action: frequency, intensity, height, swing/stance ratio, turn
@@ -23,11 +24,23 @@ MIN_PITCH_STIFFNESS = 5.0
 # Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and torque limit; on
 # the fleets of the small robot 0.8 to 1 give the same walks.
 LEAD_SHARE = 0.9
+_MAX_COSINE = 0.999  # of the knee's angle; beyond it a position is out of reach and the nearest one is taken
+GaitName = Literal["trot", "walk", "pace", "bound", "pronk"]
+GAITS: tuple[GaitName, ...] = get_args(GaitName)
+_CORNERS = ("front right", "front left", "rear right", "rear left")
+# Phases of the legs at _CORNERS; the leg of phase p touches down when the cycle is at 1 - p.
+_PHASES = {
+    "walk": (0.25, 0.75, 0.5, 0.0),  # rear left, front left, rear right, front right: one at a time
+    "pace": (0.0, 0.5, 0.0, 0.5),
+    "bound": (0.0, 0.0, 0.5, 0.5),
+    "pronk": (0.0, 0.0, 0.0, 0.0),
+}
 
 
 class Body(NamedTuple):
     """Arrays of a robot with n joints and L legs in one gait; see `robots.robot.Robot` for sources."""
 
+    control_dt: float  # control period [s]
     nominal_pose: np.ndarray  # (n,) [rad]
     lower: np.ndarray  # (n,) joint limits [rad]
     upper: np.ndarray
@@ -63,6 +76,7 @@ def body_of(robot: Robot, gait: str = "trot") -> Body:
     size = robot.require_legs()
     phases, ratio = phases_of(robot, gait)
     return Body(
+        control_dt=robot.control_dt,
         nominal_pose=robot.nominal_pose,
         lower=robot.lower,
         upper=robot.upper,
@@ -116,3 +130,61 @@ def observation_size(num_joints: int) -> int:
 def action_size(num_joints: int) -> int:
     """Length of an action: one residual per joint, then the modulation of the gait."""
     return num_joints + NUM_MODULATIONS
+
+
+@njit(cache=True)
+def leg_angles(thigh: float, shank: float, forward: float, below: float, knee_side: float) -> tuple[float, float]:
+    """Hip and knee [rad] for a position of the foot in the plane of the leg.
+
+    With hip q₁ and knee q₂ about +y the foot is at forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and
+    below = l₁ cos q₁ + l₂ cos(q₁ + q₂). The law of cosines gives q₂, then q₁ is the angle between the foot and
+    (l₁ + l₂ cos q₂, l₂ sin q₂). A position out of reach is replaced by the nearest.
+
+    Args:
+        thigh: l₁ [m].
+        shank: l₂ [m].
+        forward: of the foot's centre, from the hip axis [m].
+        below: of the foot's centre, from the hip axis [m].
+        knee_side: sign of the knee's angle: -1 bends it backward.
+    """
+    cosine = (forward * forward + below * below - thigh * thigh - shank * shank) / (2.0 * thigh * shank)
+    knee = knee_side * math.acos(min(_MAX_COSINE, max(-_MAX_COSINE, cosine)))
+    along, across = thigh + shank * math.cos(knee), shank * math.sin(knee)
+    hip = math.atan2(-forward * along - below * across, below * along - forward * across)
+    return hip, knee
+
+
+@njit(cache=True)
+def lever_arms(thigh: float, shank: float, hip: float, knee: float) -> tuple[float, float]:
+    """∂below/∂hip and ∂below/∂knee [m]: a vertical force F on the foot needs F times these torques at the joints.
+
+    -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and -l₂ sin(q₁ + q₂), see `leg_angles`.
+    """
+    by_knee = -shank * math.sin(hip + knee)
+    return by_knee - thigh * math.sin(hip), by_knee
+
+
+def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
+    """(legs,) phases of a robot's legs in a gait, in [0, 1), and its usual time in swing over time in stance.
+
+    The phases of a trot are in the robot's description.
+
+    Raises:
+        ConfigError: an unknown gait, or one for four legs on a robot that has others.
+    """
+    if gait not in GAITS:
+        raise ConfigError(f"gait {gait!r} is unknown", remedy=f"use one of {', '.join(GAITS)}", argument="gait")
+    if gait == "trot":
+        return np.array([leg.phase for leg in robot.legs]), 1.0
+    middle = float(np.mean([leg.rest[0] for leg in robot.legs]))
+    corners = [
+        f"{'front' if leg.rest[0] > middle else 'rear'} {'left' if leg.rest[1] > 0.0 else 'right'}"
+        for leg in robot.legs
+    ]
+    if sorted(corners) != sorted(_CORNERS):
+        raise ConfigError(
+            f"gait {gait!r} is for four legs, one at each corner of the body",
+            remedy="use the gait trot, whose phases are in the robot's file", argument="gait",
+        )  # fmt: skip
+    phases = np.array([_PHASES[gait][_CORNERS.index(corner)] for corner in corners])
+    return phases, 1.0 / 3.0 if gait == "walk" else 1.0

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.bounds import is_range, require_number
 from motorprior.exceptions import ConfigError, quoted
 from motorprior.locomotion.body import MAX_COMMAND
+from motorprior.logs.tables import read_number_table
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
+COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")  # of a timetable's file
 Range = tuple[float, float]
 
 
@@ -21,23 +25,18 @@ class Commands:
 
     The speeds of an episode are spread evenly over their range, in random order.
 
-    Attributes:
-        forward: lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies
-            fall at the edge of their training range.
-        yaw_rate: lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given.
-        hold: duration of a command [s].
-        straight: share of the commands without a turn [-].
-        still: share of the commands to stand still [-].
-
     Raises:
         ConfigError: a range whose first number is larger, or a number out of bounds.
     """
 
     forward: Range | None = None
+    """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at
+    the edge of their training range."""
     yaw_rate: Range | None = None
-    hold: float = 2.5
-    straight: float = 0.5
-    still: float = 0.1
+    """Lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given."""
+    hold: float = 2.5  # duration of a command [s]
+    straight: float = 0.5  # share of the commands without a turn [-]
+    still: float = 0.1  # share of the commands to stand still [-]
 
     def __post_init__(self) -> None:
         for name in ("forward", "yaw_rate"):
@@ -93,11 +92,30 @@ class Commands:
 class Timetable:
     """Commands at given times, the same in every episode.
 
-    Attributes:
-        rows: time [s], speed [m/s] and yaw rate [rad/s], held until the next; times increase.
+    The rows are time [s], speed [m/s] and yaw rate [rad/s], held until the next; times increase.
     """
 
     rows: tuple[tuple[float, float, float], ...]
+
+    @classmethod
+    def read(cls, path: Path, robot: Robot) -> Timetable:
+        """Read a CSV file with `COLUMNS`; each command is in force until the time of the next row.
+
+        Raises:
+            LogError: the file cannot be read.
+            ConfigError: times that do not increase from 0 on, or a command outside the robot's range; names the row.
+        """
+        size, before = robot.require_legs(), -inf
+        bounds = (0.0, inf), size.forward, (-size.yaw_rate, size.yaw_rate)
+        rows = [(float(time), float(forward), float(turn)) for time, forward, turn in read_number_table(path, COLUMNS)]
+        for number, row in enumerate(rows):
+            for name, value, (low, high) in zip(COLUMNS, row, bounds, strict=True):
+                if not low <= value <= high or (name == COLUMNS[0] and value <= before):
+                    problem = f"row {number}: {name} is {value:g}, but must be within {low:g} to {high:g}"
+                    remedy = f"give commands in the range of robot {robot.name!r}, and times that increase"
+                    raise ConfigError(problem, where=path, remedy=remedy)
+            before = row[0]
+        return cls(tuple(rows))
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step, 0 before the first row; no randomness."""

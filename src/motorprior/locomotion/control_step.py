@@ -1,12 +1,13 @@
 """One control step, compiled: the parts before the physics and the part after it.
 
-The Gymnasium env (through `GaitController`) and the compiled rollout both call these, so they agree bit for bit:
+The compiled rollout, the Gymnasium environments and the deployment on a robot (without numba, on numpy alone) call
+these functions in the same order, so simulations agree bit for bit:
 
-    reset: begin_gait, observe, apply_sensor_errors, follow_command
+    reset: begin_gait, observe, complete_observation
     step:  command_step(action)        targets of the present phase; the phase advances
            physics until the next control step
            evaluate_step               readings, reward, end of the episode
-           apply_sensor_errors, follow_command   then command, heading and phase join the observation
+           complete_observation        sensor errors; command, heading and phase join the observation
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motorprior.backend import BackendState
 from motorprior.compiled import njit
-from motorprior.locomotion.body import MAX_COMMAND, NUM_COMMAND_OBSERVATIONS, Body, action_size
+from motorprior.locomotion.body import MAX_COMMAND, NUM_COMMAND_OBSERVATIONS, Body, action_size, observation_size
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -27,6 +29,7 @@ from motorprior.locomotion.policy import (
     action_to_command,
     low_pass,
 )
+from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors
 from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, observe, reward, sliding, wrapped
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.rotations import roll_pitch_yaw
@@ -44,6 +47,7 @@ _PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0
 class GaitState(NamedTuple):
     """State and scratch memory of a gait."""
 
+    observation: np.ndarray  # (observations,) the last one
     filtered: np.ndarray  # (actions,) low-passed action
     command: np.ndarray  # (actions,) scratch: the action in physical units
     target: np.ndarray  # (joints,) position targets of the last control step [rad]
@@ -66,11 +70,14 @@ class GaitState(NamedTuple):
         return float(self.scalars[_SPEED_ERRORS])
 
 
-def new_gait(num_joints: int, num_legs: int) -> GaitState:
-    """Memory of a robot's gait; `begin_gait` initialises it."""
-    actions = action_size(num_joints)
-    shapes = (actions, actions, num_joints, (2, num_joints), 2, 7, (num_legs, 4))
-    return GaitState(*(np.zeros(shape) for shape in shapes))
+def new_gait(body: Body) -> GaitState:
+    """Memory of a robot's gait, at the beginning of an episode."""
+    joints = len(body.nominal_pose)
+    actions = action_size(joints)
+    shapes = (observation_size(joints), actions, actions, joints, (2, joints), 2, 7, (len(body.legs), 4))
+    gait = GaitState(*(np.zeros(shape) for shape in shapes))
+    begin_gait(body, gait)
+    return gait
 
 
 @njit(cache=True)
@@ -84,9 +91,26 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 
 
 @njit(cache=True)
-def follow_command(
-    body: Body, gait: GaitState, forward: float, yaw_rate: float, control_dt: float, observation: np.ndarray
+def complete_observation(
+    body: Body, gait: GaitState, sensors: SensorErrors, schedule: np.ndarray, step: int, base_quat: np.ndarray
 ) -> None:
+    """Apply sensor errors and the command to the true readings of control step ``step``.
+
+    Args:
+        body: of the robot.
+        gait: its observation is overwritten.
+        sensors: of this episode.
+        schedule: (steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row stays in force.
+        step: control steps since the reset.
+        base_quat: (4,) rotation_base_to_world.
+    """
+    apply_sensor_errors(sensors, step, base_quat, gait.observation)
+    row = min(step, schedule.shape[0] - 1)
+    follow_command(body, gait, schedule[row, 0], schedule[row, 1])
+
+
+@njit(cache=True)
+def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float) -> None:
     """Complete an observation after its readings: drift, heading error, command in force, phase.
 
     The command in force follows the given one at a bounded rate. The heading error ψ integrates the observed heading
@@ -95,23 +119,21 @@ def follow_command(
 
     Args:
         body: of the robot.
-        gait: command and heading are updated in place.
+        gait: command, heading and the last six of the observation are updated in place.
         forward: commanded speed [m/s], clipped to the robot's range, up to MAX_COMMAND times its highest.
         yaw_rate: commanded yaw rate [rad/s], to the left; clipped to the robot's range.
-        control_dt: control period [s].
-        observation: shape (observations,), its last six are overwritten.
     """
-    step = control_dt / RAMP
+    observation, step = gait.observation, body.control_dt / RAMP
     forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
     yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
     gait.twist[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - gait.twist[0]))
     gait.twist[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - gait.twist[1]))
     share, angle = gait_share(body, gait.twist[0], gait.twist[1]), 2.0 * math.pi * gait.scalars[_PHASE]
-    gait.scalars[_COMMANDED_HEADING] += control_dt * gait.twist[1]
+    gait.scalars[_COMMANDED_HEADING] += body.control_dt * gait.twist[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
-        gait.scalars[_HEADING] += control_dt * (heading_rate(observation) - gait.twist[1])
+        gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - gait.twist[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
-    drift = gait.scalars[_DRIFT] + control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
+    drift = gait.scalars[_DRIFT] + body.control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
     # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has changed.
     max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, gait.twist[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
@@ -135,21 +157,15 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: GaitState, control_dt: float) -> None:
+def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
     """Convert an action to the position targets ``gait.target``, and advance the phase.
 
-    Low-pass and scale the action; targets = gait + lead · its rate + support + residual, with a rate up to
-    MAX_TARGET_SPEED, within the joint limits. The support compensates the PD's deflection under the weight. The lead
-    compensates its damping, which acts on joint_vel and not on the velocity error: an error of kd/kp times the speed.
-
-    Args:
-        body: of the robot.
-        action: shape (actions,), clipped to [-1, 1].
-        observation: shape (observations,), from which the action follows.
-        gait: updated in place.
-        control_dt: control period [s].
+    Low-pass and scale the (actions,) action, which is clipped to [-1, 1]; targets = gait + lead · its rate + support +
+    residual, with a rate up to MAX_TARGET_SPEED, within the joint limits. The support compensates the PD's deflection
+    under the weight. The lead compensates its damping, which acts on joint_vel and not on the velocity error: an error
+    of kd/kp times the speed.
     """
-    low_pass(action, control_dt, gait.filtered)
+    low_pass(action, body.control_dt, gait.filtered)
     action_to_command(body, gait.filtered, gait.command)
     joints, command = gait.target.shape[0], gait.command
     share = gait_share(body, gait.twist[0], gait.twist[1])
@@ -158,14 +174,14 @@ def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: 
     forward = command[joints + INTENSITY] * gait.twist[0]
     yaw_rate = command[joints + INTENSITY] * gait.twist[1] + share * command[joints + TURN]
     lift, phase = share * body.swing_height, float(gait.scalars[_PHASE])
-    rise = levelling(body, observation)
-    later = advance_phase(phase, frequency, control_dt)
+    rise = levelling(body, gait.observation)
+    later = advance_phase(phase, frequency, body.control_dt)
     joint_targets(body, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0])
     joint_targets(body, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1])
     for joint in range(joints):
-        command[joint] += body.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / control_dt
+        command[joint] += body.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / body.control_dt
     add_support(body, phase, ratio, share, gait.path[0], command)
-    max_change = MAX_TARGET_SPEED * control_dt
+    max_change = MAX_TARGET_SPEED * body.control_dt
     for joint in range(joints):
         change = gait.path[0, joint] + command[joint] - gait.target[joint]
         target = gait.target[joint] + min(max_change, max(-max_change, change))
@@ -174,72 +190,35 @@ def command_step(body: Body, action: np.ndarray, observation: np.ndarray, gait: 
 
 
 @njit(cache=True)
-def evaluate_step(
-    body: Body,
-    base_pos: np.ndarray,
-    base_quat: np.ndarray,
-    base_lin_vel: np.ndarray,
-    base_ang_vel: np.ndarray,
-    measured_joint_pos: np.ndarray,
-    foot_pos: np.ndarray,
-    sum_torque_squared: float,
-    fault: int,
-    gait: GaitState,
-    control_dt: float,
-    weights: np.ndarray,
-    observation: np.ndarray,
-) -> tuple[float, bool]:
+def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.ndarray) -> tuple[float, bool]:
     """Readings, reward and the end of the episode from the state after the physics.
 
-    A fault of the backend ends the episode with reward 0 and leaves ``observation`` as it was: the state is invalid.
+    A fault of the backend ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
 
     Args:
         body: of the robot.
-        base_pos: shape (3,) [m], world.
-        base_quat: shape (4,), (w, x, y, z), base to world.
-        base_lin_vel: shape (3,) [m/s], world.
-        base_ang_vel: shape (3,) [rad/s], body frame.
-        measured_joint_pos: shape (joints,) [rad].
-        foot_pos: shape (legs, 3), centres of the feet [m], world; NaN if unknown.
-        sum_torque_squared: over joints, mean over the physics steps [(N·m)²].
-        fault: the backend's, 0 for none.
-        gait: its filtered speeds, its sum of speed errors and its feet are updated in place.
-        control_dt: control period [s].
+        gait: observation, filtered speeds, sum of speed errors and feet are updated in place.
+        state: of the robot.
         weights: shape (8,), `TaskWeights.array()`.
-        observation: shape (observations,), its readings are overwritten.
 
     Returns:
         Reward [m], and whether the robot fell or the backend failed.
     """
-    if fault != 0:
+    if state.fault != 0:
         return 0.0, True
-    observe(base_quat, base_ang_vel, measured_joint_pos, body.nominal_pose, observation)
-    roll, pitch, yaw = roll_pitch_yaw(base_quat)
-    down = fallen(roll, pitch, base_pos[2], body.min_height, body.max_height)
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    share, scalars = 1.0 - math.exp(-control_dt / SPEED_FILTER), gait.scalars
-    scalars[_FORWARD] += share * (cosine * base_lin_vel[0] + sine * base_lin_vel[1] - scalars[_FORWARD])
-    scalars[_LEFT] += share * (cosine * base_lin_vel[1] - sine * base_lin_vel[0] - scalars[_LEFT])
+    observe(body, state, gait.observation)
+    roll, pitch, yaw = roll_pitch_yaw(state.base_quat)
+    down = fallen(roll, pitch, state.base_pos[2], body.min_height, body.max_height)
+    cosine, sine, velocity = math.cos(yaw), math.sin(yaw), state.base_lin_vel
+    share, scalars = 1.0 - math.exp(-body.control_dt / SPEED_FILTER), gait.scalars
+    scalars[_FORWARD] += share * (cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD])
+    scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
     speed_error = scalars[_FORWARD] - gait.twist[0]
     scalars[_SPEED_ERRORS] += abs(speed_error)
-    slip = sliding(body, gait.feet, foot_pos, measured_joint_pos, pitch, yaw, control_dt)
-    effort = sum_torque_squared / (body.reference_torque * body.reference_torque)
+    slip = sliding(body, gait.feet, state, pitch, yaw)
+    effort = state.torque_squared_sum / (body.reference_torque * body.reference_torque)
     earned = reward(
         speed_error, scalars[_LEFT], wrapped(yaw - scalars[_COMMANDED_HEADING]),
-        base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, control_dt, weights,
+        state.base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, body.control_dt, weights,
     )  # fmt: skip
     return earned, down
-
-
-@njit(cache=True)
-def update_stats(observation: np.ndarray, count: int, mean: np.ndarray, m2: np.ndarray) -> int:
-    """Add one observation x to mean and m2 = Σ (x - mean)² of ``count`` earlier ones, in place; returns count + 1.
-
-    d = x - mean, mean += d / n, m2 += d (x - mean) with the new mean (Welford 1962).
-    """
-    count += 1
-    for i in range(observation.shape[0]):
-        shift = observation[i] - mean[i]
-        mean[i] += shift / count
-        m2[i] += shift * (observation[i] - mean[i])
-    return count

@@ -1,23 +1,39 @@
-"""Execution of episodes: one after the other, on threads, on processes of this machine, or on a Ray cluster.
+"""Execution of episodes: on threads of this process, or on Ray's processes, here or on a cluster.
 
 A round of episodes is a list of tasks with one shared object. Both are small: noise and motors are sent as seeds.
 Results are in the order of the tasks and have the same bytes on every executor, given the same processor features and
 libraries. The compiled episode releases the interpreter lock, so threads use several cores; PyBullet needs processes.
+
+Ray runs the tasks of a lost worker or node again elsewhere. Without an address Ray starts a cluster of this machine
+alone, regardless of RAY_ADDRESS and other clusters, and listens on the loopback interface only: anyone with access to
+a port of Ray can run code.
 """
 
+# pyright: reportMissingImports=false
+# Ray is an extra.
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import ipaddress
+import itertools
+import os
+import socket
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from queue import SimpleQueue
 from typing import Any, Literal, Protocol, TypeVar, get_args
 
-from motorprior.exceptions import ConfigError
-from motorprior.locomotion.executor_ray import RayExecutor, ray_cluster, require_ray
+from motorprior.exceptions import ConfigError, SimulationFault
 
 Result = TypeVar("Result")
-Kind = Literal["serial", "threads", "ray"]
+Kind = Literal["threads", "ray"]
+RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
+CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
+MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
+_REMEDY = "read Ray's logs; finished iterations are kept"
+_CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+_SIMULATORS: dict[str, Any] = {}  # in a worker process: of the latest two executors, training and evaluation
+_NUMBERS = itertools.count()
 
 
 class Executor(Protocol):
@@ -30,21 +46,6 @@ class Executor(Protocol):
     def close(self) -> None:
         """Stop the workers."""
         ...
-
-
-class SerialExecutor:
-    """One simulator, one episode after the other."""
-
-    def __init__(self, make_simulator: Callable[[], Any]):
-        self._simulator = make_simulator()
-
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``."""
-        return [function(self._simulator, shared, task) for task in tasks]
-
-    def close(self) -> None:
-        """Close the simulator."""
-        self._simulator.close()
 
 
 class ThreadExecutor:
@@ -92,27 +93,174 @@ def require_executor(kind: Kind, address: str | None = None) -> None:
     if kind == "ray":
         require_ray(address)
     elif address is not None:
-        raise ConfigError(
-            "ray_address is for the executor ray", remedy="give both, or leave it out", argument="ray_address"
-        )
+        raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")
 
 
 def make_executor(
     make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
 ) -> Executor:
-    """Make an executor; one thread is replaced by serial execution.
+    """Make an executor.
 
     Args:
         make_simulator: called once per worker; for Ray it must be picklable.
-        workers: number of episodes at the same time; "serial" has one.
-        kind: one after the other, threads of this process, or Ray's processes.
+        workers: number of episodes at the same time.
+        kind: threads of this process, or Ray's processes.
         address: of the Ray cluster to join; without one Ray starts on this machine only.
 
     Raises:
         ConfigError: Ray is not available.
     """
-    if kind == "ray":
-        return RayExecutor(make_simulator, workers, address)
-    if kind == "serial" or workers == 1:
-        return SerialExecutor(make_simulator)
-    return ThreadExecutor(make_simulator, workers)
+    return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)
+
+
+@contextmanager
+def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
+    """The module ray, in the cluster that this process has joined already, else in one that ends with the context.
+
+    Raises:
+        ConfigError: Ray is not installed, no cluster answers at the address, or a cluster of this machine alone would
+            be open to others.
+    """
+    ray = _import_ray()
+    if ray.is_initialized():
+        yield ray
+        return
+    _join(ray, workers, address)
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+class RayExecutor:
+    """``workers`` processes on this machine, or those of a cluster.
+
+    ``make_simulator`` is called once per worker. On a cluster ``workers`` only sets the size of the chunks of
+    episodes: Ray runs a chunk on every free core. See `ray_cluster` for the address and errors.
+    """
+
+    def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
+        self._cluster = ExitStack()
+        self._ray, self._workers = self._cluster.enter_context(ray_cluster(workers, address)), workers
+        self._name = f"{os.getpid()}-{next(_NUMBERS)}"
+        self._make = self._ray.put(make_simulator)
+        options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
+        self._run = self._ray.remote(_run_chunk).options(**options)
+
+    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+        """Results in the order of ``tasks``.
+
+        Raises:
+            SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
+            Exception: what the function raised in a worker. Other chunks run on until `close`: cancelling one that is
+                ending can make Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
+        """
+        size = chunk_size(len(tasks), self._workers)
+        chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
+        common = self._ray.put((function, shared))
+        running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
+        collected = [self._collect(chunk, reference) for chunk, reference in zip(chunks, running, strict=True)]
+        return list(itertools.chain.from_iterable(collected))
+
+    def _collect(self, chunk: list[Any], reference: Any) -> list[Any]:
+        errors = self._ray.exceptions
+        try:
+            return self._ray.get(reference)
+        except (errors.WorkerCrashedError, errors.NodeDiedError) as error:
+            problem = f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})"
+            raise SimulationFault(problem, remedy=_REMEDY) from error
+        except errors.RayError as error:
+            cause = error.cause if isinstance(error, errors.RayTaskError) else error
+            if not isinstance(cause, errors.RayError):
+                raise cause from None  # Ray's own error would print the worker's traceback
+            message = str(cause).strip().partition("\n")[0]
+            raise SimulationFault(f"Ray failed ({type(cause).__name__}): {message}", remedy=_REMEDY) from error
+
+    def close(self) -> None:
+        """Stop the cluster, or leave it, if this executor joined it."""
+        self._cluster.close()
+
+
+def require_ray(address: str | None = None) -> None:
+    """Check before any work that Ray is installed and that a cluster answers at the address.
+
+    Raises:
+        ConfigError: Ray is not installed, or no cluster answers.
+    """
+    if not _import_ray().is_initialized() and address is not None:
+        _require_answer(address)
+
+
+def chunk_size(tasks: int, workers: int) -> int:
+    """Number of tasks in a chunk."""
+    chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
+    return max(1, -(-tasks // chunks))
+
+
+def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
+    """In a worker: run the tasks one after the other."""
+    if name not in _SIMULATORS:
+        while len(_SIMULATORS) >= 2:
+            _SIMULATORS.pop(next(iter(_SIMULATORS))).close()
+        _SIMULATORS[name] = make_simulator()
+    function, shared = common
+    return [function(_SIMULATORS[name], shared, task) for task in tasks]
+
+
+def _join(ray: Any, workers: int, address: str | None) -> None:
+    quiet = {"log_to_driver": False, "logging_level": "ERROR"}
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
+    if address is not None:
+        _require_answer(address)
+        ray.init(address=address, **quiet)
+        return
+    with _on_loopback(ray):
+        ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
+    host = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(host).is_loopback:
+        ray.shutdown()
+        raise ConfigError(
+            f"Ray {ray.__version__} listens on {host}, where other machines reach it",
+            remedy="use the executor threads, or another version of Ray",
+        )
+
+
+@contextmanager
+def _on_loopback(ray: Any) -> Iterator[None]:
+    """Ray processes that start within this context listen on the loopback interface.
+
+    Ray's switch for it is an environment variable, named after the systems where loopback is the default. Its processes
+    read it when they start, and this one when it imported Ray (_private/services.py, Ray 2.9 to 2.60).
+    """
+    constants, before = ray._private.ray_constants, os.environ.get(_CLUSTERS)
+    read, os.environ[_CLUSTERS] = constants.ENABLE_RAY_CLUSTER, "0"
+    constants.ENABLE_RAY_CLUSTER = False
+    try:
+        yield
+    finally:
+        constants.ENABLE_RAY_CLUSTER = read
+        if before is None:
+            del os.environ[_CLUSTERS]
+        else:
+            os.environ[_CLUSTERS] = before
+
+
+def _require_answer(address: str) -> None:
+    """Reject an address that accepts no connection; Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10.0).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise ConfigError(
+            f"no Ray cluster answers at ray_address ({error})", where=address, remedy="give HOST:PORT of its head",
+            argument="ray_address",
+        ) from error  # fmt: skip
+
+
+def _import_ray() -> Any:
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError("Ray is not installed", remedy="pip install 'motorprior[ray]'") from error
+    return ray

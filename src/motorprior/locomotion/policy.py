@@ -17,8 +17,7 @@ import numpy as np
 from motorprior.artifacts import require_keys, write_tensors
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import NUM_MODULATIONS, Body, action_size, observation_size
-from motorprior.locomotion.gaits import GAITS, GaitName
+from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
 from motorprior.robots.robot import Robot
 from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number, one_of
 
@@ -73,7 +72,7 @@ def zero_policy(num_joints: int) -> PolicyArrays:
     observations, actions = observation_size(num_joints), action_size(num_joints)
     weights = np.zeros((actions, observations + 1))
     nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
-    return PolicyArrays(weights, *nothing, np.zeros(observations), np.ones(observations))
+    return PolicyArrays(np.asfortranarray(weights), *nothing, np.zeros(observations), np.ones(observations))
 
 
 @njit(cache=True)
@@ -143,42 +142,41 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
 class Policy:
     """A trained walking policy and what it was trained for.
 
-    Attributes:
-        weights: shape (actions, observations + 1), the last column is the bias.
-        hidden: shape (units, observations + 1); no rows for a linear policy.
-        readout: shape (units, actions).
-        observation_mean: shape (observations,), units of the observation.
-        observation_std: shape (observations,), > 0.
-        kp: shape (joints,) [N·m/rad], position gains of the motors in training.
-        kd: shape (joints,) [N·m·s/rad], velocity gains.
-        control_dt: control period [s] in training.
-        robot: name of the robot.
-        joint_names: the joints in the order of residuals and observed angles.
-        forward: range of commanded speeds [m/s]: the robot's, extended by that of the training.
-        gait: see `locomotion.gaits`.
-        provenance: settings of its training; JSON values only.
+    Tensors are float64, in the units of the observation.
     """
 
-    weights: np.ndarray
-    hidden: np.ndarray
-    readout: np.ndarray
-    observation_mean: np.ndarray
-    observation_std: np.ndarray
-    kp: np.ndarray
-    kd: np.ndarray
-    control_dt: float
-    robot: str
-    joint_names: tuple[str, ...]
-    forward: tuple[float, float]
-    gait: GaitName = "trot"
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    weights: np.ndarray  # (actions, observations + 1), the last column is the bias
+    hidden: np.ndarray  # (units, observations + 1); no rows for a linear policy
+    readout: np.ndarray  # (units, actions)
+    observation_mean: np.ndarray  # (observations,)
+    observation_std: np.ndarray  # (observations,), > 0
+    kp: np.ndarray  # (joints,) [N·m/rad], position gains of the motors in training
+    kd: np.ndarray  # (joints,) [N·m·s/rad], velocity gains
+    control_dt: float  # control period [s] in training
+    robot: str  # its name
+    joint_names: tuple[str, ...]  # in the order of residuals and observed angles
+    forward: tuple[float, float]  # range of commanded speeds [m/s]: the robot's, extended by that of the training
+    gait: GaitName = "trot"  # see `body.phases_of`
+    provenance: Mapping[str, Any] = field(default_factory=dict)  # settings of its training; JSON values only
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        gait: GaitName,
+        arrays: PolicyArrays,
+        kp: np.ndarray,
+        kd: np.ndarray,
+        provenance: Mapping[str, Any],
+    ) -> Policy:
+        """A policy of a robot with the speed range of the training."""
+        return cls(
+            np.ascontiguousarray(arrays.weights), *arrays[1:], kp, kd, robot.control_dt, robot.name, robot.joint_names,
+            robot.require_legs().forward, gait, provenance,
+        )  # fmt: skip
 
     def check(self, where: str | Path | None = None) -> None:
-        """Reject an invalid policy.
-
-        Raises:
-            ArtifactError: a wrong shape or a value that is not finite.
-        """
+        """Raise ArtifactError for a wrong shape or a value that is not finite."""
         _HEADER.check(self._header(), where)
         joints = len(self.joint_names)
         observations = observation_size(joints)
@@ -187,8 +185,9 @@ class Policy:
         check_tensors({name: getattr(self, name) for name in _TENSORS}, _TENSORS, where, _REMEDY, sizes)
 
     def arrays(self) -> PolicyArrays:
-        """Arrays for compiled code; the inner loop of `act` runs over the actions."""
-        weights = np.asfortranarray(self.weights)
+        """Arrays for compiled code; see `check` for errors."""
+        self.check()
+        weights = np.asfortranarray(self.weights)  # the inner loop of `act` runs over the actions
         return PolicyArrays(weights, self.hidden, self.readout, self.observation_mean, self.observation_std)
 
     def _header(self) -> dict[str, Any]:
@@ -198,27 +197,19 @@ class Policy:
         )  # fmt: skip
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
-        """Raise ConfigError for a policy of another robot, or one with other joints."""
-        remedy = f"use a policy trained for {robot.name}"
-        if self.robot != robot.name:
-            raise ConfigError(f"policy of robot {self.robot!r}, wanted {robot.name!r}", where=where, remedy=remedy)
-        if self.joint_names != robot.joint_names:
-            problem = f"its joints are {list(self.joint_names)}, the robot's are {list(robot.joint_names)}"
-            raise ConfigError(problem, where=where, remedy=remedy)
+        """Raise ConfigError for a policy of another robot, of other joints, or of another control period.
 
-    def require_gait(self, gait: str, where: str | Path | None = None) -> None:
-        """Raise ConfigError for a policy of another gait."""
-        if self.gait != gait:
-            raise ConfigError(
-                f"the policy was trained to {self.gait}, wanted gait {gait!r}", where=where,
-                remedy=f"use the gait {self.gait}", argument="gait",
-            )  # fmt: skip
-
-    def require_clock(self, control_dt: float, where: str | Path | None = None) -> None:
-        """Raise ConfigError for another control period [s] than in training: low-pass filter and gait depend on it."""
-        if not math.isclose(self.control_dt, control_dt, rel_tol=1e-9):
-            problem = f"trained with a control period of {self.control_dt:g} s, here it is {control_dt:g} s"
-            raise ConfigError(problem, where=where, remedy=f"train a policy at {control_dt:g} s")
+        Its low-pass filter and its gait depend on the period.
+        """
+        same_clock = math.isclose(self.control_dt, robot.control_dt, rel_tol=1e-9)
+        for name, found, wanted in (
+            ("robot", self.robot, robot.name),
+            ("joints", list(self.joint_names), list(robot.joint_names)),
+            ("control period [s]", self.control_dt, self.control_dt if same_clock else robot.control_dt),
+        ):
+            if found != wanted:
+                remedy = f"use a policy trained for {robot.name} as it is now"
+                raise ConfigError(f"{name} of the policy: {found!r}, wanted {wanted!r}", where=where, remedy=remedy)
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""

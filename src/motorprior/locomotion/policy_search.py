@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from motorprior.bounds import seed_of
-from motorprior.locomotion.ars import Ars, ArsConfig, Candidate, perturbed
+from motorprior.locomotion.ars import Ars, ArsConfig, RunningStats
 from motorprior.locomotion.executor import Executor
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.locomotion.running_stats import RunningStats
 
 EVALUATION_EVERY, EVALUATION_DRAWS = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
@@ -34,64 +33,17 @@ class Iteration:
     faults: dict[int, int]
 
 
-@dataclass(frozen=True, eq=False)
-class Round:
-    """State of a search that all episodes of an iteration share."""
+class EpisodeTask(NamedTuple):
+    """An episode to run: a candidate of `Ars.ask`, with sign 0 for the averaged parameters; the seed of its motors."""
 
-    parameters: np.ndarray
-    observations: RunningStats
-    config: ArsConfig
-    iteration: int
-    shape: PolicyShape
-
-    @classmethod
-    def of(cls, search: Ars, shape: PolicyShape) -> Round:
-        """The present state."""
-        return cls(search.parameters, search.observations, search.config, search.iteration, shape)
-
-    def policy(self, candidate: Candidate) -> PolicyArrays:
-        """Policy of a candidate."""
-        parameters = perturbed(self.parameters, candidate, self.config, self.iteration)
-        return self.shape.policy(parameters, self.observations, self.config.normalise)
-
-
-@dataclass(frozen=True)
-class EpisodeTask:
-    """An episode to run: a candidate, and the seed of its motors."""
-
-    candidate: Candidate
+    direction: int
+    sign: int
     seed: int
 
 
-@dataclass(frozen=True, eq=False)
-class BestPolicy:
-    """The best policy so far, its mean return [m] in evaluation, and its iteration; -1 if there is none."""
-
-    policy: PolicyArrays
-    score: float
-    iteration: int
-
-    @classmethod
-    def none_yet(cls, shape: PolicyShape) -> BestPolicy:
-        """The zero policy with a score below every other."""
-        zero = shape.policy(np.zeros(shape.size), RunningStats.empty(shape.observations))
-        return cls(zero, -float(np.finfo(np.float64).max), -1)
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Arrays for `restore`."""
-        arrays = {f"champion_{name}": value for name, value in self.policy._asdict().items()}
-        return arrays | {"champion_score": np.array(self.score), "champion_iteration": np.array(self.iteration)}
-
-    @classmethod
-    def restore(cls, state: Mapping[str, np.ndarray]) -> BestPolicy:
-        """The best policy from its `state`."""
-        policy = PolicyArrays(*(state[f"champion_{name}"] for name in PolicyArrays._fields))
-        return cls(policy, float(state["champion_score"]), int(state["champion_iteration"]))
-
-
-def run_task(simulator: Any, shared: Round, task: EpisodeTask) -> Any:
+def run_task(simulator: Any, search: PolicySearch, task: EpisodeTask) -> Any:
     """Run one episode on a worker's simulator; returns a `simulation.rollout.Episode`."""
-    return simulator.run(shared.policy(task.candidate), task.seed)
+    return simulator.run(search.policy(task.direction, task.sign), task.seed)
 
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
@@ -99,101 +51,92 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
     return seed_of(seed, iteration, direction, 7)
 
 
-def advance(search: Ars, shape: PolicyShape, executor: Executor) -> Iteration:
-    """One ARS iteration: ask, run every candidate, tell."""
-    iteration, seed = search.iteration, search.config.seed
-    tasks = [EpisodeTask(candidate, episode_seed(seed, iteration, candidate.direction)) for candidate in search.ask()]
-    episodes = executor.map(run_task, Round.of(search, shape), tasks)
-    returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
-    search.tell(returns, [RunningStats(episode.count, episode.mean, episode.m2) for episode in episodes])
-    steps = float(np.mean([episode.steps for episode in episodes]))
-    faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
-    speed_error = float(np.mean([episode.speed_error for episode in episodes]))
-    mean, best = float(returns.mean()), float(returns.max())
-    return Iteration(iteration, mean, best, steps, speed_error, dict(sorted(faults.items())))
+class PolicySearch:
+    """A search for a policy, and the best policy of its evaluations; picklable, for workers.
 
+    It begins with ``start``, or with the zero policy, which is the plain gait. The observation statistics of ``start``
+    get the weight of START_OBSERVATIONS observations.
 
-def updated_best(search: Ars, shape: PolicyShape, evaluator: Executor, best: BestPolicy) -> BestPolicy:
-    """Evaluate the policy of the averaged parameters; returns the better of it and ``best``.
-
-    Every evaluation runs on the same EVALUATION_DRAWS draws of motors.
-    """
-    shared = replace(Round.of(search, shape), parameters=search.average)
-    seeds = [episode_seed(search.config.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
-    episodes = evaluator.map(run_task, shared, [EpisodeTask(Candidate(0, 0), seed) for seed in seeds])
-    score = float(np.mean([episode.total for episode in episodes]))
-    return best if score <= best.score else BestPolicy(shared.policy(Candidate(0, 0)), score, search.iteration)
-
-
-def train(
-    search: Ars,
-    shape: PolicyShape,
-    executor: Executor,
-    iterations: int,
-    best: BestPolicy,
-    progress: Callable[[Iteration, BestPolicy], None] | None = None,
-    evaluator: Executor | None = None,
-    patience: int | None = None,
-) -> BestPolicy:
-    """Advance ``search`` to ``iterations`` iterations; returns the best policy of all evaluations.
-
-    The policy of the averaged parameters is evaluated every EVALUATION_EVERY iterations and at the end.
-
-    Args:
-        search: to advance.
-        shape: of the policy.
-        executor: runs the training episodes.
-        iterations: maximum.
-        best: of earlier evaluations.
-        progress: called after every iteration.
-        evaluator: runs the evaluation episodes; ``executor`` if not given.
-        patience: stop after so many evaluations in a row without a better policy; never if not given.
-    """
-    while search.iteration < iterations and not has_converged(search, best, patience):
-        point = advance(search, shape, executor)
-        if search.iteration % EVALUATION_EVERY == 0 or search.iteration == iterations:
-            best = updated_best(search, shape, executor if evaluator is None else evaluator, best)
-        if progress is not None:
-            progress(point, best)
-    return best
-
-
-def has_converged(search: Ars, best: BestPolicy, patience: int | None) -> bool:
-    """Whether ``patience`` evaluations in a row have found no better policy."""
-    return patience is not None and search.iteration - max(0, best.iteration) >= patience * EVALUATION_EVERY
-
-
-def new_search(config: ArsConfig, shape: PolicyShape, start: Policy | None = None) -> Ars:
-    """A search that starts from a policy, or from the zero policy, which is the plain gait.
-
-    The observation statistics of ``start`` get the weight of START_OBSERVATIONS observations. Without normalisation
-    they are folded into the weights.
+    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy.
 
     Raises:
         ConfigError: a start of another number of hidden units, or one that is not symmetric where the shape is.
     """
-    search = Ars(config, shape.size, shape.observations)
-    if start is not None:
-        search.parameters = search.average = shape.parameters(start if config.normalise else _without_scaling(start))
-        m2 = START_OBSERVATIONS * np.square(start.observation_std)
-        search.observations = RunningStats(START_OBSERVATIONS, start.observation_mean, m2)
-    elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout the policy is still the plain gait
-        search.parameters = search.average = np.zeros(shape.size)
-        _, hidden, _ = shape.split(search.parameters)
-        rng = np.random.default_rng([config.seed, HIDDEN])
-        hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
-    return search
 
+    def __init__(self, config: ArsConfig, shape: PolicyShape, start: Policy | None = None):
+        self.ars, self.shape = Ars(config, shape.size, shape.observations), shape
+        self.best = shape.policy(np.zeros(shape.size), self.ars.observations)
+        self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1  # before the first evaluation
+        if start is not None:
+            self.ars.parameters = self.ars.average = shape.parameters(start)
+            m2 = START_OBSERVATIONS * np.square(start.observation_std)
+            self.ars.observations = RunningStats(START_OBSERVATIONS, start.observation_mean, m2)
+        elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout the policy is still the plain gait
+            _, hidden, _ = shape.split(self.ars.parameters)
+            rng = np.random.default_rng([config.seed, HIDDEN])
+            hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
 
-def _without_scaling(policy: Policy) -> Policy:
-    """The same policy without observation scaling: [W, b]·[(x - m)/s; 1] = [W/s, b - (W/s)·m]·[x; 1]."""
-    mean, std = policy.observation_mean, policy.observation_std
+    def policy(self, direction: int, sign: int) -> PolicyArrays:
+        """Policy of a candidate, or of the averaged parameters if ``sign`` is 0."""
+        parameters = self.ars.candidate(direction, sign) if sign else self.ars.average
+        return self.shape.policy(parameters, self.ars.observations)
 
-    def unscaled(matrix: np.ndarray) -> np.ndarray:
-        scaled = matrix[:, :-1] / std
-        return np.column_stack([scaled, matrix[:, -1] - scaled @ mean])
+    def advance(self, executor: Executor) -> Iteration:
+        """One ARS iteration: ask, run every candidate, tell."""
+        iteration, seed = self.ars.iteration, self.ars.config.seed
+        tasks = [EpisodeTask(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
+        episodes = executor.map(run_task, self, tasks)
+        returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
+        self.ars.tell(returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes])
+        faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
+        return Iteration(
+            iteration, float(returns.mean()), float(returns.max()),
+            float(np.mean([episode.steps for episode in episodes])),
+            float(np.mean([episode.speed_error for episode in episodes])), dict(sorted(faults.items())),
+        )  # fmt: skip
 
-    return replace(
-        policy, weights=unscaled(policy.weights), hidden=unscaled(policy.hidden),
-        observation_mean=np.zeros_like(mean), observation_std=np.ones_like(std),
-    )  # fmt: skip
+    def evaluate(self, executor: Executor) -> None:
+        """Evaluate the policy of the averaged parameters, always on the same EVALUATION_DRAWS draws of motors."""
+        seeds = [episode_seed(self.ars.config.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
+        episodes = executor.map(run_task, self, [EpisodeTask(0, 0, seed) for seed in seeds])
+        found = float(np.mean([episode.total for episode in episodes]))
+        if found > self.best_return:
+            self.best, self.best_return, self.best_iteration = self.policy(0, 0), found, self.ars.iteration
+
+    def has_converged(self, patience: int | None) -> bool:
+        """Whether ``patience`` evaluations in a row have found no better policy."""
+        return patience is not None and self.ars.iteration - max(0, self.best_iteration) >= patience * EVALUATION_EVERY
+
+    def train(
+        self,
+        executor: Executor,
+        iterations: int,
+        evaluator: Executor | None = None,
+        patience: int | None = None,
+        progress: Callable[[Iteration], None] = lambda _: None,
+    ) -> None:
+        """Advance to ``iterations`` iterations, with an evaluation before, every EVALUATION_EVERY, and at the end.
+
+        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The search stops after
+        ``patience`` evaluations in a row without a better policy. ``progress`` is called after every iteration.
+        """
+        evaluator = executor if evaluator is None else evaluator
+        if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it
+            self.evaluate(evaluator)
+        while self.ars.iteration < iterations and not self.has_converged(patience):
+            point = self.advance(executor)
+            if self.ars.iteration % EVALUATION_EVERY == 0 or self.ars.iteration == iterations:
+                self.evaluate(evaluator)
+            progress(point)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Arrays for `restore`."""
+        best = {f"best_{name}": value for name, value in self.best._asdict().items()}
+        best |= {"best_return": np.array(self.best_return), "best_iteration": np.array(self.best_iteration)}
+        return self.ars.state() | best
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Continue from a `state`, to the same bytes as an uninterrupted search."""
+        self.ars.restore(state)
+        self.best = PolicyArrays(*(state[f"best_{name}"] for name in PolicyArrays._fields))
+        self.best_return, self.best_iteration = float(state["best_return"]), int(state["best_iteration"])

@@ -1,4 +1,8 @@
-"""Policy from a flat vector of parameters, and back."""
+"""Policy from a flat vector of parameters, and back, with the left-right symmetry of observations and actions.
+
+A robot with pairs of legs is its own mirror image, and so is its gait, half a cycle later or at once if the legs of a
+pair step together. A policy that gives the mirrored action for the mirrored observation cannot limp to one side.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.ars import RunningStats
+from motorprior.locomotion.body import action_size, observation_size, phases_of
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.running_stats import RunningStats
-from motorprior.locomotion.symmetry import Mirror, mirror_of
 from motorprior.robots.robot import Robot
 
 
@@ -21,16 +24,11 @@ class PolicyShape:
     The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row. With a mirror, W is
     made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A, so that a mirrored
     observation gives the mirrored action.
-
-    Attributes:
-        num_joints: of the robot.
-        units: hidden units before mirroring; 0 for a linear policy.
-        mirror: of the robot in its gait; None for a policy without symmetry.
     """
 
     num_joints: int
-    units: int = 0
-    mirror: Mirror | None = None
+    units: int = 0  # hidden units before mirroring; 0 for a linear policy
+    mirror: Mirror | None = None  # of the robot in its gait; None for a policy without symmetry
 
     @classmethod
     def of(cls, robot: Robot, gait: str, hidden_units: int, symmetric: bool) -> PolicyShape:
@@ -39,14 +37,14 @@ class PolicyShape:
         Raises:
             ConfigError: symmetry of a robot or a gait that has none, or an odd number of hidden units with symmetry.
         """
-        if symmetric and hidden_units % 2:
+        if not symmetric:
+            return cls(robot.num_joints, hidden_units)
+        if hidden_units % 2:
             raise ConfigError(
                 f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
                 remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
             )  # fmt: skip
-        if symmetric:
-            return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
-        return cls(robot.num_joints, hidden_units)
+        return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
 
     @property
     def observations(self) -> int:
@@ -69,18 +67,15 @@ class PolicyShape:
             parameters[second:].reshape(self.units, actions),
         )
 
-    def policy(self, parameters: np.ndarray, observations: RunningStats, normalise: bool = True) -> PolicyArrays:
+    def policy(self, parameters: np.ndarray, observations: RunningStats) -> PolicyArrays:
         """The policy of (size,) parameters, normalised by the statistics of its observations."""
         weights, hidden, readout = self.split(parameters)
-        inputs = self.observations + 1
         if self.mirror is not None:
             weights = self.mirror.symmetric(weights)
             hidden = np.concatenate([hidden, self.mirror.inputs.columns(hidden)])
             readout = np.concatenate([readout, self.mirror.action.mirrored(readout)])
-        if not normalise:
-            return PolicyArrays(weights, hidden, readout, np.zeros(inputs - 1), np.ones(inputs - 1))
         stats = self.symmetric_stats(observations)
-        return PolicyArrays(weights, hidden, readout, stats.mean, stats.std())
+        return PolicyArrays(np.asfortranarray(weights), hidden, readout, stats.mean, stats.std())
 
     def symmetric_stats(self, observations: RunningStats) -> RunningStats:
         """Statistics of observations together with their mirror images, if there is a mirror."""
@@ -102,9 +97,8 @@ class PolicyShape:
                 f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}",
                 remedy="train with as many", argument="hidden_units",
             )  # fmt: skip
-        parameters = np.concatenate(
-            [policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()]
-        )
+        parts = policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()
+        parameters = np.concatenate(parts)
         kept = self.policy(parameters, RunningStats.empty(self.observations))
         for name in ("weights", "hidden", "readout"):
             if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):
@@ -113,3 +107,94 @@ class PolicyShape:
                     remedy="train without symmetry", argument="symmetric",
                 )  # fmt: skip
         return parameters
+
+
+_TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] between their phases
+
+
+@dataclass(frozen=True, eq=False)
+class SignedPermutation:
+    """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
+
+    index: np.ndarray
+    sign: np.ndarray
+
+    def columns(self, matrix: np.ndarray) -> np.ndarray:
+        """M' with M'·x = M·mirrored(x)."""
+        out = np.empty_like(matrix)
+        out[:, self.index] = matrix * self.sign
+        return out
+
+    def mirrored(self, vectors: np.ndarray) -> np.ndarray:
+        """Mirrored (..., n) vectors."""
+        return self.sign * vectors[..., self.index]
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """Attributes: observation and action, the permutation with signs that mirrors each."""
+
+    observation: SignedPermutation
+    action: SignedPermutation
+
+    @property
+    def inputs(self) -> SignedPermutation:
+        """Of a policy: the observation, and the bias at its end."""
+        last = len(self.observation.index)
+        return SignedPermutation(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
+
+    def symmetric(self, weights: np.ndarray) -> np.ndarray:
+        """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
+        mirrored = self.inputs.columns(weights)
+        return 0.5 * (weights + self.action.sign[:, None] * mirrored[self.action.index])
+
+
+def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
+    """Mirror of a robot's observations and actions in a gait.
+
+    Raises:
+        ConfigError: legs that do not form pairs, or a gait that is not its own mirror image.
+    """
+    partners = _partners(robot)
+    joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)
+    for leg, partner in zip(robot.legs, partners, strict=True):
+        joints[list(leg.joints)] = robot.legs[partner].joints
+        sign[leg.joints[0]] = -1.0
+    phase = _phase_sign(robot, gait, partners)
+    tilt, modulation = [-1.0, 1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0, -1.0]
+    followed = [-1.0, -1.0, 1.0, -1.0, phase, phase]
+    observed = np.arange(observation_size(robot.num_joints))
+    observed[len(tilt) : len(tilt) + len(joints)] = len(tilt) + joints
+    actions = np.arange(action_size(robot.num_joints))
+    actions[: len(joints)] = joints
+    return Mirror(
+        SignedPermutation(observed, np.concatenate([tilt, sign, followed])),
+        SignedPermutation(actions, np.concatenate([sign, modulation])),
+    )
+
+
+def _partners(robot: Robot) -> list[int]:
+    """For each leg, its mirror image; a leg in the middle is its own."""
+    rest = np.array([leg.rest for leg in robot.legs])
+    partners = [int(np.argmin(np.abs(rest - [x, -y]).sum(axis=1))) for x, y in rest]
+    for leg, partner in enumerate(partners):
+        if partners[partner] != leg or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE:
+            raise ConfigError(
+                f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}",
+                remedy="train without symmetry", argument="symmetric",
+            )  # fmt: skip
+    return partners
+
+
+def _phase_sign(robot: Robot, gait: str, partners: list[int]) -> float:
+    """-1 if the legs of a pair step half a cycle apart, 1 if together."""
+    phases = phases_of(robot, gait)[0]
+    apart = (phases[partners] - phases) % 1.0
+    for shift, sign in ((0.5, -1.0), (0.0, 1.0)):
+        error = np.abs(apart - shift)
+        if np.minimum(error, 1.0 - error).max() <= _TOLERANCE:
+            return sign
+    raise ConfigError(
+        f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later",
+        remedy="correct the phases in its file, or train without symmetry", argument="symmetric",
+    )  # fmt: skip

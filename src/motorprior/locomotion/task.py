@@ -11,6 +11,7 @@ from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 
+from motorprior.backend import BackendState
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
 from motorprior.locomotion.body import NUM_IMU_READINGS, Body
@@ -23,30 +24,16 @@ CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the groun
 
 @dataclass(frozen=True)
 class TaskWeights:
-    """Coefficients of the reward, which is in metres walked.
+    """Coefficients of the reward, which is in metres walked; ConfigError for one that is not a number of at least 0."""
 
-    Attributes:
-        alive: per second upright [m/s].
-        speed: of |filtered forward speed - commanded speed| [m/s per m/s].
-        lateral: of |filtered sideways speed| [m/s per m/s].
-        heading: of |heading error| [m/s per rad].
-        yaw_rate: of |yaw rate - commanded yaw rate| [m/s per rad/s].
-        tilt: of |roll| + |pitch| [m/s per rad].
-        torque: of Σ (torque/reference_torque)² over the joints [m/s].
-        slip: of Σ sliding speed over the feet on the ground [m/s per m/s].
-
-    Raises:
-        ConfigError: a coefficient that is negative, not finite or no number.
-    """
-
-    alive: float = 1.0
-    speed: float = 2.0
-    lateral: float = 1.0
-    heading: float = 1.0
-    yaw_rate: float = 0.02
-    tilt: float = 0.2
-    torque: float = 0.003
-    slip: float = 0.5
+    alive: float = 1.0  # per second upright [m/s]
+    speed: float = 2.0  # of |filtered forward speed - commanded speed| [m/s per m/s]
+    lateral: float = 1.0  # of |filtered sideways speed| [m/s per m/s]
+    heading: float = 1.0  # of |heading error| [m/s per rad]
+    yaw_rate: float = 0.02  # of |yaw rate - commanded yaw rate| [m/s per rad/s]
+    tilt: float = 0.2  # of |roll| + |pitch| [m/s per rad]
+    torque: float = 0.003  # of Σ (torque/reference_torque)² over the joints [m/s]
+    slip: float = 0.5  # of Σ sliding speed over the feet on the ground [m/s per m/s]
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -58,29 +45,16 @@ class TaskWeights:
 
 
 @njit(cache=True)
-def observe(
-    base_quat: np.ndarray,
-    base_ang_vel_local: np.ndarray,
-    measured_joint_pos: np.ndarray,
-    nominal_pose: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Sensor readings of an observation: roll, pitch, the three body rates, joint angles.
+def observe(body: Body, state: BackendState, observation: np.ndarray) -> None:
+    """Write the readings of a state: roll, pitch [rad], the three body rates [rad/s], joint angles.
 
-    Args:
-        base_quat: shape (4,), (w, x, y, z), base to world.
-        base_ang_vel_local: shape (3,) [rad/s], in the body frame.
-        measured_joint_pos: shape (joints,) [rad], as the encoders measure it.
-        nominal_pose: shape (joints,) [rad].
-        out: shape (observations,); its first 5 + joints are overwritten [rad, rad/s, rad relative to the nominal pose].
+    Joint angles are relative to the nominal pose [rad]. The readings are the first 5 + joints of the observation.
     """
-    roll, pitch, _ = roll_pitch_yaw(base_quat)
-    out[0] = roll
-    out[1] = pitch
+    observation[0], observation[1], _ = roll_pitch_yaw(state.base_quat)
     for axis in range(3):
-        out[2 + axis] = base_ang_vel_local[axis]
-    for joint in range(nominal_pose.shape[0]):
-        out[NUM_IMU_READINGS + joint] = measured_joint_pos[joint] - nominal_pose[joint]
+        observation[2 + axis] = state.base_ang_vel[axis]
+    for joint in range(body.nominal_pose.shape[0]):
+        observation[NUM_IMU_READINGS + joint] = state.measured_joint_pos[joint] - body.nominal_pose[joint]
 
 
 @njit(cache=True)
@@ -97,15 +71,7 @@ def wrapped(angle: float) -> float:
 
 
 @njit(cache=True)
-def sliding(
-    body: Body,
-    feet: np.ndarray,
-    foot_pos: np.ndarray,
-    joint_pos: np.ndarray,
-    pitch: float,
-    yaw: float,
-    control_dt: float,
-) -> float:
+def sliding(body: Body, feet: np.ndarray, state: BackendState, pitch: float, yaw: float) -> float:
     """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions.
 
     Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the shank. Feet of
@@ -114,21 +80,19 @@ def sliding(
     Args:
         body: of the robot.
         feet: (legs, 4) as in `control_step.GaitState`, one control step ago; updated in place.
-        foot_pos: (legs, 3) centres of the feet [m], world.
-        joint_pos: (joints,) [rad].
+        state: positions of the feet and joints.
         pitch: of the body [rad].
         yaw: of the body [rad].
-        control_dt: control period [s].
     """
-    total, cosine, sine = 0.0, math.cos(yaw), math.sin(yaw)
+    total, cosine, sine, joint_pos = 0.0, math.cos(yaw), math.sin(yaw), state.measured_joint_pos
     for leg in range(body.legs.shape[0]):
         angle = pitch + joint_pos[body.legs[leg, 1]] + joint_pos[body.legs[leg, 2]]
-        radius, before = body.foot_radius[leg], feet[leg]
-        if foot_pos[leg, 2] < radius + CONTACT_HEIGHT and before[2] < radius + CONTACT_HEIGHT:  # false for NaN
+        radius, before, foot = body.foot_radius[leg], feet[leg], state.foot_pos[leg]
+        if foot[2] < radius + CONTACT_HEIGHT and before[2] < radius + CONTACT_HEIGHT:  # false for NaN
             rolled = radius * (angle - before[3])
-            x, y = foot_pos[leg, 0] - before[0] - rolled * cosine, foot_pos[leg, 1] - before[1] - rolled * sine
-            total += math.sqrt(x * x + y * y) / control_dt
-        before[:3] = foot_pos[leg]
+            x, y = foot[0] - before[0] - rolled * cosine, foot[1] - before[1] - rolled * sine
+            total += math.sqrt(x * x + y * y) / body.control_dt
+        before[:3] = foot
         before[3] = angle
     return total
 

@@ -13,8 +13,7 @@ import math
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.locomotion.body import Body
-from motorprior.locomotion.leg_kinematics import leg_angles, lever_arms
+from motorprior.locomotion.body import Body, leg_angles, lever_arms
 
 
 @njit(cache=True)

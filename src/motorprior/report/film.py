@@ -16,8 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from motorprior.exceptions import ConfigError
 from motorprior.report.plots_style import INK, MUTED
 from motorprior.robots.robot import Robot
-from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer
-from motorprior.simulation.skeleton import skeleton
+from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer, skeleton
 
 _GROUND = 240  # row of the floor in a stick figure
 

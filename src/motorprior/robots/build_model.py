@@ -24,12 +24,9 @@ FLOOR = "floor of the simulation"  # name of its geom; a model may have a floor 
 
 
 def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool = False) -> mujoco.MjModel:
-    """Compile the model.
+    """Compile the model, for steps of ``physics_dt`` [s] or the robot's own.
 
-    Args:
-        robot: to model.
-        physics_dt: step [s]; the robot's own by default.
-        suspended: weld a free base to the world, high enough that no foot reaches the floor.
+    ``suspended`` welds a free base to the world, high enough that no foot reaches the floor.
 
     Raises:
         ConfigError: a robot with a fixed base cannot be suspended.

@@ -13,7 +13,7 @@ which is MuJoCo's Euler step with implicit damping.
 # PyBullet is an extra.
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,18 +21,15 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
-from motorprior.actuator.kernels import (
-    make_explicit,
-    measure_joint_pos,
-    reset_actuator,
-    step_actuator,
-)
+from motorprior.actuator.kernels import make_explicit, measure_joint_pos, reset_actuator, step_actuator
+from motorprior.backend import BackendState
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
+from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Conditions, nominal_conditions
-from motorprior.simulation.terrain import CELL, Terrain, heights
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.world import substeps_of
+from motorprior.simulation.world_step import control_steps_late, has_diverged
 
 PHYSICS_DT = 0.001  # [s] as in puppersim
 SOLVER_ITERATIONS = 20  # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
@@ -41,61 +38,52 @@ SOLVER_ITERATIONS = 20  # 200 move a joint by less than 1 mrad in 2 s of trot (b
 EXPLICIT_STIFFNESS = 3e-4
 
 
-@dataclass(frozen=True)
-class BaseMotion:
-    """Chassis frame: position [m], quaternion (w, x, y, z), linear velocity [m/s] in world, angular in body axes."""
-
-    pos: np.ndarray
-    quat: np.ndarray
-    lin_vel: np.ndarray
-    ang_vel: np.ndarray
-
-
 class BulletWorld:
     """A simulated robot in its own PyBullet client, which `close` ends.
+
+    ``suspended`` fixes the base in the air; ``torque`` (joints,) is that of the latest physics step [N·m].
 
     Raises:
         ConfigError: PyBullet is not installed, or the robot has no URDF.
     """
 
-    def __init__(self, config: WorldConfig, terrain: Terrain | None = None):
-        self.config, self.terrain = config, terrain or Terrain()
+    def __init__(self, robot: Robot, suspended: bool = False):
+        self.robot, self.suspended = robot, suspended
+        self.substeps = substeps_of(robot.control_dt, PHYSICS_DT)
         self._bullet, self._client = import_bullet(), -1
-        self._robot, joints, model = config.robot, config.robot.num_joints, config.robot.model
-        if not isinstance(model, GeneratedModel) or model.urdf is None:
-            raise ConfigError(f"robot {self._robot.name!r} has no URDF with rotors", remedy="use engine mujoco")
-        self._urdf = model.urdf
-        self._damping, self._passive = np.zeros(joints), np.zeros(joints)
-        self._nominal = nominal_conditions(self._robot)
-        self._conditions, self._torque = self._nominal, np.zeros(joints)
+        if not isinstance(robot.model, GeneratedModel) or robot.model.urdf is None:
+            raise ConfigError(f"robot {robot.name!r} has no URDF with rotors", remedy="use engine mujoco")
+        self._urdf = robot.model.urdf
+        self._damping, self._passive = np.zeros(robot.num_joints), np.zeros(robot.num_joints)
+        self._nominal = nominal_conditions(robot)
+        self._conditions, self.torque = self._nominal, np.zeros(robot.num_joints)
         self._joints: tuple[np.ndarray, np.ndarray] | None = None
 
     def reset(
-        self,
-        actuator: Actuator,
-        joint_pos: np.ndarray | None = None,
-        conditions: Conditions | None = None,
-        seed: int = 0,
+        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; ``seed`` draws a rough terrain.
+        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
 
         The pose and the conditions are the robot's nominal ones if not given.
         """
-        joint_pos = self._robot.nominal_pose if joint_pos is None else joint_pos
+        joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal if conditions is None else conditions
-        require_motors(actuator, self.config.robot.num_joints)
+        require_motors(actuator, self.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
         self.close()  # only a fresh client gives the same bytes: resetSimulation and restoreState keep some caches
         self._joints = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
         self._passive = self._damping + conditions.damping
-        rotors = actuator.armature + conditions.armature + self.config.physics_dt * self._passive
-        self._build(rotors, conditions, seed)
+        rotors = actuator.armature + conditions.armature + PHYSICS_DT * self._passive
+        self._build(rotors, conditions)
+        self._delays, self._clock = conditions.delay_steps(PHYSICS_DT), 0
+        oldest = -(-int(self._delays.max()) // self.substeps)
+        self._commands = deque([joint_pos] * (oldest + 1), oldest + 1)
         self._prepare_joints(np.asarray(joint_pos, dtype=np.float64))
         self._set_friction_and_masses(conditions)
-        motors = actuator.arrays(self.config.physics_dt)
-        actuator.kind.limit_stiffness(motors, EXPLICIT_STIFFNESS / self.config.physics_dt**2)
+        motors = actuator.arrays(PHYSICS_DT)
+        actuator.kind.limit_stiffness(motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 
@@ -105,137 +93,125 @@ class BulletWorld:
             self._bullet.disconnect(self._client)
             self._client = -1
 
+    def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
+        """Hold (joints,) targets for one control step; see `world_step.hold_target`."""
+        self._commands.append(target - self._conditions.encoder_offset)
+        pushes, total = self._conditions.push, 0.0
+        push = pushes[self._clock % len(pushes)] if len(pushes) else None
+        with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
+            for k in range(self.substeps):
+                late = control_steps_late(self._delays, self._clock, k, self.substeps)
+                total += self.physics_step(motors, self._commands[-1 - late], push)
+        self._clock += 1
+        return total / self.substeps
+
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
-        """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
+        """One physics step towards (joints,) true angles [rad]; returns Σ torque² over the joints [(N·m)²].
 
-        Writes the motors' torque on the joints, including the damping that the engine integrates, to ``torque``.
-
-        Args:
-            motors: from `reset`.
-            target: true joint angles [rad].
-            push: (2,) horizontal force on the origin of the chassis [N].
+        ``torque`` includes the damping that the engine integrates; ``push`` is a (2,) horizontal force on the origin of
+        the chassis [N].
         """
         q, dq = self._joints if self._joints is not None else self.joints()
-        strength, dt = self._conditions.strength, self.config.physics_dt
-        forces = _drive(motors, dt, target, q, dq, strength, self._passive, self._torque).tolist()
-        self.call("setJointMotorControlArray", self.robot, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
+        forces = _drive(motors, target, q, dq, self._conditions.strength, self._passive, self.torque).tolist()
+        self.call("setJointMotorControlArray", self.body, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
         if push is not None:
-            where = self.base().pos.tolist()
-            self.call("applyExternalForce", self.robot, -1, [*push, 0.0], where, self._bullet.WORLD_FRAME)
+            where = self.base()[0].tolist()
+            self.call("applyExternalForce", self.body, -1, [*push, 0.0], where, self._bullet.WORLD_FRAME)
         self.call("stepSimulation")
         self._joints = self.joints()
-        self._torque -= self._damping * self._joints[1]
-        return float(self._torque @ self._torque)
+        self.torque -= self._damping * self._joints[1]
+        return float(self.torque @ self.torque)
 
-    @property
-    def torque(self) -> np.ndarray:
-        """(joints,) of the latest physics step [N·m]."""
-        return self._torque
+    def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
+        """State of a free robot; the positions of its feet are unknown."""
+        pos, quat, lin_vel, ang_vel = self.base()
+        joint_pos, joint_vel = self.joints()
+        measured = np.zeros_like(joint_pos)
+        measure_joint_pos(motors, joint_pos, measured)
+        qpos, qvel = np.concatenate([pos, quat, joint_pos]), np.concatenate([lin_vel, ang_vel, joint_vel])
+        return BackendState(
+            pos, quat, lin_vel, ang_vel, measured + self._conditions.encoder_offset,
+            np.full((len(self.robot.legs), 3), np.nan), torque_squared_sum, int(has_diverged(qpos, qvel)),
+        )  # fmt: skip
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """True joint angles (joints,) [rad] and velocities (joints,) [rad/s]."""
-        states = self.call("getJointStates", self.robot, self._indices)
+        states = self.call("getJointStates", self.body, self._indices)
         table = np.array([state[:2] for state in states])
         return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
 
-    def measured_joint_pos(self, motors: ActuatorArrays) -> np.ndarray:
-        """(joints,) joint angles [rad] at the encoders."""
-        measured = np.zeros(self._robot.num_joints)
-        measure_joint_pos(motors, self.joints()[0], measured)
-        return measured + self._conditions.encoder_offset
+    def base(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Chassis frame: position [m], quaternion (w, x, y, z), linear velocity [m/s] in world, angular in body axes.
 
-    def base(self) -> BaseMotion:
-        """Motion of the chassis frame; Bullet's own frame is the centre of mass."""
-        centre, xyzw = self.call("getBasePositionAndOrientation", self.robot)
-        lin_vel, ang_vel = (np.array(value) for value in self.call("getBaseVelocity", self.robot))
+        Bullet's own frame is the centre of mass.
+        """
+        centre, xyzw = self.call("getBasePositionAndOrientation", self.body)
+        lin_vel, ang_vel = (np.array(value) for value in self.call("getBaseVelocity", self.body))
         rotation = np.array(self._bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
         arm = -rotation @ self._com
-        return BaseMotion(
-            pos=np.array(centre) + arm,
-            quat=np.array([xyzw[3], *xyzw[:3]]),
-            lin_vel=lin_vel + _cross(ang_vel.tolist(), arm.tolist()),
-            ang_vel=rotation.T @ ang_vel,
-        )
+        velocity = lin_vel + _cross(ang_vel.tolist(), arm.tolist())
+        return np.array(centre) + arm, np.array([xyzw[3], *xyzw[:3]]), velocity, rotation.T @ ang_vel
 
     def call(self, name: str, *args: Any, **options: Any) -> Any:
         """Call a function of PyBullet on this world's client."""
         return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
-    def _build(self, rotors: np.ndarray, conditions: Conditions, seed: int) -> None:
-        shift = conditions.com
-        self.call("setTimeStep", self.config.physics_dt)
+    def _build(self, rotors: np.ndarray, conditions: Conditions) -> None:
+        self.call("setTimeStep", PHYSICS_DT)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
-        if not self.config.suspended:
-            self._add_floor(seed)
-        self.robot = self._load_robot(self._urdf(rotors, (float(shift[0]), float(shift[1]), float(shift[2]))))
-        names = [
-            self.call("getJointInfo", self.robot, index)[1].decode()
-            for index in range(self.call("getNumJoints", self.robot))
-        ]
-        self._names = {name: index for index, name in enumerate(names)}
-        self._indices = [self._names[name] for name in self._robot.joint_names]
-        self._com = np.array(self.call("getDynamicsInfo", self.robot, -1)[3])
+        if not self.suspended:
+            floor = self.call("createMultiBody", 0.0, self.call("createCollisionShape", self._bullet.GEOM_PLANE))
+            self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
+        self.body = self._load_robot(self._urdf(rotors, tuple(conditions.com.tolist())))
+        links = range(self.call("getNumJoints", self.body))
+        self._names = {self.call("getJointInfo", self.body, index)[1].decode(): index for index in links}
+        self._indices = [self._names[name] for name in self.robot.joint_names]
+        self._com = np.array(self.call("getDynamicsInfo", self.body, -1)[3])
 
     def _load_robot(self, text: str) -> int:
         """Load from a temporary file, since PyBullet only reads files."""
-        height = self._robot.suspended_height if self.config.suspended else self._robot.standing_height
+        height = self.robot.suspended_height if self.suspended else self.robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
         with TemporaryDirectory(prefix="motorprior-") as folder:
             path = Path(folder) / "robot.urdf"
             path.write_text(text, encoding="utf-8")
-            return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.config.suspended)
-
-    def _add_floor(self, seed: int) -> None:
-        if self.terrain.roughness == 0.0:
-            shape = self.call("createCollisionShape", self._bullet.GEOM_PLANE)
-            floor = self.call("createMultiBody", 0.0, shape)
-        else:
-            field = heights(self.terrain, seed)
-            shape = self.call(
-                "createCollisionShape", self._bullet.GEOM_HEIGHTFIELD, meshScale=[CELL] * 2 + [1.0],
-                heightfieldData=field.ravel().tolist(), numHeightfieldRows=field.shape[1],
-                numHeightfieldColumns=field.shape[0],
-            )  # fmt: skip
-            middle = 0.5 * (float(field.min()) + float(field.max()))  # Bullet centres a field between its extremes
-            floor = self.call("createMultiBody", 0.0, shape, basePosition=[0.0, 0.0, middle])
-        self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
+            return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.suspended)
 
     def _prepare_joints(self, joint_pos: np.ndarray) -> None:
         """Remove Bullet's own motors and damping, couple rotors to their joints."""
-        self.call("changeDynamics", self.robot, -1, linearDamping=0.0, angularDamping=0.0)
+        self.call("changeDynamics", self.body, -1, linearDamping=0.0, angularDamping=0.0)
         for index in self._names.values():
             self.call(
-                "changeDynamics", self.robot, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                "changeDynamics", self.body, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
                 maxJointVelocity=1e9,
             )  # fmt: skip
-            self.call("setJointMotorControl2", self.robot, index, self._bullet.VELOCITY_CONTROL, force=0.0)
-        for joint, name, angle in zip(self._indices, self._robot.joint_names, joint_pos, strict=True):
+            self.call("setJointMotorControl2", self.body, index, self._bullet.VELOCITY_CONTROL, force=0.0)
+        for joint, name, angle in zip(self._indices, self.robot.joint_names, joint_pos, strict=True):
             rotor = self._names.get(f"{name}_rotor")
-            self.call("resetJointState", self.robot, joint, angle)
+            self.call("resetJointState", self.body, joint, angle)
             if rotor is not None:
-                self.call("resetJointState", self.robot, rotor, ROTOR_GEAR_RATIO * angle)
-                axis, ends = self.call("getJointInfo", self.robot, joint)[13], [[0, 0, 0], [0, 0, 0]]
+                self.call("resetJointState", self.body, rotor, ROTOR_GEAR_RATIO * angle)
+                axis, ends = self.call("getJointInfo", self.body, joint)[13], [[0, 0, 0], [0, 0, 0]]
                 kind = self._bullet.JOINT_GEAR
-                gear = self.call("createConstraint", self.robot, joint, self.robot, rotor, kind, axis, *ends)
+                gear = self.call("createConstraint", self.body, joint, self.body, rotor, kind, axis, *ends)
                 self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
 
     def _set_friction_and_masses(self, conditions: Conditions) -> None:
         """Set friction of the feet, scale masses and inertias."""
-        friction = self.config.robot.foot_friction * conditions.friction
+        friction = self.robot.foot_friction * conditions.friction
         for number, index in enumerate([-1, *self._indices]):
-            self.call("changeDynamics", self.robot, index, lateralFriction=friction, restitution=0.0)
+            self.call("changeDynamics", self.body, index, lateralFriction=friction, restitution=0.0)
             factor = float(conditions.mass[number])
             if factor != 1.0:
-                info = self.call("getDynamicsInfo", self.robot, index)
+                info = self.call("getDynamicsInfo", self.body, index)
                 inertia = [factor * value for value in info[2]]
-                self.call("changeDynamics", self.robot, index, mass=factor * info[0], localInertiaDiagonal=inertia)
+                self.call("changeDynamics", self.body, index, mass=factor * info[0], localInertiaDiagonal=inertia)
 
 
 @njit(cache=True, nogil=True)
 def _drive(
     motors: ActuatorArrays,
-    physics_dt: float,
     target: np.ndarray,
     joint_pos: np.ndarray,
     joint_vel: np.ndarray,
@@ -244,7 +220,7 @@ def _drive(
     torque: np.ndarray,
 ) -> np.ndarray:
     """Write the motors' torque (joints,) [N·m]; returns it less the joints' damping, for Bullet."""
-    step_actuator(motors, physics_dt, target, joint_pos, joint_vel, torque)
+    step_actuator(motors, PHYSICS_DT, target, joint_pos, joint_vel, torque)
     make_explicit(motors, joint_vel, torque)
     torque *= strength
     return torque - passive * joint_vel
@@ -260,8 +236,6 @@ def import_bullet() -> Any:
     try:
         import pybullet
     except ImportError as error:
-        raise ConfigError(
-            "PyBullet is not installed",
-            remedy="pip install 'motorprior[pybullet]' on Python 3.11, the last that it has wheels for",
-        ) from error
+        remedy = "pip install 'motorprior[pybullet]' on Python 3.11, the last that it has wheels for"
+        raise ConfigError("PyBullet is not installed", remedy=remedy) from error
     return pybullet

@@ -24,13 +24,8 @@ class DrivenJoints:
 
     They replace the joints' own armature, damping and dry friction. The torque is written to ``data.qfrc_applied``, the
     damping to ``model.dof_damping``, which the integrator treats implicitly. The motors start at rest at ``data.qpos``,
-    also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`.
-
-    Args:
-        model: compiled; changed in place.
-        data: of the model.
-        actuator: one motor per joint.
-        joints: names of hinges.
+    also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled model is changed in
+    place; ``joints`` names hinges, one per motor.
 
     Raises:
         ConfigError: an unknown joint, one that is not a hinge or that the model already drives, another number of
@@ -38,11 +33,12 @@ class DrivenJoints:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
-        _require_integrator(model)
+        if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP:
+            remedy = 'use <option integrator="implicitfast"/>, "implicit", or "Euler" with no flag eulerdamp="disable"'
+            raise ConfigError("the model's integrator does not damp its joints implicitly", remedy=remedy)
         if len(joints) != actuator.num_motors:
-            raise ConfigError(
-                f"{len(joints)} joints for {actuator.num_motors} motors", remedy="sample one motor per joint"
-            )
+            problem = f"{len(joints)} joints for {actuator.num_motors} motors"
+            raise ConfigError(problem, remedy="sample one motor per joint")
         found = [_hinge(model, name) for name in joints]
         self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
@@ -72,20 +68,11 @@ class DrivenJoints:
         return torque
 
 
-def _require_integrator(model: mujoco.MjModel) -> None:
-    flags = mujoco.mjtDisableBit.mjDSBL_EULERDAMP
-    if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & flags:
-        raise ConfigError(
-            "the model's integrator does not damp its joints implicitly",
-            remedy='use <option integrator="implicitfast"/>, "implicit", or "Euler" with no flag eulerdamp="disable"',
-        )
-
-
 def _hinge(model: mujoco.MjModel, name: str) -> int:
-    names = [model.joint(index).name for index in range(model.njnt)]
-    if name not in names:
-        raise ConfigError(f"no joint {name!r} in the model", remedy=f"its joints are {', '.join(filter(None, names))}")
-    joint = names.index(name)
+    try:
+        joint = model.joint(name).id
+    except KeyError as error:  # its message lists the joints of the model
+        raise ConfigError(f"no joint {name!r} in the model", remedy=str(error.args[0])) from error
     if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):

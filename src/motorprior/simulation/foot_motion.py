@@ -15,28 +15,18 @@ from motorprior.robots.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class FootMotion:
-    """(F, L) arrays over frames and feet.
+    """(F, L) arrays over frames and feet."""
 
-    Attributes:
-        clearance: height of the foot's lowest point [m].
-        sliding: horizontal speed of that point [m/s].
-        ahead: position of the foot's centre along the body's x axis, from the base [m].
-    """
-
-    clearance: np.ndarray
-    sliding: np.ndarray
-    ahead: np.ndarray
+    clearance: np.ndarray  # height of the foot's lowest point [m]
+    sliding: np.ndarray  # horizontal speed of that point [m/s]
+    ahead: np.ndarray  # position of the foot's centre along the body's x axis, from the base [m]
 
 
 def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
     """Forward kinematics of every frame.
 
     The lowest point of a foot of radius r moves with v + ω × (0, 0, -r): a foot that rolls does not slide.
-
-    Args:
-        robot: with legs.
-        qpos: (F, 7 + joints).
-        qvel: (F, 6 + joints).
+    qpos is (F, 7 + joints), qvel (F, 6 + joints).
     """
     model = build_model(robot)
     data, velocity = mujoco.MjData(model), np.zeros(6)

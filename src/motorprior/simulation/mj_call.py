@@ -8,11 +8,17 @@ The address is an argument, so compiled kernels stay cacheable across processes.
 from __future__ import annotations
 
 import ctypes
+import os
+import sys
+import threading
 
 import mujoco
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+
+EXIT_CODE = 2
+_ENDING = threading.Lock()  # held by the first thread with a fatal error until the process ends
 
 
 def library() -> ctypes.CDLL:
@@ -27,6 +33,25 @@ def stop_timers() -> None:
     (docs/engines.md). ``mujoco.set_mjcb_time`` cannot remove it.
     """
     ctypes.c_void_p.in_dll(library(), "mjcb_time").value = None
+
+
+def end_on_fatal_error() -> None:
+    """Let a fatal error of MuJoCo end the process with one line.
+
+    Called through its Python bindings MuJoCo raises an exception. Called by address it cannot; ``mju_error`` must not
+    return, as MuJoCo would continue with an invalid state.
+    """
+    pointer = ctypes.c_void_p.in_dll(library(), "mju_user_error")
+    pointer.value = ctypes.cast(_end_process, ctypes.c_void_p).value
+
+
+@ctypes.CFUNCTYPE(None, ctypes.c_char_p)
+def _end_process(message: bytes) -> None:
+    _ENDING.acquire()  # a second thread waits here until the first has ended the process
+    problem = " ".join(message.decode(errors="replace").split())
+    sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> run again: a training goes on from its checkpoint\n")
+    sys.stderr.flush()
+    os._exit(EXIT_CODE)
 
 
 def mj_step_address() -> int:

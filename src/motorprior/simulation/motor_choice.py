@@ -20,7 +20,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.identification.prior_file import load_prior, robot_gains
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
-from motorprior.simulation.mujoco_backend import DrawMotors
+from motorprior.simulation.scene import DrawMotors
 
 ActuatorName: TypeAlias = Literal["prior", "pd", "fleet"]
 ACTUATORS: tuple[ActuatorName, ...] = get_args(ActuatorName)

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
+from motorprior.bench.excitation import excitation_named
+from motorprior.bounds import generator_of, require_finite
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.validity import checked
+from motorprior.robots.load import as_robot
+from motorprior.robots.robot import Robot
+from motorprior.simulation.motor_choice import MotorSource, motor_sampler
 from motorprior.simulation.world import World
 from motorprior.simulation.world_step import FAULTS, WorldArrays, physics_step, read_joints
 
 
 @dataclass(frozen=True)
 class Playback:
-    """A recording of C control steps with P physics steps in all.
+    """A recording of C control steps with P physics steps in all."""
 
-    Attributes:
-        joint_pos: (P, joints) [rad] after each physics step.
-        joint_torque: (P, joints) [N·m] during each physics step.
-        measured_joint_pos: (C, joints) [rad] at the encoders, before each control step.
-        base: (C, 7) position [m] and quaternion of the base before each control step; empty if it is fixed.
-    """
-
-    joint_pos: np.ndarray
-    joint_torque: np.ndarray
-    measured_joint_pos: np.ndarray
-    base: np.ndarray
+    joint_pos: np.ndarray  # (P, joints) [rad] after each physics step
+    joint_torque: np.ndarray  # (P, joints) [N·m] during each physics step
+    measured_joint_pos: np.ndarray  # (C, joints) [rad] at the encoders, before each control step
+    base: np.ndarray  # (C, 7) position [m] and quaternion before each control step; empty if it is fixed
 
 
 @njit(cache=True, nogil=True)
@@ -65,32 +66,86 @@ def replay(
 ) -> Playback:
     """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
 
-    Args:
-        world: simulated robot; it is reset first.
-        actuator: one motor per joint.
-        targets: position targets.
-        start: joint angles at the beginning; the nominal pose if not given.
-        lead_in: (L, joints) targets held before the recording begins.
-        tolerate_fault: return the recording even if the simulation diverged in it.
+    The world is reset first. ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in``
+    (L, joints) are held before the recording begins; ``tolerate_fault`` returns the recording of a diverged simulation.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.
     """
+    held = targets if lead_in is None else np.concatenate([lead_in, targets])
+    held = np.ascontiguousarray(held, dtype=np.float64)
+    steps, n = held.shape
+    physics, before = steps * world.substeps, steps - len(targets)
+    pos, torque, measured = np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n))
+    base = np.zeros((0 if world.is_fixed else steps, 7))
     motors = world.reset(actuator, start)
-    if lead_in is not None:
-        _run(world, motors, lead_in)
-    recorded = _run(world, motors, targets)
+    _play(world.arrays, motors, held, pos, torque, measured, base)
     fault = world.fault()
     if fault and not tolerate_fault:
         raise SimulationFault(FAULTS[fault], remedy="shorten physics_dt or check the motors' gains")
-    return recorded
+    first = before * world.substeps
+    return Playback(pos[first:], torque[first:], measured[before:], base[before:])
 
 
-def _run(world: World, motors: ActuatorArrays, targets: np.ndarray) -> Playback:
-    targets = np.ascontiguousarray(targets, dtype=np.float64)
-    steps, n = targets.shape
-    physics = steps * world.config.substeps
-    base = np.zeros((0 if world.config.is_fixed else steps, 7))
-    out = Playback(np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n)), base)
-    _play(world.arrays, motors, targets, out.joint_pos, out.joint_torque, out.measured_joint_pos, out.base)
-    return out
+def simulate(
+    robot: Robot | str | Path,
+    motors: MotorSource,
+    targets: np.ndarray,
+    *,
+    seed: int | np.random.Generator = 0,
+    suspended: bool = False,
+) -> Playback:
+    """Simulate a robot that starts at rest in its nominal pose; each row of ``targets`` lasts one control step.
+
+    Args:
+        robot: a name, the path of a .toml file, or the result of `load_robot`; with legs or without.
+        motors: one per joint, or a prior, posterior or fleet to sample.
+        targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``.
+        seed: of the sample of motors.
+        suspended: suspend a free base in the air.
+
+    Raises:
+        ConfigError, ArtifactError: motors or targets that do not fit the robot, or a robot that cannot be read.
+        SimulationFault: NaN, a reset or a full buffer of the engine.
+    """
+    robot = as_robot(robot)
+    draw, physics_dt = motor_sampler(motors, robot)
+    wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
+    world = World(robot, physics_dt, suspended)
+    return replay(world, draw(generator_of(seed)), wanted)
+
+
+def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:
+    """(control steps, joints) targets [rad]: every joint has its own signal about the nominal pose.
+
+    Raises:
+        ConfigError: an unknown excitation.
+    """
+    signal = excitation_named(kind).target
+    rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
+    steps = max(2, round(seconds / robot.control_dt))
+    away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
+    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))
+    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
+
+
+def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float) -> MotorLog:
+    """Log of the motors of a fixed or suspended robot, a row per physics step; velocities are differences of angles."""
+    world = World(robot, physics_dt, suspended=robot.base == "free")
+    played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)
+    rows = slice(every - 1, None, every)
+    substeps = round(robot.control_dt / robot.physics_dt)
+    joint_pos = np.concatenate([targets[:1], played.joint_pos[rows][:-1]])
+    log = MotorLog(
+        time=robot.physics_dt * np.arange(len(joint_pos)),
+        position_target=np.repeat(targets, substeps, axis=0),
+        joint_pos=joint_pos,
+        joint_vel=np.gradient(joint_pos, robot.physics_dt, axis=0),
+        joint_torque=None,
+        joint_names=robot.joint_names,
+        robot=robot.name,
+        motor=robot.motor,
+        source=f"simulated {robot.name}",
+        encoder="joint",
+    )
+    return checked(log, where=log.source)

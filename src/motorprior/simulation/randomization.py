@@ -6,7 +6,7 @@ are drawn by `DrawMotors` from another random stream, so that enabling a range c
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -30,53 +30,33 @@ class Randomization:
         ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
     """
 
-    armature: Range = (0.0, 0.0)
-    """Range of the reflected inertia added to each joint [kg·m²]."""
-    damping: Range = (0.0, 0.0)
-    """Range of the passive damping added to each joint [N·m·s/rad]."""
-    strength: Range = (1.0, 1.0)
-    """Range of the factor on torque and damping of each motor, its friction included [-]."""
-    kp: Range = (1.0, 1.0)
-    """Range of the factor on kp of each motor [-]."""
-    kd: Range = (1.0, 1.0)
-    """Range of the factor on kd of each motor [-]."""
-    torque_limit: Range = (1.0, 1.0)
-    """Range of the factor on the torque limit of each motor [-]."""
+    armature: Range = (0.0, 0.0)  # range of the reflected inertia added to each joint [kg·m²]
+    damping: Range = (0.0, 0.0)  # range of the passive damping added to each joint [N·m·s/rad]
+    strength: Range = (1.0, 1.0)  # range of the factor on torque and damping of each motor, its friction included [-]
+    kp: Range = (1.0, 1.0)  # range of the factor on kp of each motor [-]
+    kd: Range = (1.0, 1.0)  # range of the factor on kd of each motor [-]
+    torque_limit: Range = (1.0, 1.0)  # range of the factor on the torque limit of each motor [-]
     coulomb: Range = (1.0, 1.0)
     """Range of the factor on the dry friction of each motor, without its load-dependent part [-]."""
-    friction: Range = (1.0, 1.0)
-    """Range of the factor on the friction of the feet [-]."""
-    mass: Range = (1.0, 1.0)
-    """Range of the factor on mass and inertia of each link [-]."""
-    com: float = 0.0
-    """Largest shift of the chassis' centre of mass along each axis [m]."""
+    friction: Range = (1.0, 1.0)  # range of the factor on the friction of the feet [-]
+    mass: Range = (1.0, 1.0)  # range of the factor on mass and inertia of each link [-]
+    com: float = 0.0  # largest shift of the chassis' centre of mass along each axis [m]
     gravity_tilt: float = 0.0
     """Largest angle between gravity and the normal of the ground [rad], equivalent to a slope. Roll and pitch are
     observed relative to gravity; reward and termination use them relative to the ground."""
-    encoder_offset: float = 0.0
-    """Largest error of each encoder's zero [rad]; it also acts in the motor's control loop."""
-    joint_noise: float = 0.0
-    """Standard deviation of white noise on the observed joint angles [rad]."""
-    tilt_noise: float = 0.0
-    """Standard deviation of white noise on the observed roll and pitch [rad]."""
-    rate_noise: float = 0.0
-    """Standard deviation of white noise on the observed rates [rad/s]."""
+    encoder_offset: float = 0.0  # largest error of each encoder's zero [rad]; it also acts in the motor's control loop
+    joint_noise: float = 0.0  # standard deviation of white noise on the observed joint angles [rad]
+    tilt_noise: float = 0.0  # standard deviation of white noise on the observed roll and pitch [rad]
+    rate_noise: float = 0.0  # standard deviation of white noise on the observed rates [rad/s]
     gyro_bias: float = 0.0
     """Standard deviation of the constant error of each observed rate [rad/s]; the integrated heading drifts."""
-    sensor_delay: Range = (0.0, 0.0)
-    """Range of the age of the observations [s]."""
-    sensor_jitter: float = 0.0
-    """Largest additional age of a single reading [s]."""
-    dropped: float = 0.0
-    """Share of lost sensor frames; the policy uses the last one received [-]."""
-    command_delay: Range = (0.0, 0.0)
-    """Range of the age of the motors' position targets [s], rounded to physics steps."""
-    command_jitter: float = 0.0
-    """Largest additional age of a single target [s]."""
-    push: float = 0.0
-    """Largest horizontal impulse on the chassis [N·s], spread over one control step."""
-    push_interval: float = 1.0
-    """Time between two pushes [s]."""
+    sensor_delay: Range = (0.0, 0.0)  # range of the age of the observations [s]
+    sensor_jitter: float = 0.0  # largest additional age of a single reading [s]
+    dropped: float = 0.0  # share of lost sensor frames; the policy uses the last one received [-]
+    command_delay: Range = (0.0, 0.0)  # range of the age of the motors' position targets [s], rounded to physics steps
+    command_jitter: float = 0.0  # largest additional age of a single target [s]
+    push: float = 0.0  # largest horizontal impulse on the chassis [N·s], spread over one control step
+    push_interval: float = 1.0  # time between two pushes [s]
 
     def __post_init__(self) -> None:
         lower = dict.fromkeys(("friction", "strength", "kp", "kd", "torque_limit"), 0.01)
@@ -90,22 +70,13 @@ class Randomization:
                 value = tuple(value)
                 object.__setattr__(self, field.name, value)
             if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
-                argument = f"randomization.{field.name}"
-                raise ConfigError(
-                    f"{argument} {quoted(value)} is not a "
-                    f"{'range' if ranged else 'number'} within {bounds[0]:g}..{bounds[1]:g}",
-                    remedy="give the smaller number first, both within the bounds" if ranged else "give one number",
-                    argument=argument,
-                )
-
-    def as_json(self) -> dict[str, object]:
-        """For the provenance of a policy."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+                argument, kind = f"randomization.{field.name}", "range" if ranged else "number"
+                problem = f"{argument} {quoted(value)} is not a {kind} within {bounds[0]:g}..{bounds[1]:g}"
+                remedy = "give the smaller number first, both within the bounds" if ranged else "give one number"
+                raise ConfigError(problem, remedy=remedy, argument=argument)
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
-        if self == _NOMINAL:
-            return nominal_conditions(robot)
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
         return Conditions(
@@ -197,23 +168,9 @@ class Conditions:
 
 def nominal_conditions(robot: Robot) -> Conditions:
     """Conditions without randomization."""
-    return Conditions(
-        armature=np.zeros(robot.num_joints),
-        damping=np.zeros(robot.num_joints),
-        friction=1.0,
-        mass=np.ones(robot.num_links),
-        com=np.zeros(3),
-        gravity=np.array([0.0, 0.0, -GRAVITY]),
-        encoder_offset=np.zeros(robot.num_joints),
-        command_delay=0.0,
-        push=np.zeros((0, 2)),
-        command_jitter=np.zeros(0),
-        strength=np.ones(robot.num_joints),
-        factors=Factors.ones(robot.num_joints),
-    )
+    return Randomization().conditions(robot, 0, 0)
 
 
-_NOMINAL = Randomization()
 # For a robot with uncertain floor, load and sensors; the ranges are assumptions.
 ROBUST = Randomization(
     friction=(0.7, 1.6), mass=(0.85, 1.15), com=0.01, gravity_tilt=0.05, joint_noise=0.001, tilt_noise=0.002,

@@ -1,4 +1,4 @@
-"""Offscreen rendering of a robot by MuJoCo, and camera and light, which the viewer shares."""
+"""Pictures of a robot by MuJoCo: rendered offscreen, as stick figures, and in the viewer."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -7,8 +7,10 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain, cycle
 from typing import Any
 
 import mujoco
@@ -33,7 +35,7 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     """
     model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
     set_view_and_light(model, option)
-    look_at(robot, camera)
+    _look_at(robot, camera)
     default = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
     library = os.environ.get("MUJOCO_GL", "").strip().lower() or default
     try:
@@ -65,7 +67,7 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
         window.free()
 
 
-def look_at(robot: Robot, camera: Any) -> None:
+def _look_at(robot: Robot, camera: Any) -> None:
     """Set an MjvCamera to the right of the robot, slightly in front and above."""
     camera.distance, camera.azimuth, camera.elevation = 7.5 * robot.standing_height, 105.0, -20.0
 
@@ -92,3 +94,54 @@ def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -
         box = mujoco.mjtGeom.mjGEOM_BOX
         mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, center, np.eye(3).ravel(), color)
         scene.ngeom += 1
+
+
+def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
+    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m] in the world frame.
+
+    Lines from each body's parent to the body, then from the last body of each leg to its foot.
+    """
+    model = build_model(robot)
+    data = mujoco.MjData(model)
+    bodies = np.array([body for body in range(1, model.nbody) if model.body_parentid[body]])
+    parents = model.body_parentid[bodies]
+    feet = np.array([model.geom(leg.foot).id for leg in robot.legs], dtype=int)
+
+    def lines(qpos: np.ndarray) -> np.ndarray:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        links = np.stack([data.xpos[parents], data.xpos[bodies]], axis=1)
+        soles = np.stack([data.xpos[model.geom_bodyid[feet]], data.geom_xpos[feet]], axis=1)
+        return np.concatenate([links, soles])
+
+    return lines
+
+
+def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
+    """Play walks (F, 7 + joints), with ``control_dt`` [s] between frames, repeatedly until the window is closed.
+
+    Raises:
+        ConfigError: no window can be opened.
+    """
+    import mujoco.viewer  # here, since it needs a screen
+
+    model = build_model(robot)
+    data = mujoco.MjData(model)
+    try:
+        opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    except Exception as error:  # of GLFW, MuJoCo or Python, depending on the system
+        remedy = "omit it: the film in the output folder shows the same; on macOS start it with mjpython"
+        raise ConfigError(f"viewer: no window ({error})", remedy=remedy, argument="viewer") from error
+    with opened as window:
+        window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
+        _look_at(robot, window.cam)
+        set_view_and_light(model, window.opt)
+        for frame in cycle(chain.from_iterable(walks)):
+            if not window.is_running():
+                return
+            began = time.monotonic()
+            with window.lock():
+                data.qpos[:] = frame
+                mujoco.mj_forward(model, data)
+            window.sync()
+            time.sleep(max(0.0, began + control_dt - time.monotonic()))

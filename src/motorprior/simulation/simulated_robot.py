@@ -15,7 +15,6 @@ from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints
 
 # Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at 100 Hz
@@ -24,13 +23,12 @@ IMU_NOISE = (0.002, 0.01)
 
 @dataclass(frozen=True)
 class SimulatedState:
-    """Sensor readings and the true pose of the base."""
+    """Sensor readings."""
 
     joint_pos: np.ndarray  # (joints,) [rad]
     joint_vel: np.ndarray  # (joints,) [rad/s]
     attitude: np.ndarray  # (3,) roll, pitch, yaw [rad]
     rates: np.ndarray  # (3,) [rad/s]
-    base: np.ndarray  # (7,) position [m] and quaternion
 
 
 @njit(cache=True, nogil=True)
@@ -44,16 +42,12 @@ class SimulatedRobot:
 
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on it.
 
-    Args:
-        robot: with a wire.
-        motors: one per joint; their gains and torque limits are those at the wire's own gains and current limit.
-        suspended: the base is fixed in the air.
-        rng: of the IMU's noise.
+    The motors' gains and torque limits are those at the wire's own gains and current limit; ``rng`` is the IMU's noise.
     """
 
     def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, rng: np.random.Generator):
         self._robot, self._wire = robot, robot.require_wire()
-        self._world = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
+        self._world = World(robot, robot.twin_physics_dt, suspended)
         self._motors, self._rng, self._suspended = motors, rng, suspended
         model = self._world.model
         floor, base = model.geom(FLOOR).id, model.body(1)
@@ -88,15 +82,13 @@ class SimulatedRobot:
         data, measured = self._world.data, np.zeros(self._robot.num_joints)
         read_joints(self._world.arrays, self._arrays, measured)
         noise = self._rng.standard_normal(6)
-        attitude, rates, base = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        attitude, rates = np.zeros(3), np.zeros(3)
         if not self._suspended:
-            base = data.qpos[:7].copy()
-            attitude, rates = np.array(roll_pitch_yaw(base[3:])), data.qvel[3:6].copy()
+            attitude, rates = np.array(roll_pitch_yaw(data.qpos[3:7])), data.qvel[3:6]
         count = 2.0 * np.pi / self._wire.encoder_counts
         return SimulatedState(
             joint_pos=count * np.round(measured / count),
             joint_vel=self._arrays.memory[FILTERED_VEL].copy(),
             attitude=attitude + IMU_NOISE[0] * noise[:3],
             rates=rates + IMU_NOISE[1] * noise[3:],
-            base=base,
         )

@@ -1,204 +1,210 @@
-"""A resumable training: interrupted at any time, it continues to the same bytes."""
+"""Train a walking policy: settings, the loop, and its provenance."""
 
 from __future__ import annotations
 
-import time
+import os
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.fleet import Fleet, load_robot_fleet
+from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count
-from motorprior.exceptions import ArtifactError, MotorPriorError, SimulationFault
+from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.identification.prior_file import prior_notes
-from motorprior.locomotion.ars import Ars, ArsConfig
-from motorprior.locomotion.executor import Executor, Kind, make_executor
-from motorprior.locomotion.gaits import GaitName
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.executor import Kind, make_executor
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.policy_search import BestPolicy, Iteration, has_converged, new_search, train, updated_best
+from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import Progress
+from motorprior.progress import WARNED, Progress
+from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.engines import Scene
-from motorprior.simulation.fatal_errors import saved_on_fatal_error
-from motorprior.simulation.walk_metrics import EVENTS, Metrics, tensorboard_events
+from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
+from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.training_files import Curve, TrainingFiles
 from motorprior.simulation.world_step import FAULTS
-
-CHECKPOINT = "search.safetensors"
-Curve = list[dict[str, Any]]
-
-
-@contextmanager
-def executors(
-    scenes: list[Scene], workers: int, kind: Kind = "threads", address: str | None = None
-) -> Iterator[tuple[Executor, Executor]]:
-    """Executors of the training episodes and of the evaluation episodes, see `make_executor`.
-
-    Args:
-        scenes: of the training, and of the evaluation if it has other motors.
-        workers: episodes at a time.
-        kind: of executor.
-        address: of a Ray cluster.
-    """
-    with ExitStack() as stack:
-        made = [
-            stack.enter_context(closing(make_executor(scene.simulator, workers, kind, address))) for scene in scenes
-        ]
-        yield made[0], made[-1]
+from motorprior.stage import usable_threads
 
 
 @dataclass(frozen=True)
-class Training:
-    """A training with a checkpoint."""
+class WalkSettings(WalkConfig):
+    """Settings of a training: of its episodes and of the search."""
 
-    search: ArsConfig
-    shape: PolicyShape
-    start: Policy | None  # to continue from
-    iterations: int
-    patience: int | None  # see `policy_search.train`
-    episode_steps: int
-    folder: Path  # for checkpoint and metrics
-    wanted: dict[str, Any]  # `stage.description`, which a checkpoint must match
-    save: Callable[[BestPolicy], None]  # writes the policy file
-    tensorboard: bool = False  # also write events for TensorBoard
+    episode_steps: int = 1000
+    """Control steps per episode. Policies of short episodes may fall later, from errors that grow slowly."""
+    randomization: Randomization = ROBUST
+    """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
+    commands: Commands = field(default_factory=Commands)
+    """Commanded speeds and yaw rates, also above the robot's usual range."""
+    iterations: int = 200  # ARS iterations
+    patience: int | None = None
+    """Stop after so many evaluations, one every 10 iterations, without a better policy; never if not given."""
+    validation: str | None = None
+    """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the best; the motors of
+    the training if not given. Not the fleet of a twin on which the policy is tested later."""
+    hidden_units: int = 0  # hidden units of the policy, an even number if it is symmetric; 0 for a linear one
+    symmetric: bool = True  # mirrored observations give mirrored actions, so that the policy cannot limp to one side
+    search: ArsConfig = field(default_factory=ArsConfig)  # augmented random search
 
-    def run(self, executor: Executor, evaluator: Executor, progress: Progress, name: str) -> tuple[BestPolicy, Curve]:
-        """Train from the checkpoint, if there is one; save one when interrupted or when episodes fail.
-
-        Args:
-            executor: runs the training episodes.
-            evaluator: runs the evaluation episodes.
-            progress: where to report to.
-            name: of the training.
-        """
-        search, best, curve = self._load() or (
-            new_search(self.search, self.shape, self.start), BestPolicy.none_yet(self.shape), [],
-        )  # fmt: skip
-        if search.iteration == 0:  # the initial policy is kept if nothing improves on it
-            best = updated_best(search, self.shape, evaluator, best)
-        else:
-            progress.note(f"{name}: continues after iteration {search.iteration}")
-        latest = {**search.state(), **best.state()}
-        saved, took = time.monotonic(), 0.0
-
-        def report(point: Iteration, best: BestPolicy) -> None:
-            nonlocal latest, saved, took
-            curve.append(as_point(point))
-            latest = {**search.state(), **best.state()}
-            task.advance(1, metrics.add(curve[-1]))
-            now = time.monotonic()
-            if took <= 0.5 * (now - saved):  # saving takes at most a third of the time
-                self._save_checkpoint(latest, curve)
-                saved = time.monotonic()
-                took = saved - now
-
-        try:
-            with (
-                saved_on_fatal_error(lambda: self._save_all(latest, curve)),
-                tensorboard_events(self.folder / EVENTS) if self.tensorboard else nullcontext(lambda row: None) as also,
-                progress.start(f"{name}: {self.iterations} iterations", self.iterations) as task,
-            ):
-                metrics = Metrics(self.folder, curve, 2 * self.search.num_directions, self.episode_steps, also)
-                task.advance(search.iteration)
-                best = train(search, self.shape, executor, self.iterations, best, report, evaluator, self.patience)
-        except (KeyboardInterrupt, MotorPriorError):
-            self._save_checkpoint(latest, curve)
-            raise
-        if search.iteration < self.iterations and has_converged(search, best, self.patience):
-            progress.note(f"{name}: ended after {search.iteration} iterations, no better policy since {best.iteration}")
-        return best, curve
-
-    def _save_checkpoint(self, state: dict[str, np.ndarray], curve: Curve) -> None:
-        points = curve[: int(state["iteration"])]  # after an interruption between the two, the curve is one point ahead
-        write_tensors(self.folder / CHECKPOINT, state, {"wanted": self.wanted, "curve": points})
-
-    def _load(self) -> tuple[Ars, BestPolicy, Curve] | None:
-        """State of an interrupted training with the same settings."""
-        path = self.folder / CHECKPOINT
-        if not path.is_file():
-            return None
-        try:
-            state, header = read_tensors(path)
-            if header.get("wanted") != self.wanted:
-                return None
-            return Ars.restore(self.search, state), BestPolicy.restore(state), header["curve"]
-        except (ArtifactError, KeyError) as error:
-            problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
-            raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-
-    def _save_all(self, latest: dict[str, np.ndarray], curve: Curve) -> str:
-        """Save checkpoint and best policy when MuJoCo ends the process; returns a message."""
-        self._save_checkpoint(latest, curve)
-        message = f"{int(latest['iteration'])} iterations"
-        best = BestPolicy.restore(latest)
-        if best.iteration >= 0:
-            self.save(best)
-            message += f" and the best policy so far, of iteration {best.iteration},"
-        return f"{message} are saved in {self.folder}"
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_count("iterations", self.iterations)
+        require_count("hidden_units", self.hidden_units, 0)
+        if self.patience is not None:
+            require_count("patience", self.patience)
 
 
-def as_point(point: Iteration) -> dict[str, Any]:
-    """A point of the learning curve, with its faults by name."""
-    return asdict(point) | {"faults": {FAULTS[fault]: n for fault, n in point.faults.items()}}
-
-
-def report_faults(curve: Curve, episodes: int, progress: Progress) -> None:
-    """Report the simulation faults of a training with ``episodes`` per iteration.
-
-    Raises:
-        SimulationFault: every episode had one.
-    """
-    faults, total = sum((Counter(point.get("faults", {})) for point in curve), Counter()), len(curve) * episodes
-    for name, count in faults.items():
-        progress.note(f"{count} of {total} episodes ended early: {name}")
-    if faults.total() == total:
-        raise SimulationFault(
-            f"each of the {total} episodes had a simulation fault ({', '.join(faults)})",
-            remedy="the motors are too stiff or too strong for the physics step: use smaller gains or softer motors",
-        )
-
-
-def policy_of(robot: Robot, gait: GaitName, best: BestPolicy, nominal: IdealPd, provenance: dict[str, Any]) -> Policy:
-    """The best policy of a training.
+def train_policy(
+    robot: Robot | str | Path,
+    motors: MotorSource,
+    settings: WalkSettings | None = None,
+    *,
+    start: Policy | None = None,
+    workers: int | None = None,
+    progress: Progress = WARNED,
+    **changes: Any,
+) -> Policy:
+    """Train a walking policy by augmented random search, on motors drawn for every episode.
 
     Args:
-        robot: with the speed range of the training.
-        gait: of the training.
-        best: result of the search.
-        nominal: PD gains of the robot's motors.
-        provenance: settings of the training.
+        robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
+        motors: a prior, a posterior or a fleet to draw from; fixed motors; or a function that draws them from a
+            generator.
+        settings: of the training.
+        start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
+        workers: episodes at a time, on which the result does not depend; up to two if not given.
+        progress: where to report to.
+        changes: fields of `WalkSettings`, such as iterations and gait; ``seed`` is that of the search.
+
+    Returns:
+        The best policy of all evaluations.
+
+    Raises:
+        ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start of another shape,
+            or symmetry of a robot or a gait that has none.
+        ArtifactError: a robot or a validation fleet that cannot be read.
+        SimulationFault: every episode had one.
+        TypeError: an unknown field.
     """
-    arrays = best.policy
-    return Policy(
-        np.ascontiguousarray(arrays.weights), arrays.hidden, arrays.readout, arrays.mean, arrays.std, nominal.kp,
-        nominal.kd, robot.control_dt, robot.name, robot.joint_names, robot.require_legs().forward, gait,
-        provenance | {"iteration": best.iteration, "own_return": best.score},
-    )  # fmt: skip
+    robot, settings, seed = as_robot(robot), settings or WalkSettings(), changes.pop("seed", None)
+    settings = replace(settings, **changes)
+    if seed is not None:
+        settings = replace(settings, search=replace(settings.search, seed=seed))
+    fleet = motors if isinstance(motors, Fleet) else None
+    nominal = MotorChoice().nominal(robot) if fleet is None else nominal_pd(fleet, robot.num_joints)
+    training = Training(robot, motors, settings, start)
+    prior = motors.prior if isinstance(motors, MotorPosterior) else motors
+    training.note(prior if isinstance(prior, MotorPrior) else None, progress)
+    training.run(min(2, os.cpu_count() or 1) if workers is None else workers, progress)
+    return training.policy(nominal, motors=str(type(motors).__name__))
 
 
-def training_notes(robot: Robot, prior: MotorPrior | None, validation: Fleet | str | Path | None) -> list[str]:
-    """Notes on limits of the prior, and on a validation fleet that biases later evaluation on the twin."""
-    notes = [] if prior is None else prior_notes(prior, robot)
-    if validation is not None and robot.fleets and load_robot_fleet(robot, validation).name == robot.default_fleet:
-        notes.append(
-            "note: validation uses the fleet of the twin, so results on this twin are biased: evaluate the policy on "
-            "another fleet, or validate on another"
+class Training:
+    """A training: call `run`, then `policy`. See `train_policy` for the arguments; ``where`` names ``start`` in errors.
+
+    The robot gets the speed range of the training; the curve has a point per iteration.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        motors: MotorSource,
+        settings: WalkSettings,
+        start: Policy | None = None,
+        where: str | Path = "start",
+    ):
+        if start is not None:
+            start.require_robot(robot, where)
+            if start.gait != settings.gait:
+                problem = f"the policy was trained to {start.gait}, wanted gait {settings.gait!r}"
+                raise ConfigError(problem, where=where, remedy=f"use the gait {start.gait}", argument="gait")
+            robot = robot.with_speed_range(start.forward)
+        self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, Curve()
+        fleet = None if settings.validation is None else load_robot_fleet(robot, settings.validation)
+        self._validation = None if fleet is None else fleet.name
+        sources = [motors] if fleet is None else [motors, fleet]
+        samplers = [motor_sampler(source, self.robot) for source in sources]
+        self._scenes = [Scene(self.robot, draw, settings, physics_dt) for draw, physics_dt in samplers]
+        shape = PolicyShape.of(self.robot, settings.gait, settings.hidden_units, settings.symmetric)
+        self.search = PolicySearch(settings.search, shape, start)
+
+    def note(self, prior: MotorPrior | None, progress: Progress) -> None:
+        """Report limits of the prior, and a validation fleet that biases later evaluation on the twin."""
+        for line in [] if prior is None else prior_notes(prior, self.robot):
+            progress.note(line)
+        if self.robot.fleets and self._validation == self.robot.default_fleet:
+            progress.note(
+                "note: validation uses the fleet of the twin, so results on this twin are biased: evaluate the policy "
+                "on another fleet, or validate on another"
+            )
+
+    def run(
+        self,
+        workers: int,
+        progress: Progress,
+        name: str = "train",
+        executor: Kind = "threads",
+        ray_address: str | None = None,
+        files: TrainingFiles | None = None,
+    ) -> None:
+        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one.
+
+        Raises:
+            SimulationFault: every episode had one.
+        """
+        require_count("workers", workers)
+        workers = workers if ray_address is not None else usable_threads(workers, progress)
+        search, settings = self.search, self.settings
+        with ExitStack() as stack:
+            train, *evaluate = (
+                stack.enter_context(closing(make_executor(scene.simulator, workers, executor, ray_address)))
+                for scene in self._scenes
+            )
+            if files is not None:
+                self.curve = stack.enter_context(closing(files)).begin(search, settings.episode_steps)
+            if self.curve:
+                progress.note(f"{name}: continues after iteration {search.ars.iteration}")
+            total = settings.iterations
+            task = stack.enter_context(progress.start(f"{name}: {total} iterations", total))
+            task.advance(search.ars.iteration)
+
+            def report(point: Iteration) -> None:
+                faults = {FAULTS[fault]: count for fault, count in point.faults.items()}
+                self.curve.append(asdict(point) | {"faults": faults})
+                if files is not None:
+                    files.save(search.state(), self.curve)
+                upright = 100 * point.mean_steps / settings.episode_steps
+                speed_error = f"speed error {point.mean_speed_error:.2f} m/s"
+                task.advance(1, f"return {point.mean_return:.2f} m, upright {upright:.0f} %, {speed_error}")
+
+            search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
+        if search.ars.iteration < total:
+            progress.note(
+                f"{name}: ended after {search.ars.iteration} iterations, no better policy since {search.best_iteration}"
+            )
+        self._report_faults(progress)
+
+    def policy(self, nominal: IdealPd, **provenance: Any) -> Policy:
+        """The best policy, for motors with the PD gains ``nominal``; ``provenance`` joins the settings."""
+        search, settings = self.search, asdict(self.settings)
+        found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
+        return Policy.of(
+            self.robot, self.settings.gait, search.best, nominal.kp, nominal.kd, settings | found | provenance
         )
-    return notes
 
-
-def require_sizes(iterations: int, episode_steps: int, workers: int, hidden_units: int, patience: int | None) -> None:
-    """Raise ConfigError for a size of a training that is out of range."""
-    for name, value in (("iterations", iterations), ("episode_steps", episode_steps), ("workers", workers)):
-        require_count(name, value)
-    require_count("hidden_units", hidden_units, 0)
-    if patience is not None:
-        require_count("patience", patience)
+    def _report_faults(self, progress: Progress) -> None:
+        faults = sum((Counter(point["faults"]) for point in self.curve), Counter())
+        total = len(self.curve) * 2 * self.settings.search.num_directions
+        for name, count in faults.items():
+            progress.note(f"{count} of {total} episodes ended early: {name}")
+        if faults.total() == total:
+            problem = f"each of the {total} episodes had a simulation fault ({', '.join(faults)})"
+            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
+            raise SimulationFault(problem, remedy=remedy)

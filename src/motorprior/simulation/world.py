@@ -9,12 +9,13 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.kernels import reset_actuator
+from motorprior.backend import BackendState
+from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import build_model
-from motorprior.simulation.fatal_errors import install_handler
-from motorprior.simulation.mj_call import mj_step_address, stop_timers
+from motorprior.robots.robot import Robot
+from motorprior.simulation.mj_call import end_on_fatal_error, mj_step_address, stop_timers
 from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions
-from motorprior.simulation.world_config import WorldConfig
-from motorprior.simulation.world_step import WorldArrays, find_fault
+from motorprior.simulation.world_step import WorldArrays, find_fault, hold_target, read_state
 
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
@@ -24,29 +25,47 @@ def _model_changes(conditions: Conditions) -> np.ndarray:
     return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
 
-def _ignore(message: str) -> None:
-    """Ignore a warning; otherwise MuJoCo writes MUJOCO_LOG.TXT. Faults are detected from the state."""
+def substeps_of(control_dt: float, physics_dt: float) -> int:
+    """Physics steps per control step; ConfigError if physics_dt [s] does not divide control_dt [s]."""
+    count = round(control_dt / physics_dt)
+    if count < 1 or abs(count * physics_dt - control_dt) > 1e-9:
+        raise ConfigError(f"physics_dt {physics_dt} s does not divide control_dt {control_dt} s")
+    return count
 
 
 class World:
     """A simulated robot. Use one per thread.
 
     The first one changes MuJoCo in the whole process: warnings are only counted (``mjData.warning``), timers stop
-    (`mj_call.stop_timers`), and a fatal error in compiled code ends the process with one line (`fatal_errors`).
+    (`mj_call.stop_timers`), and a fatal error in compiled code ends the process (`mj_call.end_on_fatal_error`).
+
+    The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a position target is held
+    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air.
+
+    Raises:
+        ConfigError: a physics step that does not divide the control step; a fixed base cannot be suspended.
+        ArtifactError: see `build_model`.
     """
 
-    def __init__(self, config: WorldConfig):
-        self.config = config
-        mujoco.set_mju_user_warning(_ignore)
+    def __init__(
+        self,
+        robot: Robot,
+        physics_dt: float | None = None,
+        suspended: bool = False,
+        control_dt: float | None = None,
+    ):
+        self.robot, self.is_fixed = robot, suspended or robot.base == "fixed"
+        self.physics_dt, self.control_dt = physics_dt or robot.physics_dt, control_dt or robot.control_dt
+        self.substeps = substeps_of(self.control_dt, self.physics_dt)
+        mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes MUJOCO_LOG.TXT; the state shows faults
         stop_timers()
-        install_handler()
-        self.model = build_model(config.robot, config.physics_dt, config.suspended)
+        end_on_fatal_error()
+        self.model = build_model(robot, self.physics_dt, suspended)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
-        self.first_joint = 0 if config.is_fixed else 7
-        self.first_dof = 0 if config.is_fixed else 6
-        joints = config.robot.num_joints
-        self._nominal_conditions = nominal_conditions(config.robot)
+        self.first_joint, self.first_dof = (0, 0) if self.is_fixed else (7, 6)
+        joints = robot.num_joints
+        self._nominal_conditions = nominal_conditions(robot)
         self.arrays = WorldArrays(
             step=mj_step_address(),
             model=self.model._address,
@@ -59,15 +78,15 @@ class World:
             strength=np.ones(joints),
             torque=np.zeros(joints),
             encoder_offset=np.zeros(joints),
-            commands=np.zeros((int(np.ceil(2.0 * MAX_DELAY / config.control_dt)) + 1, joints)),  # delay and jitter
+            commands=np.zeros((int(np.ceil(2.0 * MAX_DELAY / self.control_dt)) + 1, joints)),  # delay and jitter
             clock=np.zeros(1, np.int64),
             delays=np.zeros(1, np.int64),
             geoms=self.data.geom_xpos,
-            feet=np.array([self.model.geom(leg.foot).id for leg in config.robot.legs], np.int64),
+            feet=np.array([self.model.geom(leg.foot).id for leg in robot.legs], np.int64),
             warnings=self.data.warning.number,
             push=np.zeros((0, 2)),
-            physics_dt=config.physics_dt,
-            substeps=config.substeps,
+            physics_dt=self.physics_dt,
+            substeps=self.substeps,
         )
         self._applied = _model_changes(self._nominal_conditions)
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
@@ -79,9 +98,9 @@ class World:
 
         The pose and the conditions are the robot's nominal ones if not given.
         """
-        joint_pos = self.config.robot.nominal_pose if joint_pos is None else joint_pos
+        joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal_conditions if conditions is None else conditions
-        require_motors(actuator, self.config.robot.num_joints)
+        require_motors(actuator, self.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
         self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)
@@ -94,9 +113,9 @@ class World:
         arrays.commands[:] = joint_pos
         arrays.clock[:] = 0
         arrays.torque[:] = 0.0  # or a trace would begin with the previous episode's
-        self.arrays = arrays._replace(push=conditions.push, delays=conditions.delay_steps(self.config.physics_dt))
+        self.arrays = arrays._replace(push=conditions.push, delays=conditions.delay_steps(self.physics_dt))
         self.data.qpos[self.first_joint :] = joint_pos
-        motors = actuator.arrays(self.config.physics_dt)
+        motors = actuator.arrays(self.physics_dt)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 
@@ -116,6 +135,20 @@ class World:
         model.opt.gravity[:] = conditions.gravity
         model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
         mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
+
+    def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
+        """See `world_step.hold_target`."""
+        return hold_target(self.arrays, motors, target)
+
+    def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
+        """State of a free robot, a copy; see `world_step.read_state`."""
+        measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
+        pos, quat, lin_vel, ang_vel, *_, fault = read_state(self.arrays, motors, torque_squared_sum, measured, feet)
+        base = pos.copy(), quat.copy(), lin_vel.copy(), ang_vel.copy()
+        return BackendState(*base, measured, feet, torque_squared_sum, fault)
+
+    def close(self) -> None:
+        """Nothing to close."""
 
     def fault(self) -> int:
         """0, or a key of FAULTS."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import measure_joint_pos, step_actuator
+from motorprior.backend import BackendState
 from motorprior.compiled import njit
 from motorprior.delay_line import row_of_age, write_line
 from motorprior.simulation.mj_call import mj_step
@@ -76,13 +77,9 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
 
 @njit(cache=True, nogil=True, inline="always")
 def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
-    """Age in control steps of the newest target that has arrived.
+    """Age in control steps of the newest target that has arrived, ``substep`` physics steps after step ``step``.
 
-    Args:
-        delays: (steps,) or (1,) delay of the target of every control step [physics steps].
-        step: control steps since the reset.
-        substep: physics steps since the control step began.
-        substeps: physics steps per control step.
+    ``delays`` (steps,) or (1,) is the delay of the target of every control step [physics steps].
     """
     late = 0
     while late <= step and delays[(step - late) % delays.shape[0]] > late * substeps + substep:
@@ -145,3 +142,19 @@ def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> 
     measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
     for joint in range(out.shape[0]):
         out[joint] += world.encoder_offset[joint]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def read_state(
+    world: WorldArrays, motors: ActuatorArrays, torque_squared_sum: float, measured: np.ndarray, feet: np.ndarray
+) -> BackendState:
+    """State of a free robot: views of the engine's memory, and the scratch ``measured`` (joints,), ``feet`` (legs, 3).
+
+    ``torque_squared_sum`` is that of `hold_target`.
+    """
+    qpos, qvel = world.qpos, world.qvel
+    read_joints(world, motors, measured)
+    for leg in range(feet.shape[0]):
+        feet[leg] = world.geoms[world.feet[leg]]
+    fault = find_fault(world)
+    return BackendState(qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault)

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands, Range
-from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.motor_choice import MotorSource, motor_sampler
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.studies import twin
 
 
@@ -53,7 +53,6 @@ def compare(
     for name, each in seeds.items():
         for policy in each:
             policy.require_robot(robot, name)
-            policy.require_clock(robot.control_dt, name)
     gaits: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
     commands = twin.straight_ahead(
         twin.with_shared_speeds(robot, (policy for each in seeds.values() for policy in each))
@@ -82,4 +81,4 @@ def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Comm
         return twin.twin_simulator(robot, motors, gait, commands)
     sample, physics_dt = motor_sampler(motors, robot)
     walk = WalkConfig(twin.DURATION_STEPS, commands=commands, gait=gait)
-    return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=physics_dt), walk)
+    return WalkSimulator(Scene(robot, sample, walk, physics_dt))

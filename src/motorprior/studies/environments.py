@@ -22,9 +22,9 @@ from motorprior.bench.fleet import Fleet
 from motorprior.bounds import seed_of
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
-from motorprior.simulation.engines import Engine, Scene
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import Episode, WalkConfig
+from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import Engine, Scene, WalkConfig
 from motorprior.studies.twin import HARD, NOISY
 
 ROBOT_STREAM = 0x20B0  # random stream of a robot's motors, of no bench and no training
@@ -98,12 +98,12 @@ class HeldOutWalks(TrainingWalks):
         only: int | None = None,
     ):
         self._number, self._only = 0, only
-        walk = replace(walk, randomization=environment.randomization)
+        walk = replace(walk, randomization=environment.randomization, engine=environment.engine)
 
         def sample(_: np.random.Generator) -> Actuator:
             return motors_of_robot(robot, fleet, study, self._number).actuator()
 
-        super().__init__(Scene(robot, environment.engine, sample, robot.twin_physics_dt, walk), study)
+        super().__init__(Scene(robot, sample, walk, robot.twin_physics_dt), study)
 
     def run(self, policy: PolicyArrays, draw: int) -> Episode:
         """Walk ``draw`` of a policy, with its trace."""

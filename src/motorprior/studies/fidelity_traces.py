@@ -17,7 +17,6 @@ from motorprior.identification.evaluation.bench_truth import HELD_OUT, HELD_OUT_
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.robot_fidelity import trot_targets
 
 TORQUE_STREAM, TROT_STREAM = 41, 43  # tags of random streams; never zero, since numpy ignores trailing zeros of a seed
@@ -78,7 +77,7 @@ def _robot_traces(
     """One joint in a standing trot, positions [rad] and torques [N·m] at every physics step."""
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
     index, targets = np.arange(robot.num_joints), trot_targets(robot, rng, 100)
-    coarse, fine = (World(WorldConfig.of(robot, physics_dt=dt)) for dt in (robot.physics_dt, robot.twin_physics_dt))
+    coarse, fine = (World(robot, dt) for dt in (robot.physics_dt, robot.twin_physics_dt))
     every = round(robot.physics_dt / robot.twin_physics_dt)
     truth = replay(fine, motors.take(index).actuator(), targets)
     tensors = {

@@ -19,7 +19,6 @@ from motorprior.robots.robot import Robot
 from motorprior.signals import rms
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 
 COMMAND_PERIOD = 0.002  # [s] grid on which commands are held; the rows of logs are 1.5-10 ms apart
 _SETTLING_TIME = 1.0  # [s] before the first command, from rest at the first measured angles, see `initial_targets`
@@ -141,8 +140,7 @@ class Replayer:
 
     def _world(self, physics_dt: float, suspended: bool) -> World:
         if (physics_dt, suspended) not in self._worlds:
-            config = WorldConfig.of(self._robot, physics_dt=physics_dt, control_dt=COMMAND_PERIOD, suspended=suspended)
-            self._worlds[physics_dt, suspended] = World(config)
+            self._worlds[physics_dt, suspended] = World(self._robot, physics_dt, suspended, COMMAND_PERIOD)
         return self._worlds[physics_dt, suspended]
 
 

@@ -30,7 +30,6 @@ from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
-from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies.metrics import BENCH_METRICS, DIVERGED
 
 DRAWS = 12  # samples of one motor per joint
@@ -78,8 +77,8 @@ def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], suspended: bool, seed: int
 ) -> dict[str, np.ndarray]:
     """(3, DRAWS) results of `compare` for every model, and the floor; a simulation that diverges has the largest."""
-    fast = World(WorldConfig.of(robot, suspended=suspended))
-    fine = World(WorldConfig.of(robot, physics_dt=robot.twin_physics_dt, suspended=suspended))
+    fast = World(robot, suspended=suspended)
+    fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
     for draw in range(DRAWS):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
@@ -102,7 +101,7 @@ def _try(
     except SimulationFault:
         return np.inf, np.inf, np.inf
     mean = Playback(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Playback)))
-    return compare(mean, truth, world.config.control_dt)
+    return compare(mean, truth, world.control_dt)
 
 
 def compare(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:

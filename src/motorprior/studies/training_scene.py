@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
-from motorprior.schema import Schema, number, one_of
-from motorprior.simulation.backend_rollout import BackendSimulator
-from motorprior.simulation.engines import ENGINES, Engine, Scene
+from motorprior.schema import Schema, one_of
+from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.motor_provenance import choice_from_json
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.simulation.terrain import Terrain
+from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import ENGINES, Engine, Scene, WalkConfig
 from motorprior.studies import twin
 
 
@@ -69,7 +68,6 @@ def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
     """
     policy = Policy.load(path)
     policy.require_robot(robot, path)
-    policy.require_clock(robot.control_dt, path)
     return policy, robot.with_speed_range(policy.forward)
 
 
@@ -100,12 +98,10 @@ def training_scene(
     except (ArtifactError, ConfigError) as error:
         where = path if error.where is None else f"{path}: {error.where}"
         raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
-    stated: dict[str, Any] = {"engine": "mujoco", "roughness": 0.0}
-    stated |= {key: policy.provenance[key] for key in stated if key in policy.provenance}
-    Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
-    engine = engine or cast(Engine, stated["engine"])
-    terrain = Terrain(float(stated["roughness"]) if engine == "pybullet" else 0.0)
-    return Scene(robot, engine, sample, motors.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
+    stated = {"engine": policy.provenance.get("engine", "mujoco")}
+    Schema({"engine": one_of(*ENGINES)}, "train again").check(stated, path)
+    walk = replace(walk, gait=policy.gait, engine=engine or cast(Engine, stated["engine"]))
+    return Scene(robot, sample, walk, motors.physics_dt(robot))
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:

@@ -9,15 +9,15 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet
+from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.gaits import GaitName
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.robot import Robot
-from motorprior.simulation.backend_rollout import BackendSimulator
+from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import Episode, WalkConfig, WalkSimulator
-from motorprior.simulation.world_config import WorldConfig
+from motorprior.simulation.rollout import Episode, WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.studies.gait_quality import completed
 
 TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and no training
@@ -66,7 +66,7 @@ def twin_of(robot: Robot, fleet: Fleet, walk: WalkConfig) -> WalkSimulator:
         own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
         return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
 
-    return WalkSimulator(sample, WorldConfig.of(robot, physics_dt=robot.twin_physics_dt), walk)
+    return WalkSimulator(Scene(robot, sample, walk, robot.twin_physics_dt))
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,14 @@ from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import SEEDS_APART
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import Executor, make_executor, shared_cluster
-from motorprior.locomotion.executor_process import ProcessExecutor
-from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.locomotion.policy_search import BestPolicy
-from motorprior.locomotion.policy_shape import PolicyShape
+from motorprior.locomotion.executor import make_executor, shared_cluster
+from motorprior.locomotion.policy import Policy, PolicyArrays, zero_policy
 from motorprior.progress import SILENT, Progress, Task
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
-from motorprior.simulation.rollout import Episode, WalkConfig
-from motorprior.simulation.training import policy_of
+from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import description, in_parallel, is_finished, usable_threads, working
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, HeldOutWalks, TrainingWalks
 from motorprior.studies.training_scene import training_scene
@@ -67,8 +64,8 @@ def _cell(
     """Train and evaluate one policy."""
     name = condition.folder(seed)
     walk = Walk(
-        config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=config.commands(robot),
-        episode_steps=_EPISODE_STEPS, validation=config.validation_fleet(robot),
+        out=config.out / "walk" / name, motors=condition.motors, iterations=config.iterations,
+        commands=config.commands(robot), episode_steps=_EPISODE_STEPS, validation=config.validation_fleet(robot),
         randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
         robot=config.robot, workers=config.episodes_at_a_time, executor=config.executor,
         ray_address=config.ray_address,
@@ -94,8 +91,8 @@ def _cell(
 
 def _untrained_policy(robot: Robot, condition: Condition) -> Policy:
     """The policy of zero weights."""
-    zero = BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
-    return policy_of(robot, "trot", zero, condition.motors.nominal(robot), {})
+    nominal = condition.motors.nominal(robot)
+    return Policy.of(robot, "trot", zero_policy(robot.num_joints), nominal.kp, nominal.kd, {})
 
 
 def evaluated(
@@ -119,7 +116,7 @@ def evaluated(
     for place, walks in places.items():
         once = place in (OWN, OWN_FOREIGN) and condition.is_deterministic
         draws, at_a_time = 1 if once else config.draws, config.episodes_at_a_time
-        executor = _executor(config, place, walks)
+        executor = make_executor(walks, at_a_time, config.executor, config.ray_address)
         try:
             with progress.start(f"{condition.name} {seed}: {place}", draws) as task:
                 for first in range(0, draws, at_a_time):
@@ -131,12 +128,6 @@ def evaluated(
         finally:
             executor.close()
     return WalkTable.of(rows)
-
-
-def _executor(config: Study, place: str, walks: partial[TrainingWalks] | partial[HeldOutWalks]) -> Executor:
-    if config.executor != "ray" and place in ENVIRONMENTS and ENVIRONMENTS[place].engine == "pybullet":
-        return ProcessExecutor(walks, config.episodes_at_a_time)  # PyBullet holds the interpreter's lock
-    return make_executor(walks, config.episodes_at_a_time, config.executor, config.ray_address)
 
 
 def _walk(walks: TrainingWalks | HeldOutWalks, policy: PolicyArrays, draw: int) -> Episode:

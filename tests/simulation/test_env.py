@@ -14,18 +14,15 @@ from motorprior.locomotion.control_step import (
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
-    begin_gait,
-    command_step,
-    evaluate_step,
-    follow_command,
     new_gait,
 )
-from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import action_to_command, low_pass
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
+from motorprior.simulation.env import WalkEnv
+from motorprior.simulation.scene import WalkConfig
 
 BODY, GLIDE = body_of(PUPPER_V2), 0.3
 
@@ -66,14 +63,14 @@ class GlidingBackend:
 
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_contract():
-    check_env(WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=20), skip_render_check=True)
+    check_env(WalkEnv(PUPPER_V2, GlidingBackend(), WalkConfig(20)), skip_render_check=True)
 
 
 SPEED, TURN = 0.3, 0.2
 
 
-def steady_env(backend, **settings):
-    return WalkEnv(PUPPER_V2, backend, commands=Commands.steady(SPEED, TURN), **settings)
+def steady_env(backend):
+    return WalkEnv(PUPPER_V2, backend, WalkConfig(commands=Commands.steady(SPEED, TURN)))
 
 
 def test_order_of_a_control_step():
@@ -81,7 +78,7 @@ def test_order_of_a_control_step():
     env, weights = steady_env(backend), TaskWeights()
     observation, info = env.reset(seed=4)
     rng, filtered, command, path = np.random.default_rng(0), np.zeros(17), np.empty(17), np.empty((2, 12))
-    phase, target, twist, expected = 0.0, NOMINAL_POSE.copy(), np.zeros(2), np.empty(23)
+    phase, target, twist, state = 0.0, NOMINAL_POSE.copy(), np.zeros(2), new_gait(BODY)
     ramp, filtered_speed, goal = np.array([BODY.max_speed, BODY.max_yaw_rate]) * 0.01 / RAMP, 0.0, 0.0
     for _ in range(150):
         twist = np.minimum(twist + ramp, [SPEED, TURN])  # before the observation
@@ -109,46 +106,17 @@ def test_order_of_a_control_step():
         np.testing.assert_array_equal(info["position_target"], backend.targets[-1])
         phase = later
         assert info["phase"] == pytest.approx(phase)
-        observe(np.array([1.0, 0, 0, 0]), np.zeros(3), backend.targets[-1], NOMINAL_POSE, expected)  # the new state
-        np.testing.assert_array_equal(observation[:17], expected[:17])
+        observe(BODY, backend._state(), state.observation)  # the new state
+        np.testing.assert_array_equal(observation[:17], state.observation[:17])
         filtered_speed += (1.0 - math.exp(-0.01 / SPEED_FILTER)) * (GLIDE - filtered_speed)
         wrong = weights.speed * abs(filtered_speed - twist[0]) + weights.heading * goal + weights.yaw_rate * twist[1]
         assert earned == pytest.approx(0.01 * (weights.alive - wrong - 2.0 * weights.torque))
         assert not terminated
 
 
-def test_the_loop_over_the_compiled_functions_gives_the_same_bytes():
-    env, backend = steady_env(GlidingBackend()), GlidingBackend()
-    observation, _ = env.reset(seed=1)
-    state, gait, seen, weights = backend.reset(1), new_gait(12, 4), np.zeros(23), TaskWeights().array()
-    begin_gait(BODY, gait)
-    observe(state.base_quat, state.base_ang_vel, state.measured_joint_pos, NOMINAL_POSE, seen)
-    for step in range(60):
-        follow_command(BODY, gait, SPEED, TURN, 0.01, seen)
-        assert observation.tobytes() == seen.tobytes()
-        action = np.sin(np.arange(17) + 0.1 * step)
-        observation, earned, terminated, _, _ = env.step(action)
-        command_step(BODY, action, seen, gait, 0.01)
-        state = backend.step(gait.target.copy())
-        mine, down = evaluate_step(
-            BODY, state.base_pos, state.base_quat, state.base_lin_vel, state.base_ang_vel, state.measured_joint_pos,
-            state.foot_pos, state.torque_squared_sum, state.fault, gait, 0.01, weights, seen,
-        )  # fmt: skip
-        assert (earned, terminated) == (mine, down)
-
-
-def test_reset_forgets_the_episode_before():
-    def episode(env):
-        first, _ = env.reset(seed=7)
-        return [first, *(env.step(np.full(17, 0.7))[0] for _ in range(5))]
-
-    env = WalkEnv(PUPPER_V2, GlidingBackend())
-    np.testing.assert_array_equal(episode(env), episode(env))
-
-
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
     alone = TaskWeights(speed=0.0, lateral=0.0, heading=0.0, yaw_rate=0.0, tilt=0.0, torque=0.0, slip=0.0)
-    env = WalkEnv(PUPPER_V2, GlidingBackend(fall_at=2), alone)
+    env = WalkEnv(PUPPER_V2, GlidingBackend(fall_at=2), WalkConfig(task=alone))
     env.reset(seed=0)
     _, upright, terminated, _, _ = env.step(np.zeros(17))
     _, falling, down, truncated, _ = env.step(np.zeros(17))
@@ -170,6 +138,6 @@ def test_a_fault_ends_the_episode_with_a_finite_observation():
 
 
 def test_time_runs_out_as_truncation():
-    env = WalkEnv(PUPPER_V2, GlidingBackend(), episode_steps=3)
+    env = WalkEnv(PUPPER_V2, GlidingBackend(), WalkConfig(3))
     env.reset(seed=0)
     assert [env.step(np.zeros(17))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
