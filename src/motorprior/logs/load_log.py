@@ -11,10 +11,10 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.column_map import GAINS, ColumnMap
-from motorprior.logs.doctor.load import gravity_signs
+from motorprior.logs.column_map import ColumnMap
+from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, with_loads
-from motorprior.logs.motor_log import CONDITIONS, MotorLog
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
 from motorprior.logs.validity import checked
@@ -59,9 +59,9 @@ def load_log(
         progress: where to report to; by default warnings are Python warnings.
 
     Raises:
-        ConfigError: a number out of range, several gains without an order of the joints, or loads without a robot or
+        ConfigError: a period out of range, several gains without an order of the joints, or loads without a robot or
             period, or for a log that has loads.
-        LogError: the log cannot be read, or lacks what loads need.
+        LogError: the log cannot be read, lacks what loads need, or a given value is out of its bounds.
         ArtifactError: a bad column map or robot.
     """
     robot = robot if isinstance(robot, Robot) or robot is None else load_robot(robot)
@@ -108,13 +108,11 @@ def with_settings(
     """The log with these gains, registers and conditions; arguments as in `load_log`.
 
     Raises:
-        ConfigError: a number out of range, a wrong number of gains, or several for joints in no robot's order.
-        LogError: a register out of its bounds.
+        ConfigError: a wrong number of gains, or several for joints in no robot's order.
+        LogError: a value out of its bounds.
     """
     values: dict[str, Any] = {}
     for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
-        for value in given.tolist():
-            require_number(name, value, *GAINS[name])
         if given.size not in (0, 1, log.num_joints):
             problem = f"{name}: {given.size} gains for {log.num_joints} joints"
             raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
@@ -129,7 +127,6 @@ def with_settings(
         if given.size:
             values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
     for name, value in (conditions or {}).items():
-        require_number(name, value, *CONDITIONS[name])
         values[name] = np.full(log.joint_pos.shape, value)
     if firmware:
         values["firmware"] = {**log.firmware, **firmware}

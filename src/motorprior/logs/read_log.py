@@ -9,8 +9,7 @@ from pkgutil import iter_modules
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs import readers
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
-from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
-from motorprior.logs.mapped_log import read_mapped_log
+from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 

@@ -20,8 +20,7 @@ from motorprior.exceptions import LogError, quoted
 from motorprior.files import read_text
 from motorprior.logs.column_map import ColumnMap, MappedJoint
 from motorprior.logs.column_units import SCALES, Conversion
-from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader
-from motorprior.logs.mapped_log import read_mapped_log, robot_of_joints
+from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.tables import table_columns
 from motorprior.robots.robot import Robot

@@ -16,11 +16,10 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.files import load_pickle, numpy_names, read_bytes
 from motorprior.logs.column_map import ColumnMap, MappedJoint
-from motorprior.logs.log_errors import missing_column
-from motorprior.logs.log_reader import LogReader, require_robot
-from motorprior.logs.mapped_log import read_mapped_log
+from motorprior.logs.log_reader import LogReader, read_mapped_log, require_robot
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.tables import csv_names, table_columns
+from motorprior.logs.validity import missing_column
 from motorprior.robots.robot import Robot
 
 GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
