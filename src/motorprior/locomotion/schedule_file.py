@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.locomotion.command import Timetable
-from motorprior.logs.csv_table import read_number_table
+from motorprior.logs.tables import read_number_table
 from motorprior.robots.robot import Robot
 
 COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")

@@ -68,7 +68,7 @@ def test_time_stamps_of_a_table_of_text_are_seconds_since_the_first_row(tmp_path
 @pytest.mark.parametrize(
     ("row", "cell", "said"),
     [
-        (2500, "2024-03-31T01:00:02.25Z", "not a time stamp without a time zone"),
+        (2500, "2024-03-31T01:00:02.25Z", "not a time stamp like the others"),
         (2500, "yesterday", "'yesterday'"),
         (7, "", "row 7"),
     ],
