@@ -43,11 +43,11 @@ def test_any_format_comes_on_a_grid(tmp_path: Path):
 
 def test_given_registers_are_used_and_checked(tmp_path: Path):
     path = write_bam(tmp_path)
-    import_logs(LogsImport((path,), tmp_path / "out", profile_acceleration=39.0, dead_zone=0.002))
-    told = read_parquet(tmp_path / "out" / "swing.parquet").firmware
-    assert told == {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    given = {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    import_logs(LogsImport((path,), tmp_path / "out", firmware=given))
+    assert read_parquet(tmp_path / "out" / "swing.parquet").firmware == given
     with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not 0 \(off\) or a number"):
-        import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
+        import_logs(LogsImport((path,), tmp_path / "out", firmware={"profile_speed": -1.0}))
 
 
 @pytest.mark.parametrize("row", [0, 30, ROWS - 1])
@@ -62,7 +62,7 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
     write_log(tmp_path / "log.parquet", log)
     with pytest.raises(LogError, match=f"row {row} .*standing") as error:
         import_logs(LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True))
-    assert error.value.argument == "suspended"
+    assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet"
 
 
 def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
