@@ -14,7 +14,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
 from motorprior.logs.validity import checked
@@ -125,6 +125,8 @@ def with_settings(
         if given.size:
             values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
     for name, value in (conditions or {}).items():
+        if name not in CONDITIONS:
+            raise ConfigError(f"condition {name!r}", remedy=f"give {' or '.join(CONDITIONS)}", argument="conditions")
         values[name] = np.full(log.joint_pos.shape, value)
     if firmware:
         values["firmware"] = {**log.firmware, **firmware}
