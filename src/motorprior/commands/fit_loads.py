@@ -67,8 +67,8 @@ def _load_text(name: str, load: FittedLoad, motion: float) -> str:
     std = float(np.sqrt(along @ load.gravity_covariance @ along))
     gravity = f"{weight:.2g} ± {std:.1g} N·m" if weight > 2.0 * std else f"below {weight + 2.0 * std:.1g} N·m"
     text = (
-        f"joint {name}: inertia {load.inertia:.2g} kg·m² (×/÷ {np.exp(load.inertia_deviation):.2f}, 1 σ); weight {gravity}; "
-        f"residual {1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion"
+        f"joint {name}: inertia {load.inertia:.2g} kg·m² (×/÷ {np.exp(load.inertia_deviation):.2f}, 1 σ); "
+        f"weight {gravity}; residual {1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion"
     )
     if load.armature_deviation > 0.3:
         text += f"; the armature identified with it may be off by a factor of {np.exp(load.armature_deviation):.1f}"

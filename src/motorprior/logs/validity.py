@@ -66,7 +66,8 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
         values = getattr(log, name)
         if values is not None and np.any(outside := (values < low) | (values > high)):
             row, *column = np.argwhere(outside)[0].tolist()
-            label, remedy = column_name(name, *column or [0], log.joint_names), "correct it, or leave the channel out"
+            label = column_name(name, column[0] if column else 0, log.joint_names)
+            remedy = "correct it, or leave the channel out"
             raise bad_value(row, label, values[(row, *column)], expected, where, remedy)
     _check_gains_are_constant(log, where)
     return log
