@@ -74,7 +74,8 @@ def load_log(
         problem, remedy = "suspended: no model for the loads", "give robot, its .toml file (docs/your-robot.md)"
         raise ConfigError(problem, where=path, remedy=f"{remedy}, and a period", argument="robot")
     if period is not None and columns is None and reader.on_grid is not None:
-        log = with_settings(reader.on_grid(path, robot, period), kp, kd, firmware, conditions, robot, progress)
+        log = reader.on_grid(path, robot, period, suspended)
+        log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
     else:
         log = with_settings(read_log(path, robot, columns), kp, kd, firmware, conditions, robot, progress)
         if model is not None:

@@ -33,7 +33,7 @@ class LogReader:
         read: (path, robot or None) the log; None if the format needs a column map.
         columns: reads named columns for a column map; None if it needs none.
         unmapped: (path) text about the content, for the error if a format that needs a map is read without.
-        on_grid: (path, robot, period [s]) the log on a grid, for a format that knows more than its rows.
+        on_grid: (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows.
         assumption: a sentence for the user about what is assumed because the format lacks it; empty if none.
     """
 
@@ -43,7 +43,7 @@ class LogReader:
     read: Callable[[Path, Robot | None], MotorLog] | None = None
     columns: Columns | None = None
     unmapped: Callable[[Path], str] = lambda path: ""
-    on_grid: Callable[[Path, Robot | None, float], MotorLog] | None = None
+    on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
     assumption: str = ""
 
     def matches(self, path: Path) -> bool:

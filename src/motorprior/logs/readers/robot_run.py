@@ -117,5 +117,7 @@ READER = LogReader(
     (".csv",),
     lambda path: csv_names(path)[:2] == ["time", "mode"],
     lambda path, robot: read_robot_run(path, require_robot(robot, path)),
-    on_grid=lambda path, robot, period: read_robot_run(path, require_robot(robot, path), period=period),
+    on_grid=lambda path, robot, period, suspended: read_robot_run(
+        path, require_robot(robot, path), (Mode.EXCITE,) if suspended else (Mode.WALK, Mode.EXCITE), period
+    ),
 )
