@@ -92,7 +92,7 @@ def _scale(quantity: str, tables: tuple[Mapping[str, Any], ...], where: str) -> 
     ticks: Any = next((table["ticks_per_turn"] for table in tables if "ticks_per_turn" in table), None)
     for table in tables:
         default = "tick" if quantity == "angle" and "ticks_per_turn" in table else None
-        unit = table.get("scale", table.get(quantity, default))
+        unit: Any = table.get("scale", table.get(quantity, default))
         if unit == "tick" and ticks is None:
             raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
         if unit is not None:
