@@ -11,7 +11,7 @@ from swinging_bars import INERTIA, swing, write_table
 from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.commands.logs_import import LogsImport, import_logs
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import LogError
 from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
 from motorprior.logs.motor_log import POSTURES, MotorLog
@@ -22,7 +22,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
     paths = (write_bam(tmp_path), write_sage(tmp_path), write_lerobot(tmp_path))
-    import_logs(LogsImport(paths, tmp_path / "out"))
+    import_logs(LogsImport(paths, tmp_path / "out", period=None))
     names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "motion", "dataset")]
     assert names == [("pendulum",), JOINTS, JOINTS]
     np.testing.assert_array_equal(read_parquet(tmp_path / "out" / "motion.parquet").joint_pos, ANGLE)
@@ -43,11 +43,11 @@ def test_any_format_comes_on_a_grid(tmp_path: Path):
 
 def test_given_registers_are_used_and_checked(tmp_path: Path):
     path = write_bam(tmp_path)
-    import_logs(LogsImport((path,), tmp_path / "out", profile_acceleration=39.0, dead_zone=0.002))
-    told = read_parquet(tmp_path / "out" / "swing.parquet").firmware
-    assert told == {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    given = {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    import_logs(LogsImport((path,), tmp_path / "out", firmware=given))
+    assert read_parquet(tmp_path / "out" / "swing.parquet").firmware == given
     with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not 0 \(off\) or a number"):
-        import_logs(LogsImport((path,), tmp_path / "out", profile_speed=-1.0))
+        import_logs(LogsImport((path,), tmp_path / "out", firmware={"profile_speed": -1.0}))
 
 
 @pytest.mark.parametrize("row", [0, 30, ROWS - 1])
@@ -60,7 +60,7 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
         motor=PUPPER_V2.motor, source="a test", posture=codes,
     )  # fmt: skip
     write_log(tmp_path / "log.parquet", log)
-    with pytest.raises(ConfigError, match=f"row {row} .*standing") as error:
+    with pytest.raises(LogError, match=f"row {row} .*standing") as error:
         import_logs(LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True))
     assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet"
 

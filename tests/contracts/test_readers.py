@@ -1,17 +1,17 @@
-"""Every reader of logs describes itself, and the registry asks each in turn."""
+"""Every format describes itself in one file, and `read_log` asks each."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from third_party_files import write_bam, write_lerobot, write_sage
+from third_party_files import write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs import read_log as registry
+from motorprior.logs import readers
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import READERS, read_log
+from motorprior.logs.read_log import READERS, find_readers, read_log
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.logs.readers.puppersim import csv_columns
 from motorprior.logs.readers.robot_run import Mode, run_columns
@@ -21,76 +21,97 @@ ROBOT = load_robot("pupper_v2")
 ROWS = 20
 
 
-def a_log() -> MotorLog:
+def write_motor_log(folder: Path) -> Path:
     time = 0.01 * np.arange(ROWS)
     angles = np.tile(np.sin(time)[:, None], (1, ROBOT.num_joints))
-    return MotorLog(
+    log = MotorLog(
         time=time, position_target=angles, joint_pos=angles, joint_names=ROBOT.joint_names, robot=ROBOT.name,
         motor=ROBOT.motor, source="a test",
     )  # fmt: skip
+    write_log(folder / "a.parquet", log)
+    return folder / "a.parquet"
 
 
-def write_rows(path: Path, columns: tuple[str, ...], fixed: dict[str, float]) -> Path:
+def write_rows(path: Path, columns: tuple[str, ...], mode: float = 0.0) -> Path:
     time = 0.01 * np.arange(ROWS)
-    table = np.column_stack([fixed.get(name, 0.0) + time * (name in ("time", "t_s")) for name in columns])
+    table = np.column_stack([mode * (name == "mode") + time * (name in ("time", "t_s")) for name in columns])
     np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
     return path
 
 
-FOREIGN = {
+SAMPLES = {
+    "motor log": write_motor_log,
     "pendulum of Rhoban/bam": write_bam,
     "motion of isaac-sim2real/sage": write_sage,
     "dataset of LeRobot": write_lerobot,
-}
-IN_THIS_INSTALLATION = [reader for reader in READERS if reader.name != "ROS 2 bag"]
-"""ROS 2 bags need an extra; tests/logs/formats/test_ros_bag.py has them."""
+    "table": write_csv,
+    "tensors": write_pt,
+    "recording of a robot": lambda folder: write_rows(
+        folder / "run.csv", run_columns(ROBOT.joint_names, False), float(Mode.WALK)
+    ),
+    "log of jietan/puppersim": lambda folder: write_rows(folder / "env_real_a_log.csv", csv_columns(ROBOT.num_joints)),
+}  # ROS 2 bags need an extra: tests/logs/readers/test_ros_bag.py
 NAMELESS = ("recording of a robot", "log of jietan/puppersim")
-"""Formats that do not say which joints they are of."""
 
 
-def sample_of(reader: LogReader, folder: Path) -> Path:
-    """A small file in the reader's format."""
-    if reader.name in FOREIGN:
-        return FOREIGN[reader.name](folder)
-    if reader.name == "motor log":
-        write_log(folder / "a.parquet", a_log())
-        return folder / "a.parquet"
-    if reader.name == "recording of a robot":
-        return write_rows(folder / "run.csv", run_columns(ROBOT.joint_names, False), {"mode": float(Mode.WALK)})
-    return write_rows(folder / "env_real_a_log.csv", csv_columns(ROBOT.num_joints), {})
+def test_every_format_has_a_sample():
+    assert {reader.name for reader in READERS} == {*SAMPLES, "ROS 2 bag"}
 
 
-@pytest.mark.parametrize("reader", IN_THIS_INSTALLATION, ids=lambda reader: reader.name)
-def test_a_reader_knows_its_own_files_and_read_log_finds_it(reader: LogReader, tmp_path: Path):
-    path = sample_of(reader, tmp_path)
-    assert next(known for known in READERS if known.matches(path)) is reader
+@pytest.mark.parametrize("reader", [reader for reader in READERS if reader.read and reader.name in SAMPLES])
+def test_a_format_is_recognised_and_needs_a_robot_only_without_joint_names(reader: LogReader, tmp_path: Path):
+    path = SAMPLES[reader.name](tmp_path)
+    assert [each.name for each in READERS if each.read and each.matches(path)] == [reader.name]
     log = read_log(path, ROBOT)
-    if reader.name not in FOREIGN:
-        assert (log.robot, log.joint_names, log.num_rows) == (ROBOT.name, ROBOT.joint_names, ROWS)
+    assert reader.read is not None
     np.testing.assert_array_equal(log.joint_pos, reader.read(path, ROBOT).joint_pos)
-
-
-@pytest.mark.parametrize("reader", IN_THIS_INSTALLATION, ids=lambda reader: reader.name)
-def test_a_format_without_names_needs_a_robot(reader: LogReader, tmp_path: Path):
-    path = sample_of(reader, tmp_path)
-    if reader.name not in NAMELESS:
-        np.testing.assert_array_equal(read_log(path).joint_pos, read_log(path, ROBOT).joint_pos)
-    else:
+    if reader.name in NAMELESS:
+        assert log.joint_names == ROBOT.joint_names
         with pytest.raises(ConfigError, match="does not name its joints") as refusal:
             read_log(path)
         assert refusal.value.argument == "robot" and refusal.value.where == path
+    else:
+        np.testing.assert_array_equal(read_log(path).joint_pos, log.joint_pos)
+
+
+@pytest.mark.parametrize("name", ["table", "tensors"])
+def test_a_format_without_meaning_needs_a_map(name: str, tmp_path: Path):
+    path = SAMPLES[name](tmp_path)
+    with pytest.raises(LogError, match="read it with columns") as refusal:
+        read_log(path)
+    assert refusal.value.argument == "columns"
+    assert read_log(path, columns=tmp_path / "columns.toml").joint_names == ("pan", "lift")
 
 
 def test_an_unknown_format_is_refused_with_those_that_are_known(tmp_path: Path):
     (tmp_path / "log.mat").write_text("")
-    with pytest.raises(LogError, match=r"motor log \(\.parquet\); recording of a robot \(\.csv\); log of jietan/pup"):
-        read_log(tmp_path / "log.mat")
+    for columns in (None, "so101_sage"):
+        with pytest.raises(LogError, match=r"unknown log format.*pendulum of Rhoban/bam \(\.json, \.json\.gz\)"):
+            read_log(tmp_path / "log.mat", columns=columns)
     with pytest.raises(LogError, match="no such file"):
         read_log(tmp_path / "log.npz")
 
 
-def test_a_new_reader_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    mine = LogReader("mine", (".mine",), lambda path: True, lambda path, robot: replace(a_log(), source=str(path)))
-    monkeypatch.setattr(registry, "READERS", (*READERS, mine))
-    (tmp_path / "a.mine").write_text("")
-    assert read_log(tmp_path / "a.mine").source == str(tmp_path / "a.mine")
+NEW_FORMAT = """
+import numpy as np
+from motorprior.logs.column_map import ColumnMap, MappedJoint
+from motorprior.logs.log_reader import LogReader, read_mapped_log
+
+SERIES = {"position_target": "goal", "joint_pos": "angle"}
+COLUMNS = ColumnMap(source="mine", series=SERIES, joints=(MappedJoint("", "knee"),), rate=100.0)
+
+def columns(path, names, map):
+    return dict(zip(("goal", "angle"), np.loadtxt(path).T))
+
+READER = LogReader("mine", (".mine",), read=lambda path, robot: read_mapped_log(path, COLUMNS, columns, robot))
+"""
+
+
+def test_a_new_format_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    files = [tmp_path / "my_format.py"]
+    files[0].write_text(NEW_FORMAT)
+    monkeypatch.setattr(readers, "__path__", [*readers.__path__, str(tmp_path)])
+    monkeypatch.setattr(registry, "READERS", find_readers())
+    np.savetxt(tmp_path / "a.mine", [[0.0, 0.1], [0.2, 0.3]])
+    log = read_log(tmp_path / "a.mine")
+    assert log.joint_pos[:, 0].tolist() == [0.1, 0.3] and log.time.tolist() == [0.0, 0.01] and len(files) == 1

@@ -46,7 +46,7 @@ def test_a_row_holds_the_command_in_force_when_it_was_measured(tmp_path: Path):
     np.testing.assert_allclose(log.position_target[10], target_at(10), atol=1e-6)
     np.testing.assert_allclose(log.joint_pos[10], spec.NOMINAL_POSE + 0.2 * np.sin(0.33), atol=1e-6)
     assert log.joint_torque is None and log.joint_names == spec.JOINT_NAMES
-    assert check_log(log, PUPPER_V2.limits).usable
+    assert check_log(log, PUPPER_V2).usable
 
 
 def test_on_a_grid_commands_begin_when_they_did_and_angles_are_smooth(tmp_path: Path):

@@ -101,7 +101,7 @@ def test_a_body_that_leans_is_refused_and_one_that_sways_is_not(roll: float, pit
     log, _ = moved(0.0, 0.01)
     sway = 0.1 * np.sin(np.linspace(0.0, 20.0, log.num_rows))[:, None]
     with_loads(replace(log, base_orientation=np.array([0.02, -0.02]) + sway), PUPPER_V2)
-    with pytest.raises(LogError, match=f"{words} off level.*hang the robot up"):
+    with pytest.raises(LogError, match=f"{words} off level.*suspend the robot"):
         with_loads(replace(log, base_orientation=np.array([roll, pitch]) + sway), PUPPER_V2)
 
 

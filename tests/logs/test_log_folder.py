@@ -1,6 +1,5 @@
 """A folder of logs: every format, what is no log left out with a reason, and an error that says what would help."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -39,9 +38,7 @@ def test_tables_that_a_map_fits_are_read_and_others_named(folder: Path):
     assert len(found.unreadable) == 1 and found.unreadable[0].startswith("notes.csv: no column 't'")
 
 
-def test_a_folder_without_logs_says_where_some_are(tmp_path: Path):
-    with pytest.raises(LogError, match="no log of a real robot"):
-        read_log_folder(tmp_path, ROBOT)
-    for robot in (None, replace(ROBOT, name="other")):
-        with pytest.raises(LogError, match="no log in it"):
+def test_a_folder_without_logs_says_what_would_help(tmp_path: Path):
+    for robot in (None, ROBOT):
+        with pytest.raises(LogError, match=r"no log in it .*read tables with columns"):
             read_log_folder(tmp_path, robot)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet, load_robot_fleet, nominal_pd
+from motorprior.logs.log_folder import read_log_folder
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
-from motorprior.logs.readers.puppersim import read_puppersim_logs
 from motorprior.robots.load import load_robot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.fleet_problem import FleetProblem
@@ -99,7 +99,7 @@ def test_the_fleets_central_motor_replays_a_real_log_in_the_detected_posture(sha
     folder = shared_data / "pupper_v2"
     if not folder.is_dir():
         pytest.skip("no logs of a real Pupper")
-    log = read_puppersim_logs(folder, ROBOT)[name]
+    log = read_log_folder(folder, ROBOT).logs[name]
     center, prepared = load_fleet("pupper_v2").center(ROBOT.num_joints).actuator(), prepare(log, ROBOT, name)
     posture = find_posture(log, prepared, ROBOT, center)
     assert posture.name == ("suspended" if name == "1_joint" else "standing"), posture.evidence

@@ -60,20 +60,15 @@ def with_fitted_loads(logs: Mapping[Path, MotorLog], out: Path, progress: Progre
 def _load_text(name: str, load: FittedLoad, motion: float) -> str:
     """The result for a joint whose angle has a standard deviation of ``motion`` [rad].
 
-    Gravity is W·sin(q - h) = s·sin q + c·cos q: W = √(s² + c²), h = atan2(-c, s); deviations by linearisation.
+    Gravity is W·sin(q - h) = s·sin q + c·cos q with W = √(s² + c²); its deviation is that along (s, c).
     """
-    sine, cosine = load.gravity
-    weight = float(np.hypot(sine, cosine))
-    along = np.array([sine, cosine]) / max(weight, 1e-12)
-    across = np.array([-along[1], along[0]])
-    weight_std, across_std = (float(np.sqrt(unit @ load.gravity_covariance @ unit)) for unit in (along, across))
-    angle, angle_std = float(np.arctan2(-cosine, sine)), across_std / max(weight, 1e-12)
-    gravity = f"weight {weight:.2g} ± {weight_std:.1g} N·m, equilibrium at {angle:.2f} ± {angle_std:.1g} rad"
-    if weight < 2.0 * weight_std or angle_std > 1.0:
-        gravity = f"weight below {weight + 2.0 * weight_std:.1g} N·m"
+    weight = float(np.hypot(*load.gravity))
+    along = load.gravity / max(weight, 1e-12)
+    std = float(np.sqrt(along @ load.gravity_covariance @ along))
+    gravity = f"{weight:.2g} ± {std:.1g} N·m" if weight > 2.0 * std else f"below {weight + 2.0 * std:.1g} N·m"
     text = (
-        f"joint {name}: inertia {load.inertia:.2g} kg·m² (×/÷ {np.exp(load.inertia_deviation):.2f}, 1 σ); {gravity}; "
-        f"residual {1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion"
+        f"joint {name}: inertia {load.inertia:.2g} kg·m² (×/÷ {np.exp(load.inertia_deviation):.2f}, 1 σ); "
+        f"weight {gravity}; residual {1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion"
     )
     if load.armature_deviation > 0.3:
         text += f"; the armature identified with it may be off by a factor of {np.exp(load.armature_deviation):.1f}"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import numpy as np
 from motorprior.commands.fit_loads import with_fitted_loads
 from motorprior.exceptions import ConfigError, listed
 from motorprior.logs.load_log import PERIOD, load_log
-from motorprior.logs.motor_log import CONDITIONS, FIRMWARE, MotorLog
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import recording_name
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.logs.settings_text import settings_text
@@ -43,17 +42,11 @@ class LogsImport:
     so)."""
     kd: tuple[float, ...] = ()
     """Derivative gain, like ``kp``; in N·m·s/rad if that is in N·m/rad."""
-    profile_acceleration: float | None = None
-    """Acceleration limit of the servos' profile [rad/s²]; overrides ``columns``; 0 is off. Feetech STS: 0.1534 rad/s²
-    per unit."""
-    profile_speed: float | None = None
-    """Speed limit of that profile [rad/s]; 0 is off."""
-    dead_zone: float | None = None
-    """Position error that the firmware ignores [rad]; 0 is off."""
-    supply_voltage: float | None = None
-    """Supply voltage of all motors [V]; overrides the log and ``columns``."""
-    motor_temperature: float | None = None
-    """Temperature of all motors [°C]; overrides the log and ``columns``."""
+    firmware: Mapping[str, float] = field(default_factory=dict)
+    """Registers of all servos, as ``profile_speed 3 dead_zone 0.002``; they override the log and ``columns``; 0 is off.
+    profile_acceleration [rad/s²], profile_speed [rad/s], dead_zone [rad]. Feetech STS: 0.1534 rad/s² per unit."""
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    """supply_voltage [V] and motor_temperature [°C] of all motors; they override the log and ``columns``."""
     suspended: bool = False
     """The robot was suspended with a level body, or has a fixed base: compute the loads of the motors from its model,
     as `identify` and `adapt` need. Logs that record another posture are rejected."""
@@ -91,7 +84,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     load = partial(
         load_log, columns=config.columns, suspended=config.suspended, period=None if config.fit_load else config.period,
         robot=config.robot or (None if config.columns else DEFAULT_ROBOT), kp=config.kp, kd=config.kd,
-        firmware=_given(config, FIRMWARE), conditions=_given(config, CONDITIONS), progress=progress,
+        firmware=config.firmware, conditions=config.conditions, progress=progress,
     )  # fmt: skip
     with locked(config.out):
         logs = ((target, load(path)) for target, path in targets.items())
@@ -99,10 +92,6 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
             write_log(target, log)
             progress.note(f"{target}: {_summary(log)}")
             progress.note(f"{target}: records {settings_text(log) or 'no gain, register, condition or posture'}")
-
-
-def _given(config: LogsImport, names: Sequence[str] | dict[str, tuple[float, float]]) -> dict[str, float]:
-    return {name: getattr(config, name) for name in names if getattr(config, name) is not None}
 
 
 def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
@@ -118,17 +107,10 @@ def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
         targets[target] = path
     for target in targets:
-        if target.exists() and any(_belongs_to(target, path) for path in paths):
+        if target.exists() and any(path.exists() and target.samefile(path) for path in paths):
             problem = "out: the import would overwrite the recording"
             raise ConfigError(problem, where=target, remedy="give another folder", argument="out")
     return targets
-
-
-def _belongs_to(target: Path, path: Path) -> bool:
-    """Whether a file is a recording, or lies in the folder of one."""
-    if path.is_dir():
-        return target.resolve().is_relative_to(path.resolve())
-    return path.exists() and os.path.samefile(target, path)
 
 
 def _summary(log: MotorLog) -> str:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -40,32 +39,18 @@ from motorprior.logs.column_units import (
     conversions,
     optional,
 )
-from motorprior.logs.motor_log import (
-    CONDITIONS,
-    ENCODERS,
-    FIRMWARE,
-    GAIN_UNITS,
-    PHYSICAL_GAINS,
-    POSTURES,
-    is_register,
-)
+from motorprior.logs.motor_log import CONDITIONS, ENCODERS, GAIN_UNITS, PHYSICAL_GAINS, POSTURES
 from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of
 
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
-GAINS = {"kp": (1e-6, 1e6), "kd": (0.0, 1e6)}  # bounds
+GAINS = ("kp", "kd")
 JOINT, NAME = "{joint}", "{name}"  # placeholders in column names
 _NAME = Field("a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200)
-_CONDITION = {
-    name: Field(
-        f"the name of a column, or a number from {low:g} to {high:g}",
-        lambda value, low=low, high=high: _NAME.accepts(value) or is_number(value, low, high),
-    )
-    for name, (low, high) in CONDITIONS.items()
-}
+_CONDITION = Field("the name of a column, or a number", lambda value: _NAME.accepts(value) or is_number(value))
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", "posture", *SERIES), _NAME),
-        **_CONDITION,
+        **dict.fromkeys(CONDITIONS, _CONDITION),
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         **dict.fromkeys(("units", "firmware"), TABLE),
@@ -75,12 +60,7 @@ _MAP = Schema(
     optional=frozenset({"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}),
 )
 _UNITS = optional({**UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}, "units")
-_REGISTERS = {
-    name: Field(f"0 (off) or a number from {low:g} to {high:g}", partial(is_register, name))
-    for name, (low, high) in FIRMWARE.items()
-}
-_FIRMWARE = optional(_REGISTERS, "firmware")
-_JOINT = optional({"name": _NAME, **OF_JOINTS, **{name: number(*bounds) for name, bounds in GAINS.items()}})
+_JOINT = optional({"name": _NAME, **OF_JOINTS, **dict.fromkeys(GAINS, number(0.0))})
 _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
 
@@ -171,16 +151,16 @@ def load_column_map(name_or_path: str | Path) -> ColumnMap:
 
 def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _MAP.check(table, where)
-    units, firmware = table.get("units", {}), table.get("firmware", {})
+    units = table.get("units", {})
     _UNITS.check(units, where)
-    _FIRMWARE.check(firmware, where)
     if ("time" in table) == ("rate" in table):
         problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
         raise ArtifactError(problem, where=where, remedy="give one of the two")
     scale = dict.fromkeys(CONDITIONS, 1.0) | {"supply_voltage": SCALES["voltage"][units.get("voltage", "V")]}
     return ColumnMap(
         source=where, time_scale=TIMES[units.get("time", "s")], series=_series(table, where),
-        joints=_joints(table["joints"], units, where), gain_unit=units.get("gain", PHYSICAL_GAINS), firmware=firmware,
+        joints=_joints(table["joints"], units, where), gain_unit=units.get("gain", PHYSICAL_GAINS),
+        firmware=table.get("firmware", {}),
         conditions={name: table[name] * scale[name] for name in CONDITIONS if is_number(table.get(name))},
         **{name: table[name] for name in _PLAIN if name in table},
     )  # fmt: skip

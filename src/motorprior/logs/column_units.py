@@ -89,12 +89,14 @@ def conversions(joint: Mapping[str, Any], units: Mapping[str, Any], where: str) 
 
 def _scale(quantity: str, tables: tuple[Mapping[str, Any], ...], where: str) -> float:
     """SI units per unit of the column, from the first table that gives one."""
-    ticks = next((table["ticks_per_turn"] for table in tables if "ticks_per_turn" in table), None)
+    ticks: Any = next((table["ticks_per_turn"] for table in tables if "ticks_per_turn" in table), None)
     for table in tables:
         default = "tick" if quantity == "angle" and "ticks_per_turn" in table else None
         unit = table.get("scale", table.get(quantity, default))
         if unit == "tick" and ticks is None:
             raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
+        if unit == "tick":
+            return TURN / ticks
         if unit is not None:
-            return TURN / ticks if unit == "tick" else SCALES[quantity].get(unit, unit)
+            return SCALES[quantity][unit] if isinstance(unit, str) else float(unit)
     return 1.0

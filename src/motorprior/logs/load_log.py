@@ -11,9 +11,9 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.logs.column_map import GAINS, ColumnMap
-from motorprior.logs.doctor.load import gravity_signs
-from motorprior.logs.loads import LOADS, with_loads
+from motorprior.logs.column_map import ColumnMap
+from motorprior.logs.doctor.signs import gravity_signs
+from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
 from motorprior.logs.motor_log import CONDITIONS, MotorLog
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
@@ -59,9 +59,9 @@ def load_log(
         progress: where to report to; by default warnings are Python warnings.
 
     Raises:
-        ConfigError: a number out of range, several gains without an order of the joints, or loads without a robot or
+        ConfigError: a period out of range, several gains without an order of the joints, or loads without a robot or
             period, or for a log that has loads.
-        LogError: the log cannot be read, or lacks what loads need.
+        LogError: the log cannot be read, lacks what loads need, or a given value is out of its bounds.
         ArtifactError: a bad column map or robot.
     """
     robot = robot if isinstance(robot, Robot) or robot is None else load_robot(robot)
@@ -69,30 +69,29 @@ def load_log(
     reader = reader_of(path, columns is not None)
     if period is not None:
         require_number("period", period, 1e-6, 1.0)
+    model = robot if suspended else None
     if suspended and (robot is None or period is None):
-        problem = "suspended: no model for the loads" if robot is None else "suspended: loads need a period"
-        remedy = "give robot, its .toml file (docs/your-robot.md), and a period"
-        raise ConfigError(problem, where=path, remedy=remedy, argument="robot" if robot is None else "period")
+        problem, remedy = "suspended: no model for the loads", "give robot, its .toml file (docs/your-robot.md)"
+        raise ConfigError(problem, where=path, remedy=f"{remedy}, and a period", argument="robot")
     if period is not None and columns is None and reader.on_grid is not None:
-        log = with_settings(reader.on_grid(path, robot, period), kp, kd, firmware, conditions, robot, progress)
+        log = reader.on_grid(path, robot, period, suspended)
+        log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
     else:
         log = with_settings(read_log(path, robot, columns), kp, kd, firmware, conditions, robot, progress)
+        if model is not None:
+            if present := [name for name in LOADS if getattr(log, name) is not None]:
+                problem = f"suspended: the log already contains its load ({present[0]})"
+                raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
+            require_fixed_base(log, model, path)
         log, gaps = begin_at_gaps(log, period or 0.0)
         for message in filter(None, (gaps, "" if columns else reader.assumption)):
             progress.note(f"{path}: {message}")
         if period is not None:
-            log = smooth_on_grid(log, period) if suspended else resample(log, period)
-    return _with_loads(log, robot, path, progress) if suspended and robot is not None else log
-
-
-def _with_loads(log: MotorLog, robot: Robot, path: Path, progress: Progress) -> MotorLog:
-    """The log with loads; warns if gravity contradicts the signs of the joints."""
-    if present := [name for name in LOADS if getattr(log, name) is not None]:
-        problem = f"suspended: the log already contains its load ({present[0]})"
-        raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
-    log = with_loads(log, robot)
-    for finding in gravity_signs(log, robot):
-        progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
+            log = resample(log, period) if model is None else smooth_on_grid(log, period)
+    if model is not None:
+        log = with_loads(log, model)
+        for finding in gravity_signs(log, model):
+            progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
     return log
 
 
@@ -108,13 +107,11 @@ def with_settings(
     """The log with these gains, registers and conditions; arguments as in `load_log`.
 
     Raises:
-        ConfigError: a number out of range, a wrong number of gains, or several for joints in no robot's order.
-        LogError: a register out of its bounds.
+        ConfigError: a wrong number of gains, or several for joints in no robot's order.
+        LogError: a value out of its bounds.
     """
     values: dict[str, Any] = {}
     for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
-        for value in given.tolist():
-            require_number(name, value, *GAINS[name])
         if given.size not in (0, 1, log.num_joints):
             problem = f"{name}: {given.size} gains for {log.num_joints} joints"
             raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
@@ -129,7 +126,8 @@ def with_settings(
         if given.size:
             values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
     for name, value in (conditions or {}).items():
-        require_number(name, value, *CONDITIONS[name])
+        if name not in CONDITIONS:
+            raise ConfigError(f"condition {name!r}", remedy=f"give {' or '.join(CONDITIONS)}", argument="conditions")
         values[name] = np.full(log.joint_pos.shape, value)
     if firmware:
         values["firmware"] = {**log.firmware, **firmware}

@@ -1,18 +1,25 @@
-"""The interface of a log format."""
+"""How formats are read: the interface of a format, and logs from the columns that a `ColumnMap` names."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeAlias
 
-from motorprior.exceptions import ConfigError
-from motorprior.logs.mapped_log import Columns
-from motorprior.logs.motor_log import MotorLog
+import numpy as np
+
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.column_map import ColumnMap, MappedJoint
+from motorprior.logs.column_units import Conversion
+from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.validity import CORRECT, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name
 GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
+# Reads named columns of a path, each (rows,) float64, timedelta64 for time stamps or int64 for postures
+Columns: TypeAlias = Callable[[Path, list[str], ColumnMap], dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -26,7 +33,7 @@ class LogReader:
         read: (path, robot or None) the log; None if the format needs a column map.
         columns: reads named columns for a column map; None if it needs none.
         unmapped: (path) text about the content, for the error if a format that needs a map is read without.
-        on_grid: (path, robot, period [s]) the log on a grid, for a format that knows more than its rows.
+        on_grid: (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows.
         assumption: a sentence for the user about what is assumed because the format lacks it; empty if none.
     """
 
@@ -36,7 +43,7 @@ class LogReader:
     read: Callable[[Path, Robot | None], MotorLog] | None = None
     columns: Columns | None = None
     unmapped: Callable[[Path], str] = lambda path: ""
-    on_grid: Callable[[Path, Robot | None, float], MotorLog] | None = None
+    on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
     assumption: str = ""
 
     def matches(self, path: Path) -> bool:
@@ -54,3 +61,83 @@ def require_robot(robot: Robot | None, path: Path) -> Robot:
     if robot is None:
         raise ConfigError("the log does not name its joints", where=path, remedy="give robot", argument="robot")
     return robot
+
+
+def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robot | None = None) -> MotorLog:
+    """Read a table.
+
+    Args:
+        path: file or folder.
+        columns: meaning of its columns.
+        source: reads columns by name.
+        robot: gives the order of the joints, and the place of the encoder unless the map does. Without a robot, the
+            map's order.
+
+    Raises:
+        LogError: as ``source``; a cell that is not finite, or a joint that the robot does not have.
+    """
+    joints = _in_order(columns, robot, path)
+    wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
+    singles = [name for name in (columns.time, columns.segment, columns.posture_column) if name]
+    names = [*singles, *columns.base_orientation, *(name for names in wanted.values() for name in names)]
+    table = source(path, list(dict.fromkeys(names)), columns)
+    shape = len(next(iter(table.values()))), len(joints)
+    values: dict[str, Any] = {"time": _time(table, columns, path)}
+    for channel, names in wanted.items():
+        raw = np.stack([table[name] for name in names], axis=1)
+        labels = [f"{channel}/{joint.name} (column {name})" for joint, name in zip(joints, names, strict=True)]
+        require_finite(raw, labels, path)
+        known = [joint.conversions.get(channel, Conversion()) for joint in joints]
+        values[channel] = np.array([each.factor for each in known]) * raw + np.array([each.offset for each in known])
+    values |= {name: np.broadcast_to(gains, shape) for name, gains in columns.gains(joints).items()}
+    values |= {name: np.full(shape, value) for name, value in columns.conditions.items()}
+    if columns.base_orientation:
+        values["base_orientation"] = np.stack([table[name] for name in columns.base_orientation], axis=1)
+    if columns.segment:
+        values["segment"] = _integers(table[columns.segment], columns.segment, path)
+    if columns.posture_column:
+        values["posture"] = table[columns.posture_column]
+    elif columns.posture:
+        values["posture"] = np.full(shape[0], POSTURES.index(columns.posture))
+    log = MotorLog(
+        joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
+        motor=columns.motor, source=str(path), encoder=columns.encoder or (robot.encoder if robot else "joint"),
+        gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
+    )  # fmt: skip
+    return checked(log, where=path)
+
+
+def robot_of_joints(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:
+    """The robot if it has all these joints, else None: a log that names its joints may be of another robot."""
+    return robot if robot is not None and set(joint_names) <= set(robot.joint_names) else None
+
+
+def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[MappedJoint, ...]:
+    if robot is None:
+        return columns.joints
+    by_name = {joint.name: joint for joint in columns.joints}
+    if unknown := sorted(by_name.keys() - set(robot.joint_names)):
+        problem = (
+            f"the column map {columns.source} has a joint {unknown[0]!r}, robot {robot.name} has none of that name"
+        )
+        remedy = f"remove its table, or give its key name one of {', '.join(robot.joint_names)}"
+        raise LogError(problem, where=path, remedy=remedy)
+    return tuple(by_name[name] for name in robot.joint_names if name in by_name)
+
+
+def _time(table: dict[str, np.ndarray], columns: ColumnMap, path: Path) -> np.ndarray:
+    """(rows,) [s]."""
+    if columns.rate is not None:
+        return np.arange(len(next(iter(table.values())))) / columns.rate
+    time = table[columns.time or ""]
+    if time.dtype.kind == "m":
+        return time / np.timedelta64(1, "s")
+    require_finite(time[:, None], [f"time (column {columns.time})"], path)
+    return columns.time_scale * time
+
+
+def _integers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    wrong = np.flatnonzero((values != np.rint(values)) | ~np.isfinite(values))
+    if wrong.size:
+        raise bad_value(int(wrong[0]), name, values[wrong[0]], "an integer", path, CORRECT)
+    return values.astype(np.int64)

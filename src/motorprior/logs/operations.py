@@ -164,12 +164,7 @@ def drop_repeats(log: MotorLog) -> MotorLog:
     Raises:
         LogError: a segment has fewer than 2 different measurements.
     """
-    kept = log.rows(~repeated_rows(log))
-    for segment in kept.segments():
-        if segment.num_rows < 2:
-            problem = f"all measured angles of the segment at {segment.time[0]:g} s are equal"
-            raise LogError(problem, where=log.source, remedy="check the encoders, or remove the segment")
-    return kept
+    return checked(log.rows(~repeated_rows(log)), where=log.source)
 
 
 def joined(logs: Sequence[MotorLog]) -> MotorLog:

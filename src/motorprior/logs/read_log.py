@@ -9,14 +9,17 @@ from pkgutil import iter_modules
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs import readers
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
-from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
-from motorprior.logs.mapped_log import read_mapped_log
+from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-READERS: tuple[LogReader, ...] = tuple(
-    import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__)
-)
+
+def find_readers() -> tuple[LogReader, ...]:
+    """The READER of every module in `logs.readers`."""
+    return tuple(import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__))
+
+
+READERS = find_readers()
 
 
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:

@@ -21,8 +21,8 @@ import numpy as np
 
 from motorprior.exceptions import LogError, quoted
 from motorprior.files import MAX_FILE, read_bytes, require_file
-from motorprior.logs.log_errors import CORRECT, bad_value, missing_column
 from motorprior.logs.motor_log import POSTURES
+from motorprior.logs.validity import CORRECT, bad_value, missing_column
 
 COPY_AGAIN = "copy or record it again"
 SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
@@ -33,6 +33,7 @@ _CORRECT_POSTURE = (
 _CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 _BAD_CELL = re.compile(r"In CSV column #(\d+): Row #(\d+): .*invalid value '(.*)'", re.DOTALL)
+_BAD_ROW = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 def table_columns(
@@ -128,7 +129,7 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
                 pa.BufferReader(body),
                 # one block, so that types are inferred from all rows
                 pa_csv.ReadOptions(column_names=have, use_threads=False, block_size=len(body) + 1),
-                pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=lambda row: _wrong_count(row, path)),
+                pa_csv.ParseOptions(delimiter=delimiter),
                 pa_csv.ConvertOptions(
                     column_types={name: pa.float64() for name in wanted if name not in inferred},
                     include_columns=wanted, null_values=[""], strings_can_be_null=True, decimal_point=decimal_point,
@@ -136,22 +137,19 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
             )  # fmt: skip
         except pa.ArrowException as error:
             errors.append(error)
-    raise max((_conversion_error(error, have, path) for error in errors), key=lambda found: found[0])[1]
+    raise max((_csv_error(error, have, path) for error in errors), key=lambda found: found[0])[1]
 
 
-def _wrong_count(row: Any, path: Path) -> str:
-    """Raise the error for a row with a wrong number of cells."""
-    problem = f"row {row.number - 1} has {row.actual_columns} cells, expected {row.expected_columns}"
-    raise LogError(problem, where=path, remedy=f"correct the row; {SAVE_AS}")
-
-
-def _conversion_error(error: Exception, names: Sequence[str], path: Path) -> tuple[int, LogError]:
-    """The row of an error of pyarrow, and the error that names its cell."""
-    cell = _BAD_CELL.search(str(error))
-    if cell is None:
-        return -1, unreadable(path, error)
-    row = int(cell[2]) - 1
-    return row, bad_value(row, names[int(cell[1])], cell[3], "a number", path, f"correct the row; {SAVE_AS}")
+def _csv_error(error: Exception, names: Sequence[str], path: Path) -> tuple[int, LogError]:
+    """The row of an error of pyarrow, and the error that names its cell or its number of cells."""
+    remedy = f"correct the row; {SAVE_AS}"
+    if cell := _BAD_CELL.search(str(error)):
+        row = int(cell[2]) - 1
+        return row, bad_value(row, names[int(cell[1])], cell[3], "a number", path, remedy)
+    if count := _BAD_ROW.search(str(error)):
+        problem = f"row {int(count[1]) - 1} has {count[3]} cells, expected {count[2]}"
+        return 0, LogError(problem, where=path, remedy=remedy)
+    return -1, unreadable(path, error)
 
 
 def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:

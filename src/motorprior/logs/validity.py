@@ -1,14 +1,15 @@
-"""Checks that make a `MotorLog` usable: shapes, finite values, time, segments, bounds."""
+"""Checks that make a `MotorLog` usable: shapes, finite values, time, segments, bounds; common errors of logs."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError, quoted
-from motorprior.logs.log_errors import Where, bad_value, require_finite, require_increasing
+from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.motor_log import (
     BASE_AXES,
     CODES,
@@ -25,6 +26,10 @@ from motorprior.logs.motor_log import (
     is_register,
 )
 
+CORRECT = "correct the column map, or the file"
+CORRECT_ROW = "correct or remove the row"
+NUMBER = "a finite number"
+Where = str | Path | None
 _BOUNDS = {  # lowest and highest value, and what it is
     "load_inertia": (float(np.nextafter(0.0, 1.0)), np.inf, "a positive inertia [kg·m²]"),
     "stated_kp": (float(np.nextafter(0.0, 1.0)), np.inf, "a positive gain"),
@@ -61,7 +66,8 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
         values = getattr(log, name)
         if values is not None and np.any(outside := (values < low) | (values > high)):
             row, *column = np.argwhere(outside)[0].tolist()
-            label, remedy = column_name(name, *column or [0], log.joint_names), "correct it, or leave the channel out"
+            label = column_name(name, column[0] if column else 0, log.joint_names)
+            remedy = "correct it, or leave the channel out"
             raise bad_value(row, label, values[(row, *column)], expected, where, remedy)
     _check_gains_are_constant(log, where)
     return log
@@ -70,18 +76,13 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
 def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
     arrays: dict[str, Any] = {}
     for name in ("time", *JOINT_SERIES, *CODES, "base_orientation"):
-        if getattr(log, name) is None:
-            continue
+        kind, wanted = (np.int64, "integers") if name in CODES else (np.float64, "numbers")
         try:
-            arrays[name] = np.asarray(getattr(log, name), dtype=None if name in CODES else np.float64)
+            if (value := getattr(log, name)) is not None:
+                arrays[name] = np.asarray(value).astype(kind, casting="same_kind", copy=False)
         except (ValueError, TypeError) as error:
-            problem = f"{name} is not an array of numbers ({error})"
-            raise LogError(problem, where=where, remedy="give every row as numbers") from error
-        if name in CODES:
-            if arrays[name].dtype.kind not in "iu":
-                problem = f"{name} is an array of {arrays[name].dtype}, not of integers"
-                raise LogError(problem, where=where, remedy="give every row as an integer")
-            arrays[name] = arrays[name].astype(np.int64)
+            problem = f"{name} is not an array of {wanted} ({error})"
+            raise LogError(problem, where=where, remedy=f"give {wanted} in every row") from error
     return replace(log, joint_names=tuple(log.joint_names), **arrays)
 
 
@@ -132,3 +133,42 @@ def _check_firmware(log: MotorLog, where: Where) -> None:
             low, high = FIRMWARE[name]
             problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
             raise LogError(problem, where=where, remedy="give it in rad, rad/s or rad/s², or leave it out")
+
+
+def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = CORRECT_ROW) -> LogError:
+    """The error for one cell, "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
+    text = quoted(value.item() if isinstance(value, np.generic) else value)
+    return LogError(f"row {row}, {column[:120]} is {text}, not {expected}", where=where, remedy=remedy)
+
+
+def missing_column(kind: str, name: str, known: Iterable[str], where: Where, remedy: str = CORRECT) -> LogError:
+    """The error for a missing column, tensor or topic; it lists the first eight that exist."""
+    have = listed([quoted(each) for each in known], 8) or "none"
+    return LogError(f"no {kind} {quoted(name, 80)}; it has {have[:300]}", where=where, remedy=remedy)
+
+
+def require_finite(values: np.ndarray, columns: list[str], where: Where) -> None:
+    """Reject values (T, N) that are not finite.
+
+    Raises:
+        LogError: names row, column and value of the first.
+    """
+    finite = np.isfinite(values)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0].tolist()
+        raise bad_value(row, columns[column], values[row, column], NUMBER, where)
+
+
+def require_increasing(time: np.ndarray, where: Where, first_row: int = 0) -> None:
+    """Reject times (T,) [s] that do not increase.
+
+    Raises:
+        LogError: names the row, counted from ``first_row``, and both values.
+    """
+    stuck = np.diff(time) <= 0.0
+    if stuck.any():
+        row = 1 + int(np.argmax(stuck))
+        before, now = float(time[row - 1]), float(time[row])
+        problem = f"row {first_row + row}, time {'repeats' if before == now else 'runs backwards'}"
+        remedy = "sort the rows and drop duplicates, or begin a segment where the clock restarted"
+        raise LogError(f"{problem}: {now!r} s after {before!r} s, it must increase", where=where, remedy=remedy)

@@ -8,7 +8,6 @@ from weighed_arm import JOINTS, slow_motion, write_arm
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
-from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
 
@@ -23,7 +22,7 @@ def turned(log: MotorLog, *signs: float) -> MotorLog:
 
 
 def found(log: MotorLog, robot: str) -> tuple[Finding, ...]:
-    return check_log(log, gravity=gravity_torque(log, load_robot(robot))).of("gravity")
+    return check_log(log, load_robot(robot)).of("gravity")
 
 
 def test_signs_of_the_model_are_no_finding(arm: str):

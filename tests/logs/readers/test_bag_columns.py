@@ -79,7 +79,7 @@ def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_pa
         ("motor_state[{joint}].q", "motor_state[{joint}].angle", "message 0 has no number"),
         ("motor_state[{joint}].q", "motor_state[7{joint}].q", "range"),
         ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' is not TOPIC:FIELD"),
-        ('"suspended"', '"mode"', "posture = 'mode'"),
+        ('"suspended"', '"mode"', "'mode' is not TOPIC:FIELD"),
     ],
 )
 def test_errors_of_a_map_are_named(tmp_path: Path, old: str, new: str, said: str):

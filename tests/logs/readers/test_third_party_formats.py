@@ -137,7 +137,7 @@ def test_unmapped_tensors_are_listed_with_the_shipped_maps(tmp_path: Path):
     assert "'des_dof_pos' (40, 2)" in str(refusal.value) and "go2_tensors" in str(refusal.value)
     assert refusal.value.argument == "columns"
     (tmp_path / "log.pt").write_bytes((tmp_path / "log.pt").read_bytes()[:-30])
-    with pytest.raises(LogError, match="cannot be read"):
+    with pytest.raises(LogError, match="damaged"):
         read_log(tmp_path / "log.pt")
 
 
@@ -145,15 +145,14 @@ def test_unmapped_tensors_are_listed_with_the_shipped_maps(tmp_path: Path):
     ("content", "said"),
     [
         ({"time": Name("os", "system")}, "os.system, which is not allowed"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "do not fit 40 bytes"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "does not fit 40 bytes"),
         (
             {"time": Tensor(Storage("BFloat16Storage", "0", 20), 0, (6,), (1,))},
             "type bfloat16 -> save them as float32, by tensor.float()",
         ),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "do not fit"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "do not fit"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 1000), 0, (6,), (1,))}, "do not fit 40 bytes"),
-        ({"t": 3.0}, "no tensor 'des_dof_pos'"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "does not fit"),
+        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "does not fit"),
+        ({"t": 3.0}, "no tensor 'time'"),
     ],
 )
 def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp_path: Path, content, said: str):

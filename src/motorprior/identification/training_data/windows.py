@@ -143,16 +143,16 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         if getattr(log, channel) is None:
             raise LogError(
                 f"no {channel}, which the {preset.objective} objective needs", where=where,
-                remedy="record the loads, or let `motorprior logs import` add them: option `suspended` (or fixed base) "
-                "or `fit_load` for an unknown body on each joint" if preset.objective == "rollout"
+                remedy="record the loads, or let mp.load_log or `motorprior logs import` add them: `suspended` (or "
+                "fixed base), or `fit_load` for an unknown body on each joint" if preset.objective == "rollout"
                 else "record the channel, or use preset rollout, which learns from positions",
             )  # fmt: skip
     period = next(log.segments()).period
     if abs(period - preset.period) > 0.01 * preset.period:
         raise LogError(
             f"sample period {period:g} s, the preset's is {preset.period:g} s", where=where,
-            remedy=f"import a robot's log with `motorprior logs import` and period {preset.period:g}; record a bench's "
-            "with the bench preset of the same name",
+            remedy=f"load a robot's log with mp.load_log or `motorprior logs import` and period {preset.period:g}; "
+            "record a bench's with the bench preset of the same name",
         )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.logs.doctor import excitation, load, readings, response, units
+from motorprior.logs.doctor import excitation, readings, response, signs, units
 from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
@@ -22,11 +22,11 @@ Check: TypeAlias = Callable[[MotorLog], Iterator[Finding]]
 # The checks of jumps and motion need a correct clock and correct units; the checks of motion need angles without jumps.
 BASIC: tuple[Check, ...] = (readings.rate, readings.gaps, readings.repeats, units.speeds, units.ranges)
 MOTION: tuple[Check, ...] = (
-    excitation.excitation, excitation.dead, response.copied, response.velocity, load.load,
+    excitation.excitation, excitation.dead, response.copied, response.velocity,
 )  # fmt: skip
 # Checks of the window in which a joint's command travels farthest.
 PER_JOINT: tuple[Check, ...] = (
-    response.tracking, response.proportion, response.saturation, excitation.coverage, load.torque_sign,
+    response.tracking, response.proportion, response.saturation, signs.torque_sign,
 )  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     of_robot = () if limits is None else (partial(units.outside_limits, limits=limits),)
     stages: list[Sequence[Check]] = [(partial(units.angle_sizes, limits=limits), *of_robot, *BASIC)]
     stages += [(readings.jumps,), (*MOTION, _each_joint)]
-    stages += [] if robot is None else [(partial(load.gravity_signs, robot=robot),)]
+    stages += [] if robot is None else [(partial(signs.gravity_signs, robot=robot),)]
     findings: list[Finding] = []
     for checks in stages:  # an error in a stage makes the later ones meaningless
         if LogReport(tuple(findings)).usable:

@@ -14,7 +14,6 @@ from motorprior.logs.operations import gap_rows, repeated_rows, resample
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
 RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
 MIN_REVERSALS = 4
-OCTAVES = 0.125 * 2.0 ** np.arange(9)  # edges [Hz]
 MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
 
 
@@ -85,26 +84,6 @@ def reversals(angle: np.ndarray, threshold: float) -> int:
         elif abs(value - extreme) > threshold:
             count, direction, extreme = count + 1, value - extreme, value
     return max(count, 0)
-
-
-def coverage(window: MotorLog) -> Iterator[Finding]:
-    """Octaves of frequency in which a joint moves, with amplitudes: √2 RMS of the motion in each octave.
-
-    An octave counts if its amplitude exceeds 2 mrad and 5 % of the strongest octave's.
-    """
-    angle, joint = window.joint_pos[:, 0], window.joint_names[0]
-    hann = np.hanning(len(angle))
-    power = np.abs(np.fft.rfft(hann * (angle - angle.mean()))) ** 2 * 2.0 / (len(angle) * float(hann @ hann))
-    octave = np.digitize(np.fft.rfftfreq(len(angle), window.period), OCTAVES)
-    amplitude = np.sqrt(2.0 * np.bincount(octave, power, len(OCTAVES) + 1)[1:-1])
-    strong = np.flatnonzero(amplitude > max(2e-3, 0.05 * amplitude.max()))
-    moved = ", ".join(f"{1e3 * amplitude[k]:.0f} mrad at {OCTAVES[k]:g}-{OCTAVES[k + 1]:g} Hz" for k in strong)
-    message = f"{joint} moves by {moved or 'less than 2 mrad'}: {len(strong)} octaves"
-    if len(strong) >= 3:
-        yield Finding("info", "coverage", len(strong), message, joint=joint)
-    else:
-        remedy = "record steps, chirps or sums of sines as well"
-        yield Finding("warning", "coverage", len(strong), f"{message}, fewer than 3", remedy, joint)
 
 
 def dead(log: MotorLog) -> Iterator[Finding]:

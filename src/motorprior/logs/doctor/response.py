@@ -12,7 +12,7 @@ import numpy as np
 from motorprior.logs.doctor.excitation import MIN_ROWS, excited_joints
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.readings import MAX_LAG, encoder_step
-from motorprior.logs.motor_log import JOINT_SERIES, MotorLog
+from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import runs_of_true
 
 MIN_CORRELATION = 0.5
@@ -62,12 +62,7 @@ def lag_rows(window: MotorLog) -> int | None:
 
 
 def tracking(window: MotorLog) -> Iterator[Finding]:
-    """Sign, joint order and lag of the angle against the command, by the first peak of their correlation."""
-    yield _tracked(window)
-
-
-def _tracked(window: MotorLog) -> Finding:
-    """The finding of `tracking`.
+    """Sign, joint order and lag of the angle against the command, by the first peak of their correlation.
 
     An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
     """
@@ -76,26 +71,28 @@ def _tracked(window: MotorLog) -> Finding:
     described = f"{joint} follows its command {1e3 * seconds:.3g} ms later, correlation {follows:.2f}"
     against = f"moves against its command {1e3 * opposed * period:.3g} ms later, correlation {opposes:.2f}"
     can_oppose = opposes < -MIN_CORRELATION and opposed * period < MAX_LAG
+    ahead = int(np.argmin(np.append(np.diff(r[lead::-1]) > 0.0, False)))  # while the correlation rises
+    speed = float(np.percentile(np.abs(np.diff(window.position_target[:, 0])), 95)) / period
+    severity, value, message, remedy = "warning", seconds, described, ""
     if can_oppose and -opposes - (follows if seconds < MAX_LAG else 0.0) > 0.1:
+        severity, value, message = "error", opposes, f"{joint} {against}"
         remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
         remedy += "[joints.….position_target]"
-        return Finding("error", "tracking", opposes, f"{joint} {against}", remedy, joint)
-    if follows < MIN_CORRELATION:
+    elif follows < MIN_CORRELATION:
+        value, message = follows, f"{described}, below {MIN_CORRELATION}"
         remedy = "check power, joint order and clocks; or command more than the dead band of the servo"
-        return Finding("warning", "tracking", follows, f"{described}, below {MIN_CORRELATION}", remedy, joint)
-    if can_oppose and opposed < late and seconds < MAX_LAG:
+    elif can_oppose and opposed < late and seconds < MAX_LAG:
+        message = f"{described}, or {against}"
         remedy = "record more than one frequency, or a step: the lag of one sine is ambiguous"
-        return Finding("warning", "tracking", seconds, f"{described}, or {against}", remedy, joint)
-    ahead = int(np.argmin(np.append(np.diff(r[lead::-1]) > 0.0, False)))  # while the correlation rises
-    if ahead * period >= 0.015 and 1.0 - r[lead - ahead] <= 0.2 * (1.0 - r[lead]):
-        message = f"{joint} moves {1e3 * ahead * period:.3g} ms before its command, correlation {r[lead - ahead]:.2f}"
+    elif ahead * period >= 0.015 and 1.0 - r[lead - ahead] <= 0.2 * (1.0 - r[lead]):
+        value, correlation = -ahead * period, r[lead - ahead]
+        message = f"{joint} moves {1e3 * ahead * period:.3g} ms before its command, correlation {correlation:.2f}"
         remedy = "command and measurement have different clocks, or are in different rows: put them on one clock"
-        return Finding("warning", "tracking", -ahead * period, message, remedy, joint)
-    speed = float(np.percentile(np.abs(np.diff(window.position_target[:, 0])), 95)) / period
-    if seconds > MAX_LAG and seconds * speed > 0.1:  # [rad]; less may be dead band and friction
+    elif seconds > MAX_LAG and seconds * speed > 0.1:  # [rad]; less may be dead band and friction
         message, remedy = f"{described}, above {1e3 * MAX_LAG:g} ms", "check the clocks of command and measurement"
-        return Finding("warning", "tracking", seconds, message, remedy, joint)
-    return Finding("info", "tracking", seconds, described, joint=joint)
+    else:
+        severity = "info"
+    yield Finding(severity, "tracking", value, message, remedy, joint)
 
 
 def proportion(window: MotorLog) -> Iterator[Finding]:
@@ -168,10 +165,10 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
 
 
 def saturation(window: MotorLog) -> Iterator[Finding]:
-    """Angle, velocity or torque of a joint that stays at its extreme for 0.1 s while the command continues.
+    """An angle that rests at its extreme for 0.1 s while the command continues beyond it by 10 % of its range.
 
-    Angle: see `_at_end_stop`. Velocity: the angle is behind its command by 0.25 s of that velocity. Torque: the command
-    moves by 10 % of its range, and the torque has 20 or more values.
+    Friction and dead band hold a joint after a reversal, too. So either the command is 2.5 times as far away as the RMS
+    of other errors; or the command of the lag before rises by 0.03 rad after the joint stopped.
     """
     joint, late = window.joint_names[0], lag_rows(window)
     if late is not None:
@@ -179,38 +176,23 @@ def saturation(window: MotorLog) -> Iterator[Finding]:
     min_rows = max(5, round(0.1 / window.period) + 1)  # reversals are shorter
     for sign in (1.0, -1.0):
         command, angle = sign * window.position_target[:, 0], sign * window.joint_pos[:, 0]
-        extremes = {"joint_pos": (angle.max(), angle >= angle.max() - encoder_step(angle))}
-        if window.joint_vel is not None and (top := (velocity := sign * window.joint_vel[:, 0]).max()) > 0.0:
-            extremes["joint_vel"] = top, (velocity >= 0.98 * top) & (command - angle > MAX_LAG * top)
-        if window.joint_torque is not None and len(np.unique(torque := sign * window.joint_torque[:, 0])) >= 20:
-            extremes["joint_torque"] = torque.max(), torque >= torque.max() - 1e-9 * abs(torque.max())
-        for channel, (top, at_top) in extremes.items():
-            runs = [slice(*run) for run in runs_of_true(at_top).tolist() if run[0] and run[1] - run[0] >= min_rows]
-            if channel == "joint_pos":
-                runs = [run for run in runs if _at_end_stop(command, angle, run, late)]
-            elif channel == "joint_torque":
-                runs = [run for run in runs if np.ptp(command[run]) > TRAVEL * np.ptp(command)]
-            if runs:
-                time = window.period * sum(run.stop - run.start - 1 for run in runs)
-                message = (
-                    f"{channel}/{joint} stays at its extreme {sign * top:.4g} {JOINT_SERIES[channel]} for {time:.2f} s "
-                    "in total while its command continues"
-                )
-                remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
-                yield Finding("warning", "saturation", time, message, remedy, joint, runs[0].start)
+        at_top = runs_of_true(angle >= angle.max() - encoder_step(angle)).tolist()
+        runs = [slice(*run) for run in at_top if run[0] and run[1] - run[0] >= min_rows]
+        if runs := [run for run in runs if _at_end_stop(command, angle, run, late)]:
+            time = window.period * sum(run.stop - run.start - 1 for run in runs)
+            message = f"joint_pos/{joint} stays at its extreme {sign * angle.max():.4g} rad for {time:.2f} s in total "
+            remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
+            message += "while its command continues"
+            yield Finding("warning", "saturation", time, message, remedy, joint, runs[0].start)
 
 
 def _at_end_stop(command: np.ndarray, angle: np.ndarray, run: slice, late: int | None) -> bool:
-    """Whether the command continues beyond the highest angle, reached in ``run``, by 10 % of the command's range.
-
-    Friction and dead band hold a joint after a reversal, too. So either the command is 2.5 times as far away as the RMS
-    of other errors; or the command ``late`` rows before rises by 0.03 rad after the joint stopped.
-    """
+    """Whether the command continues beyond the highest angle, reached in ``run``; ``late`` is the lag in rows."""
     top, travel, here = angle.max(), TRAVEL * np.ptp(command), command[run]
-    error = (command - angle)[(angle < top - 1e-6) & (angle > angle.min() + 1e-6)]
     if here.max() - max(here.min(), top) <= travel:
         return False
-    far = here.max() - top > 2.5 * np.sqrt(np.mean(error**2)) if error.size else True
-    first = run.start - (late or 0)
-    acting = command[max(0, first) : max(1, run.stop - (late or 0))]
-    return bool(far or (late is not None and acting.max() - max(acting[0], top) > max(travel, 0.03)))
+    error = (command - angle)[(angle < top - 1e-6) & (angle > angle.min() + 1e-6)]
+    if not error.size or here.max() - top > 2.5 * np.sqrt(np.mean(error**2)):
+        return True
+    acting = command[max(0, run.start - (late or 0)) : max(1, run.stop - (late or 0))]
+    return late is not None and bool(acting.max() - max(acting[0], top) > max(travel, 0.03))

@@ -22,10 +22,9 @@ import numpy as np
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, quoted
 from motorprior.files import read_text
-from motorprior.logs.log_errors import NUMBER, bad_value
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import CONDITIONS, MotorLog
-from motorprior.logs.validity import checked
+from motorprior.logs.validity import NUMBER, bad_value, checked
 from motorprior.signals import runs_of_true
 
 GRAVITY = 9.81

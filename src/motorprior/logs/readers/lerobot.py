@@ -20,8 +20,7 @@ from motorprior.exceptions import LogError, quoted
 from motorprior.files import read_text
 from motorprior.logs.column_map import ColumnMap, MappedJoint
 from motorprior.logs.column_units import SCALES, Conversion
-from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader
-from motorprior.logs.mapped_log import read_mapped_log, robot_of_joints
+from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.tables import table_columns
 from motorprior.robots.robot import Robot
@@ -46,7 +45,8 @@ def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
     if names != (state := _joint_names(info, STATE, path)):
         problem = f"{ACTION} has {list(names)}, {STATE} has {list(state)}"
         raise LogError(problem[:400], where=path / INFO, remedy="give a dataset whose actions are joint positions")
-    degrees = dict.fromkeys(("position_target", "joint_pos"), Conversion(SCALES["angle"]["deg"]))
+    degree = Conversion(SCALES["angle"]["deg"])
+    degrees = {"position_target": degree, "joint_pos": degree}
     kind = str(info.get("robot_type") or "")
     registers = tomllib.loads((files("motorprior.logs.readers") / "lerobot_robots.toml").read_text("utf-8"))
     columns = ColumnMap(

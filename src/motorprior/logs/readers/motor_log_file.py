@@ -15,11 +15,10 @@ import numpy as np
 
 from motorprior.artifacts import atomic_path, parse_json
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.log_errors import missing_column
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
 from motorprior.logs.tables import parquet_table
-from motorprior.logs.validity import checked
+from motorprior.logs.validity import checked, missing_column
 from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, many
 
 SCHEMA_VERSION = 3
@@ -97,7 +96,7 @@ def read_parquet(path: str | Path) -> MotorLog:
     header = _read_header(table.schema.metadata, path)
     values: dict[str, Any] = {}
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():
-        columns = [_column(table, name, channel in CODES, path) for name in names]
+        columns = [_column(table, name, path) for name in names]
         values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
     values |= {key: header[key] for key in _TEXTS}
     log = MotorLog(joint_names=tuple(header["joint_names"]), firmware=header.get("firmware", {}), **values)
@@ -135,12 +134,7 @@ def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, A
     return header
 
 
-def _column(table: Any, name: str, is_code: bool, path: Path) -> np.ndarray:
+def _column(table: Any, name: str, path: Path) -> np.ndarray:
     if name not in table.column_names:
         raise missing_column("column", name, table.column_names, path, REWRITE)
-    column, expected = table.column(name), "int64" if is_code else "double"
-    if str(column.type) != expected:
-        raise LogError(f"column {name} is {column.type}, not {expected}", where=path, remedy=REWRITE)
-    if column.null_count:
-        raise LogError(f"column {name} has {column.null_count} empty cells", where=path, remedy=REWRITE)
-    return column.to_numpy()
+    return table.column(name).to_numpy()

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.log_errors import require_finite, require_increasing
 from motorprior.logs.log_reader import LogReader, require_robot
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.tables import csv_names, read_number_table
-from motorprior.logs.validity import checked
+from motorprior.logs.validity import checked, require_finite, require_increasing
 from motorprior.robots.robot import Robot
 
 _GAP = 0.055  # a pause longer than this [s] starts a new segment; single lost frames do not
@@ -118,5 +117,7 @@ READER = LogReader(
     (".csv",),
     lambda path: csv_names(path)[:2] == ["time", "mode"],
     lambda path, robot: read_robot_run(path, require_robot(robot, path)),
-    on_grid=lambda path, robot, period: read_robot_run(path, require_robot(robot, path), period=period),
+    on_grid=lambda path, robot, period, suspended: read_robot_run(
+        path, require_robot(robot, path), (Mode.EXCITE,) if suspended else (Mode.WALK, Mode.EXCITE), period
+    ),
 )

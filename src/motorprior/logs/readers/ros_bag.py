@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Collection, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -26,10 +26,9 @@ import numpy as np
 
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.column_map import ColumnMap, MappedJoint
-from motorprior.logs.log_errors import CORRECT, missing_column
-from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader
-from motorprior.logs.mapped_log import read_mapped_log, robot_of_joints
+from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.validity import CORRECT, missing_column
 from motorprior.robots.robot import Robot
 
 CLOCK = "log_time"
@@ -42,25 +41,9 @@ _REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE};
 Steps = list[tuple[str, str | None]]  # fields with their list elements, from a message to a number
 
 
-class Bag:
-    """An open bag: ``path`` of its .mcap file, and ``types``: topic -> type of its messages."""
-
-    def __init__(self, reader: Any, path: Path):
-        self.path, self._reader, summary = path, reader, reader.get_summary()
-        if summary is None:
-            raise LogError("the bag has no summary: its recorder was not closed", where=path, remedy=_RECOVER)
-        kinds = {number: schema.name for number, schema in summary.schemas.items()}
-        self.types = {channel.topic: kinds.get(channel.schema_id, "no type") for channel in summary.channels.values()}
-
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Topic, recording time [ns] and content of every message of these topics, in order of time."""
-        for found in self._reader.iter_decoded_messages(topics=list(topics), log_time_order=True):
-            yield found.channel.topic, found.message.log_time, found.decoded_message
-
-
 @contextmanager
-def opened_bag(path: Path) -> Iterator[Bag]:
-    """Open a .mcap file, or the one in the folder of a bag.
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
+    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages.
 
     Raises:
         LogError: the extra `ros` is not installed, another storage than MCAP, or a damaged file, at opening or reading.
@@ -78,11 +61,22 @@ def opened_bag(path: Path) -> Iterator[Bag]:
         raise LogError(problem, where=path, remedy='pip install "motorprior[ros]"') from error
     try:
         with open(path, "rb") as file:
-            yield Bag(make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()]), path)
+            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            summary = reader.get_summary()
+            if summary is None:
+                raise LogError("the bag has no summary: its recorder was not closed", where=path, remedy=_RECOVER)
+            kinds = {number: schema.name for number, schema in summary.schemas.items()}
+            yield reader, {each.topic: kinds.get(each.schema_id, "no type") for each in summary.channels.values()}
     except LogError:
         raise
     except Exception as error:  # decoders of damaged bytes raise many types
         raise LogError(f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER) from error
+
+
+def _messages(reader: Any, topics: Iterable[str]) -> Iterator[tuple[str, int, Any]]:
+    """Topic, recording time [ns] and content of every message of these topics, in order of time."""
+    for found in reader.iter_decoded_messages(topics=list(topics), log_time_order=True):
+        yield found.channel.topic, found.message.log_time, found.decoded_message
 
 
 def _files(folder: Path) -> list[Path]:
@@ -104,20 +98,20 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
         robot: gives robot, motor and order of the joints if it has these joints.
 
     Raises:
-        LogError: as `opened_bag`; not exactly one topic of each; a command for a joint without states.
+        LogError: as `_opened`; not exactly one topic of each; a command for a joint without states.
     """
-    with opened_bag(path) as bag:
-        topics = [topic for topic, kind in bag.types.items() if kind == JOINT_STATE]
-        first = {topic: message for each in topics for topic, _, message in islice(bag.messages([each]), 1)}
+    with _opened(path) as (reader, types):
+        topics = [topic for topic, kind in types.items() if kind == JOINT_STATE]
+        first = {topic: message for each in topics for topic, _, message in islice(_messages(reader, [each]), 1)}
     states = [topic for topic in first if topic.rsplit("/", 1)[-1] == "joint_states"]
     if len(first) != 2 or len(states) != 1:
-        has = listed([f"{topic} ({kind})" for topic, kind in sorted(bag.types.items())], 8) or "none"
+        has = listed([f"{topic} ({kind})" for topic, kind in sorted(types.items())], 8) or "none"
         problem = f"no topic of states and one of commands; it has {has}"
-        raise LogError(problem, where=bag.path, remedy=_REMEDY, argument="columns")
+        raise LogError(problem, where=path, remedy=_REMEDY, argument="columns")
     (state,), (command,) = states, first.keys() - set(states)
     names, known = tuple(first[command].name), set(first[state].name)
     if missing := sorted(set(names) - known):
-        raise LogError(f"the command has a joint {missing[0]!r}, the states have none", where=bag.path, remedy=_REMEDY)
+        raise LogError(f"the command has a joint {missing[0]!r}, the states have none", where=path, remedy=_REMEDY)
     robot = robot_of_joints(robot, names)
     series = {"position_target": command + ":position[{joint}]", "joint_pos": state + ":position[{joint}]"}
     for channel, name in (("joint_vel", "velocity"), ("joint_torque", "effort")):
@@ -139,32 +133,35 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
         topic, steps = _parsed(name, path)
         wanted.setdefault(topic, {})[name] = steps
     row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
-    with opened_bag(path) as bag:
-        for topic in wanted.keys() - bag.types.keys():
-            raise missing_column("topic", topic, bag.types, bag.path)
-        times, table = _rows(bag, wanted, row_topic, numbers)
+    with _opened(path) as (reader, types):
+        for topic in wanted.keys() - types.keys():
+            raise missing_column("topic", topic, types, path)
+        times, table = _rows(_messages(reader, wanted), wanted, row_topic, numbers, path)
     found = dict(zip(numbers, table.T, strict=True)) | {CLOCK: 1e-9 * (times - times[:1])}
     return {name: found[name] for name in names}
 
 
-def _rows(bag: Bag, wanted: dict[str, dict[str, Steps]], row_topic: str, names: list[str]) -> tuple[np.ndarray, ...]:
+def _rows(
+    messages: Iterator[tuple[str, int, Any]], wanted: dict[str, dict[str, Steps]], row_topic: str, names: list[str],
+    path: Path,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Times (rows,) [ns] and numbers (rows, names), from the first row for which every topic has a message."""
     times, values = array("q"), array("d")
     latest: dict[str, float] = {}
     count = dict.fromkeys(wanted, 0)
-    for topic, time, message in bag.messages(wanted.keys()):
+    for topic, time, message in messages:
         for name, steps in wanted[topic].items():
             try:
                 latest[name] = _number(message, steps)
             except (AttributeError, LookupError, TypeError, ValueError) as error:
                 problem = f"message {count[topic]} has no number {quoted(name, 120)} ({str(error)[:120]})"
-                raise LogError(problem, where=bag.path, remedy=CORRECT) from error
+                raise LogError(problem, where=path, remedy=CORRECT) from error
         count[topic] += 1
         if topic == row_topic and len(latest) == len(names):
             times.append(time)
             values.extend(latest[name] for name in names)
     if silent := [topic for topic, messages in count.items() if not messages]:
-        raise LogError(f"no message of {quoted(silent[0])}", where=bag.path, remedy=CORRECT)
+        raise LogError(f"no message of {quoted(silent[0])}", where=path, remedy=CORRECT)
     table = np.frombuffer(values, dtype=np.float64).reshape(len(times), len(names))
     return np.frombuffer(times, dtype=np.int64), table
 

@@ -16,9 +16,9 @@ import numpy as np
 from motorprior.exceptions import LogError, quoted
 from motorprior.files import load_pickle, numpy_names, require_file
 from motorprior.logs.column_map import ColumnMap
-from motorprior.logs.log_errors import CORRECT, missing_column
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.tables import element_of, unreadable
+from motorprior.logs.validity import CORRECT, missing_column
 
 MAX_BYTES = 500_000_000
 _TYPES = {

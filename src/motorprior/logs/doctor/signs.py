@@ -1,4 +1,4 @@
-"""Checks of the load: joint_torque against a known load, and joint signs against the gravity of the robot's model."""
+"""Checks of signs: joint_torque against the motion, and joints against the gravity of the robot's model."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from itertools import combinations
 
 import numpy as np
 
-from motorprior.logs.doctor.excitation import MIN_REVERSALS, excited_joints, reversals
+from motorprior.logs.doctor.excitation import MIN_REVERSALS, reversals
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.doctor.readings import encoder_step
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
-from motorprior.signals import rms
 
-SLOPES = (0.7, 1.4)  # bounds of the load's torque over joint_torque
 MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that hardly changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
 MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
@@ -25,7 +22,7 @@ MIN_ROWS = 20  # of steady motion
 def torque_sign(window: MotorLog) -> Iterator[Finding]:
     """Torques that never change sign (|current|), or push away from the command and take work out of the joint.
 
-    A torque that holds a weight keeps its sign, but does not come near 0. With a known load, `load` finds the sign.
+    A torque that holds a weight keeps its sign, but does not come near 0.
     """
     if window.joint_torque is None or np.ptp(window.joint_torque) == 0.0:
         return
@@ -46,56 +43,6 @@ def torque_sign(window: MotorLog) -> Iterator[Finding]:
     message += f"error, {share:+.2f} of the work goes into the joint"
     remedy = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
     yield Finding("warning", "torque_sign", correlation, message, remedy, joint)
-
-
-def load(log: MotorLog) -> Iterator[Finding]:
-    """joint_torque against the torque that a known load needed, with friction of the gear.
-
-    load_inertia·q̈ - external_torque = slope·joint_torque + coulomb·tanh(q̇/0.05) + viscous·q̇,  coulomb, viscous <= 0
-    """
-    if log.joint_torque is None or log.load_inertia is None or log.external_torque is None:
-        return
-    from scipy.optimize import lsq_linear  # takes half a second
-
-    for column in excited_joints(log):
-        joint, parts = log.joint_names[column], [_blocks(part.joint(column)) for part in log.segments()]
-        torque, friction, speed, needed, noise = np.concatenate(parts, axis=1)
-        if needed.size < 20 or not torque.any() or rms(noise) >= 0.3 * rms(needed):
-            continue
-        fit = lsq_linear(np.stack([torque, friction, speed], axis=1), needed, ([-np.inf] * 3, [np.inf, 0.0, 0.0]))
-        slope = float(fit.x[0])
-        correlation = float(np.sign(slope) * np.sqrt(max(0.0, 1.0 - 2.0 * fit.cost / np.sum(needed**2))))
-        if correlation < 0.7:
-            message = f"joint_torque/{joint} does not explain its load's motion: correlation {correlation:.2f}"
-            remedy = f"check load, clocks and sign; correct the sign in the file, or {IN_MAP}; leave out a torque "
-            remedy += "computed from a current if gear friction takes most of it"
-            yield Finding("warning", "load", correlation, message, remedy, joint, 0)
-        elif not SLOPES[0] <= slope <= SLOPES[1]:
-            message = f"the load of {joint} needed {slope:.2f} times its joint_torque, gear friction included"
-            remedy = f"check load_inertia, torque constant, gear and unit; convert in the file, or {IN_MAP} by torque"
-            yield Finding("warning", "load", slope, message, remedy, joint, 0)
-
-
-def _blocks(part: MotorLog) -> np.ndarray:
-    """(5, N) torque [N·m], friction [-], speed [rad/s], needed torque [N·m] and its noise [N·m] of one joint's segment.
-
-    Means over blocks of 0.05 s. Their second differences weigh accelerations nearly as (1, 10, 1)/12 weighs blocks.
-    """
-    assert part.joint_torque is not None and part.load_inertia is not None and part.external_torque is not None
-    length = max(1, round(0.05 / part.period)) if part.num_rows > 1 else 1
-    count = part.num_rows // length
-    if count < 3 or part.num_rows < 10:
-        return np.zeros((5, 0))
-    angle, time = part.joint_pos[:, 0], length * part.period
-    speed = np.pad((angle[length:] - angle[:-length]) / time, (length // 2, length - length // 2), "edge")
-    series = part.joint_torque, np.tanh(speed / 0.05), speed, part.load_inertia, part.external_torque, angle
-    blocks = [values.reshape(-1)[: count * length].reshape(count, length).mean(axis=1) for values in series]
-    weights = np.array([1.0, 10.0, 1.0]) / 12.0
-    torque, friction, speed, inertia, external = (np.convolve(values, weights, "valid") for values in blocks[:-1])
-    noise = max(float(np.std(np.diff(angle, 4))) / np.sqrt(70.0), encoder_step(angle) / np.sqrt(12.0))
-    acceleration_noise = np.sqrt(6.0 / length) * noise / time**2
-    needed = inertia * np.diff(blocks[-1], 2) / time**2 - external
-    return np.stack([torque, friction, speed, needed, inertia * acceleration_noise])
 
 
 def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:

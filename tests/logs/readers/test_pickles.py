@@ -1,0 +1,47 @@
+"""Third-party pickles: numbers are exact, and no code runs."""
+
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.files import load_pickle, numpy_names
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_plain_containers_and_arrays_come_through(protocol: int):
+    value = {"t": [0.1, 1e-300, True, None, "µ", b"\xff"], "x": np.arange(6.0).reshape(2, 3), "y": np.float32(0.5)}
+    loaded = load_pickle(pickle.dumps(value, protocol), numpy_names())
+    assert loaded["t"] == value["t"] and loaded["y"] == 0.5
+    np.testing.assert_array_equal(loaded["x"], value["x"])
+
+
+@pytest.mark.parametrize("function", [os.system, eval, os.unlink, np.load, getattr])
+def test_a_pickle_calls_nothing_else(tmp_path: Path, function):
+    class Call:
+        def __reduce__(self):
+            return function, (str(victim),)
+
+    victim = tmp_path / "victim"
+    victim.touch()
+    with pytest.raises(LogError, match=rf"{function.__name__}, which is not allowed"):
+        load_pickle(pickle.dumps({"t": Call()}), numpy_names())
+    assert victim.exists()
+
+
+def test_a_truncated_pickle_is_an_error():
+    with pytest.raises(LogError, match="not a complete pickle"):
+        load_pickle(pickle.dumps([1.0, 2.0])[:-3], numpy_names())
+
+
+def test_raw_bytes_never_become_addresses_of_objects():
+    class Forged:
+        def __reduce__(self):
+            dtype = np.dtype("O8")
+            return np.zeros(0).__reduce__()[0], (np.ndarray, (0,), b"b"), (1, (1,), dtype, False, 8 * b"A")
+
+    with pytest.raises(LogError, match="'O8', not plain numbers"):
+        load_pickle(pickle.dumps({"t": Forged()}), numpy_names())

@@ -1,0 +1,85 @@
+"""Columns of CSV and Parquet tables: numbers are exact; all else is refused by file, row and name."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from motorprior.exceptions import LogError
+from motorprior.logs.tables import csv_names, read_number_table, table_columns
+
+ROWS = [[0.1, -2.5e-3], [1e300, 3.0]]
+
+
+def written(folder: Path, text: str, name: str = "table.csv") -> Path:
+    path, data = folder / name, text.encode()
+    path.write_bytes(gzip.compress(data) if name.endswith(".gz") else data)
+    return path
+
+
+@pytest.mark.parametrize("name", ["table.csv", "table.csv.gz"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize(("delimiter", "point"), [(",", "."), (";", "."), (";", ","), ("\t", ",")])
+def test_numbers_come_through(tmp_path: Path, name: str, end: str, delimiter: str, point: str):
+    lines = [delimiter.join(["\ufeffa", "b"])]
+    lines += [delimiter.join(repr(value).replace(".", point) for value in row) for row in ROWS]
+    path = written(tmp_path, end.join(lines) + end, name)
+    assert csv_names(path) == ["a", "b"]
+    np.testing.assert_array_equal(read_number_table(path, ["a", "b"]), ROWS)
+
+
+def test_a_line_that_was_cut_by_a_crash_does_not_count(tmp_path: Path):
+    path = written(tmp_path, "a,b\n1,2\n3,4\n5")
+    np.testing.assert_array_equal(read_number_table(path, ["a", "b"], may_be_cut=True), [[1, 2], [3, 4]])
+
+
+@pytest.mark.parametrize(
+    ("rows", "problem"),
+    [
+        ("1,2\n3,x\n", "row 1, b is 'x'"),
+        ("1,2\n3,\n", "row 1, b is empty"),
+        ("1,2\n3,1_0\n", "row 1, b is '1_0'"),
+        ("1,2\n3,4\n5\n", "row 2 has 1 cells, expected 2"),
+        ("1,2,3\n", "row 0 has 3 cells, expected 2"),
+        ("", "no rows"),
+    ],
+)
+def test_a_bad_row_is_named(tmp_path: Path, rows: str, problem: str):
+    with pytest.raises(LogError, match=problem):
+        table_columns(written(tmp_path, "a,b\n" + rows), ["a", "b"])
+    with pytest.raises(LogError, match="row 1, b is 'x'"):
+        table_columns(written(tmp_path, "a;b\n1,5;2,5\n3;x\n"), ["a", "b"])
+
+
+@pytest.mark.parametrize("name", ["whole", "repeated", "pair[1]"])
+def test_numbers_of_parquet_are_read(tmp_path: Path, name: str):
+    numbers, pairs = pa.array([1.0, 2.0]), pa.array([[0.0, 1.0], [0.0, 2.0]])
+    table = pa.table({"whole": pa.array([1, 2]), "repeated": numbers.dictionary_encode(), "pair": pairs})
+    pq.write_table(table, tmp_path / "x.parquet")
+    np.testing.assert_array_equal(table_columns(tmp_path / "x.parquet", [name])[name], [1.0, 2.0])
+
+
+@pytest.mark.parametrize(("name", "row"), [("ragged[1]", 2), ("ragged[0]", 3), ("pair[2]", 0)])
+def test_a_list_that_is_too_short_is_named_by_its_row(tmp_path: Path, name: str, row: int):
+    lists = {"ragged": [[1.0, 2.0], [3.0, 4.0], [5.0], []], "pair": 4 * [[0.0, 1.0]]}
+    pq.write_table(pa.table(lists), tmp_path / "x.parquet")
+    length = len(lists[name[:-3]][row])
+    with pytest.raises(LogError, match=rf"x\.parquet: row {row}, .*: its list has {length} numbers"):
+        table_columns(tmp_path / "x.parquet", [name])
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("# recorded today\nt,x\n0,1\n", "its first line is a comment"),
+        ("t x\n0 1\n", "separated by blanks"),
+        ("time,x\n0,1\n", "correct the column map, or the file"),
+    ],
+)
+def test_a_first_line_that_names_no_columns_is_told_what_it_is(tmp_path: Path, text: str, remedy: str):
+    with pytest.raises(LogError, match="no column 't'") as refusal:
+        table_columns(written(tmp_path, text), ["t"])
+    assert remedy in str(refusal.value.remedy)
