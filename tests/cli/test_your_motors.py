@@ -11,7 +11,6 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-from motorprior.logs.readers.bag_columns import CLOCK
 from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
@@ -20,6 +19,7 @@ from motorprior.identification import load_fit
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
 from motorprior.logs.column_map import load_column_map
+from motorprior.logs.readers.ros_bag import CLOCK
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
