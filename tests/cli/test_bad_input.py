@@ -47,7 +47,7 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("walk", ("--actuator prior", "file of a prior")),
         ("transfer", ("no policy", "walk")),
         ("demo --motors 5", ("--motors 5", "at least 12")),
-        ("demo --logs nowhere", ("nowhere", "jietan/puppersim")),
+        ("demo --logs nowhere", ("nowhere", "no such file")),
     ],
 )
 def test_a_setting_out_of_range_is_named_with_its_bound(

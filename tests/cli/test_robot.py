@@ -82,7 +82,7 @@ def test_the_doctor_checks_a_virtual_robot(motorprior: Callable):
         ("deploy {policy} --port /dev/null", ("no terminal to confirm at", "--yes")),
         ("deploy no.safetensors --virtual --yes", ("no such file",)),
         ("deploy {other_gains} --port /dev/null --yes", ("kp = 22.2", "give kp 22.2")),
-        ("deploy {slow} --port /dev/null --yes", ("0.02 s", "0.01 s")),
+        ("deploy {slow} --port /dev/null --yes", ("0.02", "0.01")),
         ("deploy {policy} --port /dev/null --yes --forward 2", ("--forward 2", "to 0.5")),
         ("record --port /dev/null --yes --amplitude 3", ("--amplitude 3", "to 1.5")),
         ("record --port /dev/null --yes --out {used}", ("run.csv", "exists already")),

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.commands import robustness as stage
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.studies import robustness
 from motorprior.studies.robustness import MAPS, grids, load_maps, save_maps
@@ -14,8 +13,7 @@ from motorprior.studies.robustness import MAPS, grids, load_maps, save_maps
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Short episodes, few of them."""
-    for module in (robustness, stage):
-        monkeypatch.setattr(module, "DURATION_STEPS", 120)
+    monkeypatch.setattr(robustness, "DURATION_STEPS", 120)
     monkeypatch.setattr(robustness, "ROBUSTNESS_DRAWS", 2)
     monkeypatch.setattr(robustness, "MASSES", (0.8, 1.0, 1.2, 4.0))
 
@@ -34,8 +32,8 @@ def test_a_cell_has_the_values_of_its_axes():
 
 
 def test_a_map_does_not_depend_on_the_threads_and_a_heavy_robot_falls(gait_walk: Path, small: None, tmp_path: Path):
-    one = stage.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 1)
-    two = stage.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 2)
+    one = robustness.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 1)
+    two = robustness.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 2)
     assert one == two
     shoved, late = (np.array(each.share) for each in one)
     assert shoved.shape == late.shape == (4, 4)

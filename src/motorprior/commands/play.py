@@ -43,20 +43,28 @@ class Play:
 
     policies: tuple[Path, ...]
     """Policies, or folders that `motorprior walk` wrote."""
-    out: Path = Path("runs/play")  # folder for the film (play.mp4 or play.gif) and figures.json
+    out: Path = Path("runs/play")
+    """Folder for the film (play.mp4 or play.gif) and figures.json."""
     environment: EnvironmentName = "own"
     """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and noise; hard: the twin
     on unknown ground, with an unknown load and pushes."""
-    forward: float | None = None  # commanded speed [m/s]; the largest in the range of all policies if not given
-    yaw_rate: float = 0.0  # commanded yaw rate, to the left [rad/s]
+    forward: float | None = None
+    """Commanded speed [m/s]; the largest in the range of all policies if not given."""
+    yaw_rate: float = 0.0
+    """Commanded yaw rate, to the left [rad/s]."""
     schedule: Path | None = None
     """CSV file with the columns time_s, forward_m_s and yaw_rate_rad_s; a row is in force until the next. It replaces
     the two commands above."""
-    seconds: float = 10.0  # duration [s]
-    seed: int = 0  # seed of the motors, the same for all policies on the twin
-    viewer: bool = False  # also open MuJoCo's viewer, which needs a screen
-    fleet: str | None = None  # fleet of the twin; the robot's own if not given
-    robot: str = DEFAULT_ROBOT  # robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)
+    seconds: float = 10.0
+    """Duration [s]."""
+    seed: int = 0
+    """Seed of the motors, the same for all policies on the twin."""
+    viewer: bool = False
+    """Also open MuJoCo's viewer, which needs a screen."""
+    fleet: str | None = None
+    """Fleet of the twin; the robot's own if not given."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 @dataclass(frozen=True)

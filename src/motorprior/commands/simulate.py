@@ -26,12 +26,18 @@ class Simulate:
 
     out: Path
     """Folder for log.parquet."""
-    motors: MotorChoice = field(default_factory=MotorChoice)  # the robot's motors
-    excitation: str = "sine"  # signal of every joint about the nominal pose: sine, held_steps, gait, creep or chirp
-    seconds: float = 10.0  # duration [s]
-    amplitude: float = 0.4  # maximum distance of a target from the nominal pose [rad], within the joints' limits
-    seed: int = 0  # draws the motors and the excitation
-    robot: str = DEFAULT_ROBOT  # robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)
+    motors: MotorChoice = field(default_factory=MotorChoice)
+    """The robot's motors."""
+    excitation: str = "sine"
+    """Signal of every joint about the nominal pose: sine, held_steps, gait, creep or chirp."""
+    seconds: float = 10.0
+    """Duration [s]."""
+    amplitude: float = 0.4
+    """Maximum distance of a target from the nominal pose [rad], within the joints' limits."""
+    seed: int = 0
+    """Draws the motors and the excitation."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:

@@ -31,18 +31,21 @@ class Walk(WalkSettings):
 
     out: Path
     """Folder for policy.safetensors, curve.json, metrics.jsonl and the checkpoint."""
-    motors: MotorChoice = field(default_factory=MotorChoice)  # the motors of every episode
+    motors: MotorChoice = field(default_factory=MotorChoice)
+    """The motors of every episode."""
     start: Path | None = None
     """A policy in another folder to continue from, with other motors for example, within its range of speeds; the plain
     gait if not given."""
     workers: int = min(2, os.cpu_count() or 1)
     """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not depend on it."""
-    executor: Kind = "threads"  # threads of this process, or Ray processes; the result does not depend on it
+    executor: Kind = "threads"
+    """Threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""
     tensorboard: bool = False
     """Also write the learning curve for TensorBoard, into the folder tensorboard; needs the extra tensorboard."""
-    robot: str = DEFAULT_ROBOT  # robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> bool:

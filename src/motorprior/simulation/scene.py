@@ -37,13 +37,16 @@ class WalkConfig:
         ConfigError: a number out of range, or an unknown engine.
     """
 
-    episode_steps: int = 500  # control steps until the time limit
-    task: TaskWeights = field(default_factory=TaskWeights)  # reward
+    episode_steps: int = 500
+    """Control steps until the time limit."""
+    task: TaskWeights = field(default_factory=TaskWeights)
+    """Reward."""
     randomization: Randomization = field(default_factory=Randomization)
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands | Timetable = field(default_factory=Commands)
     """Commanded speeds and yaw rates, also above the robot's usual range."""
-    gait: GaitName = "trot"  # gait: phases of the legs
+    gait: GaitName = "trot"
+    """Gait: phases of the legs."""
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses several cores."""
 
@@ -62,10 +65,13 @@ class WalkConfig:
 class Scene:
     """Simulation of a walking episode."""
 
-    robot: Robot  # with legs
-    draw_motors: DrawMotors  # the motors of an episode, from a generator seeded by the episode's seed
+    robot: Robot
+    """With legs."""
+    draw_motors: DrawMotors
+    """The motors of an episode, from a generator seeded by the episode's seed."""
     walk: WalkConfig = field(default_factory=WalkConfig)
-    physics_dt: float | None = None  # MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms
+    physics_dt: float | None = None
+    """MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms."""
 
     def world(self) -> World | BulletWorld:
         """The robot in the engine, for `begin`. An engine is imported when it is used."""

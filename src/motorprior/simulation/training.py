@@ -43,15 +43,19 @@ class WalkSettings(WalkConfig):
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands = field(default_factory=Commands)
     """Commanded speeds and yaw rates, also above the robot's usual range."""
-    iterations: int = 200  # ARS iterations
+    iterations: int = 200
+    """ARS iterations."""
     patience: int | None = None
     """Stop after so many evaluations, one every 10 iterations, without a better policy; never if not given."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the best; the motors of
     the training if not given. Not the fleet of a twin on which the policy is tested later."""
-    hidden_units: int = 0  # hidden units of the policy, an even number if it is symmetric; 0 for a linear one
-    symmetric: bool = True  # mirrored observations give mirrored actions, so that the policy cannot limp to one side
-    search: ArsConfig = field(default_factory=ArsConfig)  # augmented random search
+    hidden_units: int = 0
+    """Hidden units of the policy, an even number if it is symmetric; 0 for a linear one."""
+    symmetric: bool = True
+    """Mirrored observations give mirrored actions, so that the policy cannot limp to one side."""
+    search: ArsConfig = field(default_factory=ArsConfig)
+    """Augmented random search."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
