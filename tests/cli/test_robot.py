@@ -46,7 +46,7 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorpr
     assert facts["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and facts["policy"] == str(policy)
     assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
     assert 1.8 < read_robot_run(walk / "run.csv", PUPPER_V2).duration < 5.0, "a second, and one to stop"
-    done = motorprior("logs", "import", walk / "run.csv", "--out", tmp_path / "log")
+    done = motorprior("logs", "import", walk / "run.csv", "--period", 0.01, "--out", tmp_path / "log")
     assert done.code == 0, done.err
     imported = tmp_path / "log" / "run.parquet"
     done = motorprior("identify", imported, "--preset", "paper", "--steps", 2, "--out", tmp_path / "prior")
