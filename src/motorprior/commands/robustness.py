@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 
-from motorprior.bounds import require_count
+from motorprior.artifacts import read_json, write_json
 from motorprior.commands.walk import POLICY
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.stage import description, is_finished, working
-from motorprior.studies.robustness import (
-    MAPS,
-    robustness,
-    save_maps,
-)
+from motorprior.studies.robustness import UprightMap, robustness
+
+MAPS = "robustness.json"
 
 
-@dataclass(frozen=True)
-class Robustness:
-    """Robustness maps of a policy: folder of `motorprior walk`, folder for the maps, robot, rows at a time."""
-
-    walk: Path
-    out: Path
-    robot: str
-    workers: int = 1
-
-
-def run_robustness(config: Robustness, progress: Progress = SILENT) -> None:
-    """Measure the maps of `robustness` unless the folder has them; `load_maps` reads them.
+def run_robustness(walk: Path, out: Path, robot_name: str, progress: Progress = SILENT) -> list[UprightMap]:
+    """Measure the maps of the policy in the folder ``walk``, or read those that ``out`` has.
 
     Raises:
         ArtifactError, ConfigError: an unreadable policy, or missing motors.
     """
-    require_count("workers", config.workers)
-    robot, path = load_robot(config.robot), config.walk / POLICY
-    wanted = description("robustness", {"robot": config.robot, "file": MAPS}, [path, *robot.files])
-    if not is_finished(config.out, wanted):
-        with working(config.out, wanted):
-            save_maps(config.out / MAPS, robustness(path, robot, config.workers, progress))
+    robot, path = load_robot(robot_name), walk / POLICY
+    wanted = description("robustness", {"robot": robot_name, "file": MAPS}, [path, *robot.files])
+    if not is_finished(out, wanted):
+        with working(out, wanted):
+            write_json(out / MAPS, [asdict(each) for each in robustness(path, robot, progress=progress)])
+    return [UprightMap(**each) for each in read_json(out / MAPS)]

@@ -20,9 +20,9 @@ from motorprior.report.plots_walk import learning_curves, robustness_maps, trans
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.studies import robot_fidelity
+from motorprior.studies.compare import DRAWS
 from motorprior.studies.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
 from motorprior.studies.robustness import ROBUSTNESS_DRAWS, UprightMap
-from motorprior.studies.twin import DRAWS
 
 Tensors = dict[str, np.ndarray]
 

@@ -15,11 +15,8 @@ from motorprior.locomotion.executor import Kind, require_executor
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.studies.summary import CONDITIONS
 
-CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
-    "untrained", "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "pd_adapted", "one_network", "paper",
-    "paper_wide", "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle",
-)  # fmt: skip
 OWN_MOTORS = "own"  # as validation: select on the training motors
 _QUICK = {
     "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
