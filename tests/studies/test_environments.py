@@ -28,18 +28,13 @@ def test_no_walk_has_a_training_seed(study: int):
     assert len(walked) == 64 and not walked & trained and not walked & set(range(EVALUATION_SEED, EVALUATION_SEED + 64))
 
 
-def test_the_motors_of_a_robot_depend_on_its_number_and_study():
-    one, same, other = (motors_of_robot(ROBOT, FLEET, STUDY, number) for number in (3, 3, 4))
-    np.testing.assert_array_equal(one.kp, same.kp)  # pyright: ignore[reportAttributeAccessIssue]
-    assert (one.kp != other.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
-    elsewhere = motors_of_robot(ROBOT, FLEET, STUDY + 1, 3)
-    assert (one.kp != elsewhere.kp).all(), "robot 3 of another study"  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def test_robots_of_two_fleets_share_nothing():
-    """The files of both fleets begin with the same range of kp."""
-    mixed, foreign = (motors_of_robot(ROBOT, load_fleet(name), STUDY, 3) for name in ("mixed", "foreign_direct"))
-    assert (mixed.kp != foreign.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
+def test_the_motors_of_a_robot_depend_on_its_number_its_study_and_its_fleet():
+    one, same, number, study = (motors_of_robot(ROBOT, FLEET, *each).kp for each in ((4, 3), (4, 3), (4, 4), (5, 3)))  # pyright: ignore[reportAttributeAccessIssue]
+    np.testing.assert_array_equal(one, same)
+    assert (one != number).all() and (one != study).all()
+    # the files of both fleets begin with the same range of kp
+    mixed, foreign = (motors_of_robot(ROBOT, load_fleet(name), 4, 3).kp for name in ("mixed", "foreign_direct"))  # pyright: ignore[reportAttributeAccessIssue]
+    assert (mixed != foreign).all()
 
 
 def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():

@@ -19,15 +19,15 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_cell_has_the_values_of_its_axes():
-    shoved, late = grids(PUPPER_V2)
+    (shoved, with_push), (_, with_delay) = grids(PUPPER_V2)
     push, mu = shoved.rows[-1], shoved.columns[0]
-    conditions = shoved.cell(push, mu).conditions(PUPPER_V2, 3, 300)
+    conditions = with_push(push, mu).conditions(PUPPER_V2, 3, 300)
     assert conditions.friction * PUPPER_V2.foot_friction == pytest.approx(mu)
     impulse = np.linalg.norm(conditions.push, axis=1).max() * PUPPER_V2.control_dt
     assert 0.0 < impulse <= push
-    heavy = late.cell(20.0, 1.2).conditions(PUPPER_V2, 3, 300)
+    heavy = with_delay(20.0, 1.2).conditions(PUPPER_V2, 3, 300)
     assert heavy.command_delay == pytest.approx(0.02) and heavy.mass == pytest.approx(1.2)
-    nominal = late.cell(0.0, 1.0).conditions(PUPPER_V2, 3, 300)
+    nominal = with_delay(0.0, 1.0).conditions(PUPPER_V2, 3, 300)
     assert nominal.command_delay == 0.0 and (nominal.mass == 1.0).all() and len(nominal.push) == 0
 
 

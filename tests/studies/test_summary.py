@@ -50,9 +50,8 @@ def invented(conditions: dict[str, float], seeds: int = 8, draws: int = 16) -> l
 def test_a_clear_difference_is_significant_and_none_is_not():
     summary = summarise(invented({"prior": 0.9, "ideal_pd": 0.3, "pd_friction": 0.9, "pd_adapted": 0.3}))
     for condition in ("ideal_pd", "pd_adapted"):
-        key = ("fleet", condition, "upright")
-        difference = summary.differences[key].difference
-        assert summary.p[key] < 0.05 and difference.value < -0.5 and difference.high < 0.0
-    assert summary.p["fleet", "pd_friction", "upright"] > 0.05
+        found = summary.differences["fleet", condition, "upright"]
+        assert found.p < 0.05 and found.difference.value < -0.5 and found.difference.high < 0.0
+    assert summary.differences["fleet", "pd_friction", "upright"].p > 0.05
     assert [row[0] for row in headline_table(summary).rows] == ["ideal_pd", "pd_friction", "pd_adapted", "prior"]
     assert [row[0] for row in difference_table(summary).rows] == ["ideal_pd", "pd_friction", "pd_adapted"]

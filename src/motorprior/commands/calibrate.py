@@ -107,7 +107,7 @@ def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
         sources[name] += "; the logs contain the gains"
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
         result = "identified" if unknown.is_identifiable(error) else f"not identified, near fleet {start}"
-        spread = "" if unknown.name in found.motors.spread else f"; spread as in fleet {start}"
+        spread = "" if unknown.name in found.spread else f"; spread as in fleet {start}"
         sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}{spread}"
     return sources
 
@@ -119,11 +119,11 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
         fits = {
             "start": (problem.prior.mean, None),
             "center": (found.center, None),
-            "per_motor": (found.center, found.motors.offsets),
+            "per_motor": (found.center, found.offsets),
         }
         if found.left_out:
-            fits["left_out"] = (found.left_out[name], None)
-            fits["per_motor_left_out"] = (found.left_out[name], found.motors.left_out[name])
+            center, offsets = found.left_out[name]
+            fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
         for model, fit in fits.items():
             errors.setdefault(model, {})[name] = problem.rmse(name, *fit)
     rows = [Result("calibrate_rmse", "rad", errors[model][log], model, log=log) for log in problem.replayers
@@ -158,7 +158,7 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
 
 def _motors(problem: FleetProblem, found: Calibration) -> list[Result]:
     """Constants that differ between motors, per joint that moved; `model` is the constant."""
-    rows, each_motor = [], found.motors.offsets.reshape(len(problem.joints), len(problem.differing))
+    rows, each_motor = [], found.offsets.reshape(len(problem.joints), len(problem.differing))
     for joint, offsets in zip(problem.joints, each_motor, strict=True):
         for place, offset in zip(problem.differing, offsets, strict=True):
             unknown, part = problem.unknowns[place], problem.robot.joint_names[joint]

@@ -7,18 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motorprior.artifacts import read_json, write_text
-from motorprior.bench.bench_folder import require_bench_size
-from motorprior.bench.fleet import load_robot_fleet
-from motorprior.bounds import require_count, require_seed
+from motorprior import stage
+from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.real_motors import RealMotors, Show, is_replayed, run_real_motors
-from motorprior.commands.replay import Replay, read_logs, run_replay
-from motorprior.commands.robustness import run_robustness
+from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.commands.walk import Walk, run_walk
+from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import SEEDS_APART
 from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
@@ -27,14 +25,16 @@ from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.randomization import Randomization
-from motorprior.stage import FIGURES, PAGE, RESULTS, in_parallel, locked, write_results
+from motorprior.studies.robustness import UprightMap, robustness
 
 if TYPE_CHECKING:
     from motorprior.report.page import Section
 
+MAPS = "robustness.json"
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 
 
@@ -93,22 +93,28 @@ def run_demo(
     from motorprior.report.page import page
     from motorprior.report.real_motors import real_motors
 
+    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
+        if is_given and config.logs is None:
+            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     given, config = config, with_walking_robot(config)
     real = RealMotors(
         given.logs, given.out / "real_motors", given.columns, given.suspended, given.seed, given.robot
     ) if given.logs is not None else None  # fmt: skip
     replayed = real is not None and is_replayed(real, config.robot)
-    _require_settings(config, replayed)
     robot, out, results = load_robot(config.robot), config.out, Results()
+    robot.require_legs()
+    require_count("motors", config.motors, robot.num_joints)
+    for name in ("iterations", "seeds", "workers"):
+        require_count(name, getattr(config, name))
     sections: list[Section] = []
 
     def write_page(complete: bool = False) -> Path:
         title = "motorprior: motor logs, motor prior, walking policies, transfer"
-        write_text(out / PAGE, page(title, sections, asdict(given), command or repr(given), complete))
-        return out / PAGE
+        write_text(out / stage.PAGE, page(title, sections, asdict(given), command or repr(given), complete))
+        return out / stage.PAGE
 
-    with locked(out):
-        for name in (RESULTS, FIGURES):  # of other settings
+    with stage.locked(out):
+        for name in (stage.RESULTS, stage.FIGURES):  # of other settings
             (out / name).unlink(missing_ok=True)
         if real is not None:
             results += run_real_motors(real, progress, show)
@@ -131,7 +137,7 @@ def run_demo(
         # the longest training first, otherwise it runs alone at the end
         longest_first = sorted(walks, key=lambda walk: walk.motors.physics_dt(robot))
         trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
-        in_parallel(trainings, config.workers, progress)
+        stage.in_parallel(trainings, config.workers, progress)
         folders: dict[str, list[Path]] = {}
         for folder in sorted(walk.out for walk in walks):
             folders.setdefault(folder.name.rsplit("_", 1)[0], []).append(folder)
@@ -142,11 +148,12 @@ def run_demo(
         )  # fmt: skip
         results += run_transfer(transfer, progress)
         sections.append(chapters.transfer(out / "transfer", robot))
-        first = [seeds[0] for seeds in folders.values()]
-        works = [partial(run_robustness, walk, out / "robustness" / walk.name, config.robot) for walk in first]
-        maps = in_parallel(works, config.workers, progress)
+        works = [
+            partial(_robustness, seeds[0], out / "robustness" / seeds[0].name, robot) for seeds in folders.values()
+        ]
+        maps = stage.in_parallel(works, config.workers, progress)
         sections.append(chapters.robustness_section(dict(zip(folders, maps, strict=True))))
-        write_results(out, results)
+        stage.write_results(out, results)
         write_page(complete=True)
         return results
 
@@ -156,29 +163,6 @@ def with_walking_robot(config: Demo) -> Demo:
     robot = load_robot(config.robot)
     walks = bool(robot.legs) and robot.base == "free" and (config.fleet is not None or bool(robot.fleets))
     return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
-
-
-def _require_settings(config: Demo, replayed: bool) -> None:
-    """Check settings before anything is written.
-
-    Raises:
-        MotorPriorError: names the setting.
-    """
-    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
-        if is_given and config.logs is None:
-            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
-    robot = load_robot(config.robot)
-    robot.require_legs()
-    require_count("motors", config.motors, robot.num_joints)
-    require_bench_size(config.motors, config.bench_steps, "bench_steps")
-    for name in ("iterations", "seeds", "workers"):
-        require_count(name, getattr(config, name))
-    if config.adam_steps is not None:
-        require_count("adam_steps", config.adam_steps)
-    require_seed(config.seed)
-    load_robot_fleet(robot, config.fleet)
-    if replayed and config.logs is not None:
-        read_logs(config.logs, robot)
 
 
 def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
@@ -192,7 +176,7 @@ def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
         Identify(benches.get(preset, benches["rollout"]), out, preset, config.seed, config.adam_steps)
         for preset, out in folders.items()
     ]
-    in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
+    stage.in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
     return {preset: out / PRIOR for preset, out in folders.items()}
 
 
@@ -222,3 +206,12 @@ def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
         for seed in range(config.seeds)
         for name, motors in conditions.items()
     ]
+
+
+def _robustness(walk: Path, out: Path, robot: Robot, progress: Progress) -> list[UprightMap]:
+    """Robustness maps of a policy, on its training motors."""
+    wanted = stage.description("robustness", {"file": MAPS}, [walk / POLICY, *robot.files])
+    if not stage.is_finished(out, wanted):
+        with stage.working(out, wanted):
+            write_json(out / MAPS, [asdict(each) for each in robustness(walk / POLICY, robot, progress=progress)])
+    return [UprightMap(**each) for each in read_json(out / MAPS)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -21,7 +20,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Engine, Scene
-from motorprior.simulation.rollout import Episode, WalkConfig
+from motorprior.simulation.rollout import WalkConfig
 from motorprior.stage import description, in_parallel, is_finished, read_results, usable_threads, working, write_results
 from motorprior.studies import compare
 from motorprior.studies.trained_policy import TrainedPolicy
@@ -71,8 +70,8 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     for each in policies:
         walk = WalkConfig(compare.DURATION_STEPS, randomization=each.randomization, commands=commands)
         twin = compare.motors_scene(robot, each.policy, fleet, commands)
-        condition = each.motors.condition()
-        works.append(partial(_walk, each, each.scene(walk, config.engine), twin, condition, seeds[condition]))
+        scenes, condition = {"own": each.scene(walk, config.engine), "twin": twin}, each.motors.condition()
+        works.append(partial(_evaluate, each, scenes, condition, seeds[condition]))
         seeds[condition] += 1
     with working(config.out, wanted):
         found = in_parallel(works, usable_threads(config.workers, progress), progress)
@@ -84,22 +83,9 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     return read_results(config.out)
 
 
-def _walk(
-    trained: TrainedPolicy, own: Scene, twin: Scene, condition: str, seed: int, progress: Progress
+def _evaluate(
+    trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
 ) -> tuple[list[Result], dict[str, np.ndarray]]:
-    """Results in both environments, and traces of the walks with the median distance."""
-    rows, traces, scenes = [], {}, {"own": own, "twin": twin}
     name = f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks"
-    with progress.start(name, len(scenes)) as task:
-        for environment, scene in scenes.items():
-            episodes = compare.run_walks(scene, trained.policy.arrays(), range(compare.DRAWS))
-            rows += compare.walking_results(trained.robot, episodes, condition, environment, seed)
-            traces[f"{environment}/{condition}"] = _median_walk(episodes).trace
-            task.advance()
-    return rows, traces
-
-
-def _median_walk(episodes: Sequence[Episode]) -> Episode:
-    """The episode with the median forward distance."""
-    order = np.argsort([episode.displacement[0] for episode in episodes], kind="stable")
-    return episodes[int(order[len(order) // 2])]
+    with progress.start(name, 1):
+        return compare.evaluate(trained.policy, scenes, condition, seed)

@@ -55,13 +55,11 @@ def difference_table(summary: Summary) -> Table:
     places = [place for place in ENVIRONMENTS if place in {place for place, _ in summary.upright}]
 
     def cell(place: str, condition: str) -> str:
-        forms = {"speed": (1.0, "+.2f"), "upright": (100.0, "+.0f")}
-        keys = {(place, condition, measure): form for measure, form in forms.items()}
-        return "; ".join(
-            f"{_interval(summary.differences[key].difference, *form)} p={summary.p[key]:.2g}"
-            for key, form in keys.items()
-            if key in summary.p
-        )
+        texts = []
+        for measure, *form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
+            if (found := summary.differences.get((place, condition, measure))) is not None:
+                texts.append(f"{_interval(found.difference, *form)} p={found.p:.2g}")
+        return "; ".join(texts)
 
     rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
     caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"

@@ -24,35 +24,22 @@ _MIN_SPREAD = 0.01  # relative
 
 
 @dataclass(frozen=True)
-class SingleMotors:
-    """Differences between motors.
-
-    Attributes:
-        offsets: (excited joints · differing unknowns,) from the centre, see `FleetProblem.actuator`.
-        left_out: log name -> the same without this log, from the centre without it; empty for a single log.
-        spread: constant -> standard deviation between motors; empty if the fleet has no spread.
-    """
-
-    offsets: np.ndarray
-    left_out: dict[str, np.ndarray]
-    spread: dict[str, float]
-
-
-@dataclass(frozen=True)
 class Calibration:
     """A fitted fleet.
 
     Attributes:
         optima: of all searches, the best first.
         error: (unknowns,) standard error of the best: the larger of Laplace's and, for several logs, the jackknife's.
-        left_out: log name -> (unknowns,) centre without this log; empty for a single log.
-        motors: differences between motors about the best optimum.
+        offsets: (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`.
+        spread: constant -> standard deviation between motors; empty if the fleet has no spread.
+        left_out: log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log.
     """
 
     optima: tuple[Optimum, ...]
     error: np.ndarray
-    left_out: dict[str, np.ndarray]
-    motors: SingleMotors
+    offsets: np.ndarray
+    spread: dict[str, float]
+    left_out: dict[str, tuple[np.ndarray, np.ndarray]]
 
     @property
     def center(self) -> np.ndarray:
@@ -87,21 +74,22 @@ def calibrate(
         optima = [fit(problem, names, start) for start in (first, *(prior.mean + samples))]
         optima.sort(key=lambda each: each.cost)
         left_out = {name: fit(problem, [log for log in names if log != name], prior.mean).x for name in logs_left_out}
-        motors = single_motors(problem, optima[0].x, left_out)
+        offsets, spread, offsets_left_out = single_motors(problem, optima[0].x, left_out)
         task.advance()
     error = np.sqrt(np.diag(optima[0].covariance(prior)))
     if left_out:
         # jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron & Stein 1981)
         without = np.array(list(left_out.values()))
         error = np.maximum(error, np.sqrt((len(without) - 1) * np.var(without, axis=0)))
-    return Calibration(tuple(optima), error, left_out, motors)
+    both = {name: (left_out[name], offsets_left_out[name]) for name in left_out}
+    return Calibration(tuple(optima), error, offsets, spread, both)
 
 
 def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:
     """The fleet with its fitted constants; all others stay."""
     parameters = dict(problem.fleet.parameters)
     for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
-        spread = found.motors.spread.get(unknown.name, unknown.spread)
+        spread = found.spread.get(unknown.name, unknown.spread)
         values = {"center": unknown.value(x), "spread": spread, "center_uncertainty": float(error)}
         if not unknown.is_log:
             values["minimum"] = unknown.minimum
@@ -110,18 +98,23 @@ def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:
     return replace(problem.fleet, name=f"{problem.fleet.name}_calibrated", parameters=parameters)
 
 
-def single_motors(problem: FleetProblem, center: np.ndarray, left_out: Mapping[str, np.ndarray]) -> SingleMotors:
+def single_motors(
+    problem: FleetProblem, center: np.ndarray, left_out: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, float], dict[str, np.ndarray]]:
     """Fit offsets of single motors, linearly about the centre.
 
     Args:
         problem: fleet and logs.
         center: (unknowns,) fitted to all logs.
         left_out: log name -> (unknowns,) centre fitted without this log; empty for a single log.
+
+    Returns:
+        Offsets and spread, see `Calibration`; log name -> offsets without this log.
     """
     differing, names = [problem.unknowns[i] for i in problem.differing], list(problem.replayers)
     spread = np.tile([each.spread for each in differing], len(problem.joints))
     if not differing:
-        return SingleMotors(spread, dict.fromkeys(left_out, spread), {})
+        return spread, {}, dict.fromkeys(left_out, spread)
     others = {name: _linear(problem, [log for log in names if log != name], x, spread) for name, x in left_out.items()}
 
     def error(multiple: float) -> float:
@@ -135,7 +128,7 @@ def single_motors(problem: FleetProblem, center: np.ndarray, left_out: Mapping[s
     each_motor = (offsets**2 + variance).reshape(len(problem.joints), len(differing))
     between = np.maximum(np.sqrt(each_motor.mean(axis=0)), _MIN_SPREAD).tolist()
     found = {each.name: s for each, s in zip(differing, between, strict=True)}
-    return SingleMotors(offsets, {name: _offsets(*each, prior) for name, each in others.items()}, found)
+    return offsets, found, {name: _offsets(*each, prior) for name, each in others.items()}
 
 
 def _linear(

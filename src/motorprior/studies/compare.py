@@ -82,19 +82,34 @@ class _Walks:
         self._simulator.close()
 
 
-def walking_results(robot: Robot, episodes: Sequence[Episode], model: str, motors: str, seed: int) -> list[Result]:
-    """Means over walks of DURATION_STEPS, as rows.
+def evaluate(
+    policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int
+) -> tuple[list[Result], dict[str, np.ndarray]]:
+    """Walk DRAWS times with a policy in every scene.
 
-    speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the time before a fall;
-    drift: |final lateral displacement| [m].
+    Args:
+        policy: to evaluate.
+        scenes: environment -> simulation with episodes of DURATION_STEPS.
+        model: name of the training condition.
+        seed: of the training.
+
+    Returns:
+        Rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright (share
+        of the time before a fall) and drift (|final lateral displacement| [m]); ENVIRONMENT/MODEL -> (steps, 7 + joints)
+        trace of the walk with the median distance.
     """
-    forward = np.mean([episode.displacement[0] for episode in episodes])
-    values = {
-        "speed": ("m/s", forward / (DURATION_STEPS * robot.control_dt)),
-        "upright": ("1", np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])),
-        "drift": ("m", np.mean([abs(episode.displacement[1]) for episode in episodes])),
-    }
-    return [Result(name, unit, float(value), model, motors, seed=seed) for name, (unit, value) in values.items()]
+    rows, traces = [], {}
+    for name, scene in scenes.items():
+        episodes = run_walks(scene, policy.arrays(), range(DRAWS))
+        forward = np.array([episode.displacement[0] for episode in episodes])
+        values = {
+            "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),
+            "upright": ("1", np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])),
+            "drift": ("m", np.mean([abs(episode.displacement[1]) for episode in episodes])),
+        }
+        rows += [Result(key, unit, float(value), model, name, seed=seed) for key, (unit, value) in values.items()]
+        traces[f"{name}/{model}"] = episodes[int(np.argsort(forward, kind="stable")[len(episodes) // 2])].trace
+    return rows, traces
 
 
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
@@ -156,12 +171,10 @@ def compare(
     commands = straight_ahead(with_shared_speeds(robot, every))
     rows: list[Result] = []
     count = len(every) * len(twins)
-    with progress.start(f"compare: {count} x {DRAWS} walks", DRAWS * count) as task:
+    with progress.start(f"compare: {count} x {DRAWS} walks", count) as task:
         for model, each in seeds.items():
-            for name, motors in twins.items():
-                for seed, policy in enumerate(each):
-                    scene = motors_scene(robot, policy, motors, commands)
-                    episodes = run_walks(scene, policy.arrays(), range(DRAWS))
-                    rows += walking_results(robot, episodes, model, name, seed)
-                    task.advance(DRAWS)
+            for seed, policy in enumerate(each):
+                scenes = {name: motors_scene(robot, policy, motors, commands) for name, motors in twins.items()}
+                rows += evaluate(policy, scenes, model, seed)[0]
+                task.advance(len(twins))
     return Results.of(rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -27,27 +27,17 @@ MASSES = (0.8, 1.0, 1.2, 1.4)  # [-] factors on mass and inertia of every link
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Two disturbances to vary: titles with units, values, and (row value, column value) -> randomization."""
-
-    titles: tuple[str, str]
-    rows: tuple[float, ...]
-    columns: tuple[float, ...]
-    cell: Callable[[float, float], Randomization]
-
-
-@dataclass(frozen=True)
 class UprightMap:
-    """Titles, row values and column values of a `Grid`, and the (rows, columns) share of the time upright [-]."""
+    """Two disturbances: titles with units, values, and the (rows, columns) share of the time upright [-]."""
 
     titles: Sequence[str]
     rows: Sequence[float]
     columns: Sequence[float]
-    share: Sequence[Sequence[float]]
+    share: Sequence[Sequence[float]] = ()
 
 
-def grids(robot: Robot) -> tuple[Grid, Grid]:
-    """Grids of push and friction, and of delay and mass."""
+def grids(robot: Robot) -> list[tuple[UprightMap, Callable[[float, float], Randomization]]]:
+    """Empty maps of push and friction, and of delay and mass; and (row value, column value) -> randomization."""
     unit = robot.weight / GRAVITY * math.sqrt(GRAVITY * robot.standing_height)
 
     def with_push(push: float, friction: float) -> Randomization:
@@ -58,11 +48,11 @@ def grids(robot: Robot) -> tuple[Grid, Grid]:
         delay = 1e-3 * milliseconds
         return Randomization(command_delay=(delay, delay), mass=(mass, mass))
 
-    pushes, delays = (float(f"{each * unit:.2g}") for each in PUSHES), (1e3 * each for each in DELAYS)
-    return (
-        Grid(("maximum push, once a second [N·s]", "friction of the feet [-]"), tuple(pushes), FRICTIONS, with_push),
-        Grid(("delay of the targets [ms]", "mass over the nominal one [-]"), tuple(delays), MASSES, with_delay),
-    )
+    pushes, delays = [float(f"{each * unit:.2g}") for each in PUSHES], [1e3 * each for each in DELAYS]
+    return [
+        (UprightMap(("maximum push, once a second [N·s]", "friction of the feet [-]"), pushes, FRICTIONS), with_push),
+        (UprightMap(("delay of the targets [ms]", "mass over the nominal one [-]"), delays, MASSES), with_delay),
+    ]
 
 
 def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> list[UprightMap]:
@@ -86,7 +76,9 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
         task.advance()
         return float(np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes]))
 
-    cells = sum(len(grid.rows) * len(grid.columns) for grid in found)
+    cells = sum(len(grid.rows) * len(grid.columns) for grid, _ in found)
     with progress.start(f"robustness of {path.parent.name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:
-        shares = [[[upright(grid.cell(row, column)) for column in grid.columns] for row in grid.rows] for grid in found]
-    return [UprightMap(grid.titles, grid.rows, grid.columns, share) for grid, share in zip(found, shares, strict=True)]
+        return [
+            replace(grid, share=[[upright(cell(row, column)) for column in grid.columns] for row in grid.rows])
+            for grid, cell in found
+        ]

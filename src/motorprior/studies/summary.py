@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -46,14 +46,26 @@ class Summary:
     Attributes:
         estimates: (environment, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
         upright: (environment, condition) -> share of the policies that are upright for at least 90 % of the time.
-        differences: (environment, condition, measure) -> condition compared with the sampled prior.
-        p: the same keys -> p, corrected for all of these comparisons.
+        differences: (environment, condition, measure) -> condition compared with the sampled prior; p is corrected for
+            all of these comparisons.
     """
 
     estimates: dict[tuple[str, str, str], statistics.Estimate]
     upright: dict[tuple[str, str], float]
     differences: dict[tuple[str, str, str], statistics.Comparison]
-    p: dict[tuple[str, str, str], float]
+
+    def as_results(self) -> Results:
+        """Rows PLACE/CONDITION/MEASURE with /low and /high, /policies_upright, MEASURE_p_against_prior."""
+        rows = []
+        for (place, condition, measure), found in self.estimates.items():
+            unit, name = UNITS[measure.partition("/")[0]], f"{place}/{condition}/{measure}"
+            ends = {None: found.value, "low": found.low, "high": found.high}
+            rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
+        for (place, condition), share in self.upright.items():
+            rows.append(Result(f"{place}/{condition}/policies_upright", "1", share))
+        for (place, condition, measure), each in self.differences.items():
+            rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", each.p))
+        return Results.of(rows)
 
 
 def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:
@@ -115,7 +127,8 @@ def summarise(walks: Sequence[WalkRow]) -> Summary:
         if place in ENVIRONMENTS and condition not in (REFERENCE, "untrained") and reference is not None:
             for measure in COMPARED:
                 differences[place, condition, measure] = _compare(cell, reference, measure)
-    return Summary(estimates, upright, differences, statistics.holm({key: each.p for key, each in differences.items()}))
+    corrected = statistics.holm({key: each.p for key, each in differences.items()})
+    return Summary(estimates, upright, {key: replace(each, p=corrected[key]) for key, each in differences.items()})
 
 
 def _compare(walks: Sequence[WalkRow], others: Sequence[WalkRow], measure: str) -> statistics.Comparison:
@@ -125,17 +138,3 @@ def _compare(walks: Sequence[WalkRow], others: Sequence[WalkRow], measure: str) 
         robots = min(len(one), other.shape[1])
         return statistics.compare_on_robots(one[:robots], other[:, :robots], statistic)
     return statistics.compare_scores(one, other, statistic)
-
-
-def as_results(summary: Summary) -> Results:
-    """Rows PLACE/CONDITION/MEASURE with /low and /high, PLACE/CONDITION/policies_upright, MEASURE_p_against_prior."""
-    rows = []
-    for (place, condition, measure), found in summary.estimates.items():
-        unit, name = UNITS[measure.partition("/")[0]], f"{place}/{condition}/{measure}"
-        ends = {None: found.value, "low": found.low, "high": found.high}
-        rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
-    for (place, condition), share in summary.upright.items():
-        rows.append(Result(f"{place}/{condition}/policies_upright", "1", share))
-    for (place, condition, measure), p in summary.p.items():
-        rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", p))
-    return Results.of(rows)

@@ -44,71 +44,70 @@ FITS = "fits.json"
 
 @dataclass(frozen=True)
 class Condition:
-    """Training condition of a policy.
+    """A policy to train and to evaluate.
 
     Attributes:
-        name: in tables.
+        name: of the training condition, in tables.
+        seed: of the training; an adapted policy walks on the robot of this number alone.
         motors: of the training episodes.
         randomization: of the training episodes, in addition to the motors.
-        environments: in which it is evaluated.
-        robot: number of the only robot that it is evaluated on; None: all.
         population: OUT_OF_FAMILY for conditions trained for out-of-family motors.
+        environments: in which it is evaluated.
     """
 
     name: str
+    seed: int
     motors: MotorChoice
     randomization: Randomization = MOTORS_ONLY
-    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
-    robot: int | None = None
     population: str = IN_FAMILY
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
 
-    def folder(self, seed: int) -> str:
-        """Folder name of its policy of a seed."""
-        return f"{self.name}_{seed}" if self.population == IN_FAMILY else f"{self.name}_{self.population}_{seed}"
+    @property
+    def folder(self) -> str:
+        """Name of the policy's folder."""
+        population = "" if self.population == IN_FAMILY else f"_{self.population}"
+        return f"{self.name}{population}_{self.seed}"
 
 
-def conditions(config: Study, seed: int) -> list[Condition]:
-    """The conditions with a policy of this seed, the longest trainings first."""
+def conditions_of(config: Study, seed: int) -> list[Condition]:
+    """The policies of this seed, the longest trainings first."""
     made = []
     for name in (name for name in LONGEST_FIRST if name in config.conditions):
         if name in PER_POPULATION:
             for population in (OUT_OF_FAMILY, IN_FAMILY):
+                motors = _motors(config, name, population, seed)
                 environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population == population)
-                motors, robot = _motors_for(config, name, population, seed), seed if name in ADAPTED else None
-                made.append(Condition(name, motors, environments=environments, robot=robot, population=population))
-        elif name == "pd_randomised":
-            made.append(randomized_pd(config, name, config.spread or 0.0))
+                made.append(Condition(name, seed, motors, population=population, environments=environments))
         elif name != "untrained" or seed == 0:
-            made.append(Condition(name, _motors(config, name), ROBUST if name == "prior_robust" else MOTORS_ONLY))
+            randomization = ROBUST if name == "prior_robust" else MOTORS_ONLY
+            made.append(Condition(name, seed, _motors(config, name, IN_FAMILY, seed), randomization))
     return made
 
 
-def _motors(config: Study, name: str) -> MotorChoice:
-    """Motors of a condition that is fitted to the bench."""
-    if name == "untrained":
-        return MotorChoice("pd", fleet=config.fleet, name=name)
-    if name in FITTED_PDS:
-        return MotorChoice("pd", fleet=config.fleet, name=name, **_constants(config.out / "fits", name))
-    spread = {"prior": config.latent_spread, "prior_robust": config.latent_spread, "prior_mean": 0.0}.get(name, 1.0)
-    path = prior_path(config, PRESETS[name])
-    return MotorChoice("prior", path, fleet=config.fleet, latent_spread=spread, name=name)
-
-
-def _motors_for(config: Study, name: str, population: str, seed: int) -> MotorChoice:
-    """Motors of a condition that is for the robots of a population, or for the robot of a seed."""
-    folder = _robot_folder(config, population, seed)
+def _motors(config: Study, name: str, population: str, seed: int) -> MotorChoice:
+    """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
     if name == "oracle":
         return MotorChoice("fleet", fleet=fleet_of(config, population), name=name)
-    if name == "pd_adapted":
-        constants = _constants(_robot_folder(config, population, seed, name), name)
-        return MotorChoice("pd", fleet=config.fleet, name=name, **constants)
-    return MotorChoice("prior", prior_path(config, "rollout"), folder / POSTERIOR, config.fleet, name=name)
+    if name == "untrained":
+        return MotorChoice("pd", fleet=config.fleet, name=name)
+    if name == "pd_randomised":
+        return randomized_pd(config, name, config.spread or 0.0)
+    if name == "pd_adapted" or name in FITTED_PDS:
+        folder = config.out / "fits" if name in FITTED_PDS else _robot_folder(config, population, seed, name)
+        return MotorChoice("pd", fleet=config.fleet, name=name, **_constants(folder, name))
+    prior = prior_path(config, PRESETS[name])
+    if name == "prior_adapted":
+        posterior = _robot_folder(config, population, seed) / POSTERIOR
+        return MotorChoice("prior", prior, posterior, config.fleet, name=name)
+    spread = {"prior": config.latent_spread, "prior_robust": config.latent_spread, "prior_mean": 0.0}.get(name, 1.0)
+    return MotorChoice("prior", prior, fleet=config.fleet, latent_spread=spread, name=name)
 
 
-def randomized_pd(config: Study, name: str, spread: float) -> Condition:
+def randomized_pd(config: Study, name: str, spread: float) -> MotorChoice:
     """The PD with friction; its constants vary by a relative range ``spread``."""
-    constants = _constants(config.out / "fits", "pd_friction")
-    return Condition(name, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name, **constants))
+    return MotorChoice(
+        "pd", fleet=config.fleet, spread=spread, name=name, **_constants(config.out / "fits", "pd_friction")
+    )
 
 
 def _constants(folder: Path, fit: str) -> dict[str, float]:

@@ -6,9 +6,8 @@ import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
-from motorprior.bounds import require_count, require_seed
+from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, require_executor
@@ -118,8 +117,6 @@ class Study:
         for name in ("seeds", "draws", "iterations", "workers"):
             require_count(name, getattr(config, name))
         require_count("motors", config.motors, robot.num_joints)
-        require_bench_size(config.motors, config.bench_steps, "bench_steps")
-        require_seed(config.seed)
         require_executor(config.executor, config.ray_address)
         own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign, "foreign")
         if config.validation not in (None, OWN_MOTORS):

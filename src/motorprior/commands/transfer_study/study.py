@@ -19,15 +19,8 @@ from typing import TYPE_CHECKING, Any
 from motorprior.actuator.actuator import Actuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet
-from motorprior.commands.transfer_study.conditions import (
-    FIXED_MOTORS,
-    Condition,
-    adapt_robots,
-    conditions,
-    fit_models,
-    fleet_of,
-    randomized_pd,
-)
+from motorprior.commands.transfer_study import conditions
+from motorprior.commands.transfer_study.conditions import Condition
 from motorprior.commands.transfer_study.settings import OWN_MOTORS, Study
 from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import SEEDS_APART
@@ -45,27 +38,11 @@ from motorprior.simulation.engines import Engine
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.training import policy_of
 from motorprior.stage import PAGE, description, in_parallel, is_finished, locked, usable_threads, working, write_results
+from motorprior.studies import summary
 from motorprior.studies.compare import run_walks
-from motorprior.studies.environments import (
-    ENVIRONMENTS,
-    OUT_OF_FAMILY,
-    motors_of_robot,
-    twin_scene,
-    walk_seed,
-)
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_robot, twin_scene, walk_seed
 from motorprior.studies.gait_quality import walk_measures
-from motorprior.studies.summary import (
-    COMPARED,
-    OWN,
-    OWN_FOREIGN,
-    Summary,
-    WalkRow,
-    as_results,
-    estimate,
-    read_walks,
-    summarise,
-    write_walks,
-)
+from motorprior.studies.summary import ADAPTED, Summary, WalkRow, read_walks, summarise, write_walks
 from motorprior.studies.trained_policy import TrainedPolicy
 
 if TYPE_CHECKING:
@@ -87,16 +64,16 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
     with locked(config.out):
         threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)
-        fit_models(config, threads, progress)
+        conditions.fit_models(config, threads, progress)
         config = with_pd_range(config, progress)
-        adapt_robots(config, threads, progress)
-        policies = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
+        conditions.adapt_robots(config, threads, progress)
+        policies = [each for seed in range(config.seeds) for each in conditions.conditions_of(config, seed)]
         walks = walk_table(config, policies, progress)
         write_walks(config.out / WALKS, walks)
-        summary = summarise(walks)
-        write_results(config.out, as_results(summary))
-        _write_page(config, summary, command)
-    return summary
+        found = summarise(walks)
+        write_results(config.out, found.as_results())
+        _write_page(config, found, command)
+    return found
 
 
 def with_pd_range(config: Study, progress: Progress) -> Study:
@@ -105,16 +82,18 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
         return config
     robot = load_robot(config.robot)
     fleet = config.range_fleet(robot)
-    made = {spread: randomized_pd(config, f"pd_randomised_{spread:g}", spread) for spread in PD_RANGES}
-    tried = [replace(condition, environments=(OUT_OF_FAMILY,)) for condition in made.values()]
+    motors = {spread: conditions.randomized_pd(config, f"pd_randomised_{spread:g}", spread) for spread in PD_RANGES}
+    tried = [
+        Condition(each.condition(), seed, each, environments=(OUT_OF_FAMILY,))
+        for seed in PD_RANGE_SEEDS[: config.seeds]
+        for each in motors.values()
+    ]
     selected_on = config.validation_fleet(robot) or OWN_MOTORS
     search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
-    seeds = PD_RANGE_SEEDS[: config.seeds]
-    walks = walk_table(search, [(condition, seed) for seed in seeds for condition in tried], progress)
-    found = {}
-    for spread, condition in made.items():
-        own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, condition.name)]
-        found[spread] = {measure: estimate(own, measure).value for measure in COMPARED}
+    walks, found = walk_table(search, tried, progress), {}
+    for spread, each in motors.items():
+        own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, each.condition())]
+        found[spread] = {measure: summary.estimate(own, measure).value for measure in summary.COMPARED}
     best = max(found, key=lambda spread: (found[spread]["upright"], found[spread]["speed"]))
     by_range = {f"{spread:g}": walked for spread, walked in found.items()}
     write_json(search.out / SPREADS, {"fleet": fleet, "tried": by_range, "chosen": best})
@@ -122,8 +101,8 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     return replace(config, spread=best)
 
 
-def walk_table(config: Study, policies: Sequence[tuple[Condition, int]], progress: Progress = SILENT) -> list[WalkRow]:
-    """Train and evaluate policies of (condition, seed); finished ones in ``config.out`` are read."""
+def walk_table(config: Study, policies: Sequence[Condition], progress: Progress = SILENT) -> list[WalkRow]:
+    """Train and evaluate policies; finished ones in ``config.out`` are read."""
     environments = tuple(ENVIRONMENTS)
     try:
         import_bullet()
@@ -134,37 +113,37 @@ def walk_table(config: Study, policies: Sequence[tuple[Condition, int]], progres
     processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
     name = f"study: {len(policies)} policies, {config.draws} walks per environment"
     with progress.start(name, len(policies)) as task, shared_cluster(config.executor, processes, config.ray_address):
-        works = [partial(_walks_of, config, environments, *policy, task) for policy in policies]
+        works = [partial(_walks_of, config, environments, policy, task) for policy in policies]
         return [walk for walks in in_parallel(works, at_a_time, progress) for walk in walks]
 
 
 def _walks_of(
-    config: Study, environments: tuple[str, ...], condition: Condition, seed: int, task: Task, progress: Progress
+    config: Study, environments: tuple[str, ...], condition: Condition, task: Task, progress: Progress
 ) -> list[WalkRow]:
     """Train and evaluate one policy."""
-    robot, name = load_robot(config.robot), condition.folder(seed)
-    policy, folder = _train(config, robot, condition, seed, progress), config.out / "watched" / name
+    robot, folder = load_robot(config.robot), config.out / "watched" / condition.folder
+    policy, only = _train(config, robot, condition, progress), condition.seed if condition.name in ADAPTED else None
     tested = tuple(each for each in condition.environments if each in environments)
     settings = {
         "twins": tested, "draws": config.draws, "seconds": config.seconds, "speed": config.commanded(robot),
-        "study": config.seed, "condition": condition.name, "robot": condition.robot,
+        "study": config.seed, "condition": condition.name, "robot": only,
     }  # fmt: skip
     fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
     wanted = description("study", settings, [policy, *fleets, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            write_walks(folder / WALKS, _evaluate(config, TrainedPolicy.load(policy, robot), condition, seed, tested))
-    task.advance(1, name)
+            write_walks(folder / WALKS, _evaluate(config, TrainedPolicy.load(policy, robot), condition, tested, only))
+    task.advance(1, condition.folder)
     return read_walks(folder / WALKS)
 
 
-def _train(config: Study, robot: Robot, condition: Condition, seed: int, progress: Progress) -> Path:
+def _train(config: Study, robot: Robot, condition: Condition, progress: Progress) -> Path:
     """The policy's file."""
-    name, commands = condition.folder(seed), config.commands(robot)
+    name, commands = condition.folder, config.commands(robot)
     walk = Walk(
         config.out / "walk" / name, condition.motors, iterations=config.iterations, commands=commands,
         episode_steps=_EPISODE_STEPS, validation=config.validation_fleet(robot),
-        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
+        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + condition.seed),
         robot=config.robot, workers=config.episodes_at_a_time, executor=config.executor,
         ray_address=config.ray_address,
     )  # fmt: skip
@@ -178,26 +157,26 @@ def _train(config: Study, robot: Robot, condition: Condition, seed: int, progres
 
 
 def _evaluate(
-    config: Study, trained: TrainedPolicy, condition: Condition, seed: int, environments: tuple[str, ...]
+    config: Study, trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...], only: int | None
 ) -> list[WalkRow]:
-    """Walks of a policy in its training simulation and in environments."""
+    """Walks of a policy in its training simulation and in environments, there on the robot ``only`` if given."""
     robot, policy, draws = trained.robot, trained.policy.arrays(), range(config.draws)
     steps, seed_of = round(config.seconds / robot.control_dt), partial(walk_seed, config.seed)
     walk = WalkConfig(steps, commands=config.commands(robot), gait=trained.policy.gait)
     episodes: dict[str, list[Episode]] = {}
     if condition.name != "untrained":
         scene = trained.scene(replace(walk, randomization=condition.randomization))
-        own = OWN_FOREIGN if condition.population == OUT_OF_FAMILY else OWN
-        draws_own = draws[:1] if condition.name in FIXED_MOTORS else draws
+        own = summary.OWN_FOREIGN if condition.population == OUT_OF_FAMILY else summary.OWN
+        draws_own = draws[:1] if condition.name in conditions.FIXED_MOTORS else draws
         episodes[own] = run_walks(scene, policy, draws_own, seed_of, executor=_executor(config, "mujoco"))
     for name in environments:
         environment = ENVIRONMENTS[name]
-        fleet = load_robot_fleet(robot, fleet_of(config, environment.population))
-        motors = partial(_motors_of_draw, robot, fleet, config.seed, condition.robot)
+        fleet = load_robot_fleet(robot, conditions.fleet_of(config, environment.population))
+        motors = partial(_motors_of_draw, robot, fleet, config.seed, only)
         scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
         episodes[name] = run_walks(scene, policy, draws, seed_of, motors, _executor(config, environment.engine))
     return [
-        {"place": place, "condition": condition.name, "seed": seed, "draw": draw}
+        {"place": place, "condition": condition.name, "seed": condition.seed, "draw": draw}
         | walk_measures(robot, episode, config.commanded(robot), steps)
         for place, walked in episodes.items()
         for draw, episode in enumerate(walked)
@@ -216,7 +195,7 @@ def _executor(config: Study, engine: Engine) -> Callable[[Callable[[], Any]], Ex
     return partial(make_executor, workers=workers, kind=config.executor, address=config.ray_address)
 
 
-def _write_page(config: Study, summary: Summary, command: str) -> None:
+def _write_page(config: Study, found: Summary, command: str) -> None:
     """Write report.html and tables.md."""
     from motorprior.report.page import page  # here: they import matplotlib
     from motorprior.report.study import study_sections
@@ -226,7 +205,7 @@ def _write_page(config: Study, summary: Summary, command: str) -> None:
     settings |= {"validation": config.validation_fleet(robot) or OWN_MOTORS}
     for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
         del settings[name]
-    sections = study_sections(summary)
+    sections = study_sections(found)
     text = page("Transfer study", sections, {name: str(value) for name, value in settings.items()}, command)
     write_text(config.out / PAGE, text)
     tables = [_markdown(table) for section in sections for table in section.tables]
