@@ -114,7 +114,7 @@ def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
 
 def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
     """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
-    errors: dict[str, dict[str, float]] = {}
+    rows: list[Result] = []
     for name in problem.replayers:
         fits = {
             "start": (problem.prior.mean, None),
@@ -124,12 +124,9 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
         if found.left_out:
             center, offsets = found.left_out[name]
             fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
-        for model, fit in fits.items():
-            errors.setdefault(model, {})[name] = problem.rmse(name, *fit)
-    rows = [Result("calibrate_rmse", "rad", errors[model][log], model, log=log) for log in problem.replayers
-            for model in errors]  # fmt: skip
-    means = {model: float(np.mean(list(each.values()))) for model, each in errors.items()}
-    return rows + [Result("calibrate_rmse", "rad", mean, model) for model, mean in means.items()]
+        rows += [Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name) for m, fit in fits.items()]
+    results = Results.of(rows)
+    return rows + [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
 
 
 def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:

@@ -23,7 +23,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motor_choice import gains_for
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.log_replay import PostureName, Replayer, replayers_of, require_replayable, with_logged_gains
+from motorprior.studies.log_replay import PostureName, Replayer, replayers_of, with_logged_gains
 
 TRACES = "traces.safetensors"
 
@@ -61,10 +61,6 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     require_seed(config.seed)
     robot = load_robot(config.robot)
     fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
-    for name, log in folder.logs.items():
-        for finding in check_log(log, robot.limits).findings:
-            if finding.severity != "info":
-                progress.note(f"log {name}: {finding.severity}: {finding.message}")
     prior = load_prior(config.prior, robot)
     inputs = [config.prior, *fleet_files(robot, config.fleet), *folder.files, *robot.files]
     wanted = description("replay", asdict(config), inputs)
@@ -74,6 +70,10 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
         rows: list[Result] = []
         traces: dict[str, np.ndarray] = {}
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
+        for name, log in folder.logs.items():
+            for finding in check_log(log, robot.limits).findings:
+                if finding.severity != "info":
+                    progress.note(f"log {name}: {finding.severity}: {finding.message}")
         count = len(replayers)
         with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.draws)) as task:
             for name, replayer in replayers.items():
@@ -93,18 +93,15 @@ def read_logs(path: Path, robot: Robot) -> LogFolder:
     """A log, or all logs of a folder.
 
     Raises:
-        LogError: a log that cannot be read or replayed.
+        LogError: a log that cannot be read.
     """
     try:
-        folder = read_log_folder(path, robot)
+        return read_log_folder(path, robot)
     except LogError as error:
         if error.argument != "columns":
             raise
         remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the new files"
         raise LogError(error.problem, where=error.where, remedy=remedy) from error
-    for name, log in folder.logs.items():
-        require_replayable(log, robot, f"{path}, log {name}")
-    return folder
 
 
 def _models(

@@ -95,8 +95,8 @@ def evaluate(
 
     Returns:
         Rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright (share
-        of the time before a fall) and drift (|final lateral displacement| [m]); ENVIRONMENT/MODEL -> (steps, 7 + joints)
-        trace of the walk with the median distance.
+        of the time before a fall) and drift (|final lateral displacement| [m]); and "ENVIRONMENT/MODEL" -> (steps,
+        7 + joints) trace of the walk with the median distance.
     """
     rows, traces = [], {}
     for name, scene in scenes.items():

@@ -65,22 +65,6 @@ def with_posture(log: MotorLog, name: str) -> MotorLog:
     return replace(log, posture=codes)
 
 
-def require_replayable(log: MotorLog, robot: Robot, where: str) -> None:
-    """Check a log before it is replayed.
-
-    Raises:
-        LogError: not the joints of this robot, no excited joint, or changing gains.
-    """
-    if log.joint_names != robot.joint_names:
-        problem = f"joints {list(log.joint_names)} are not those of {robot.name}"
-        raise LogError(problem, where=where, remedy=f"needs {robot.joint_names}")
-    if not excited_joints(log).size:
-        raise LogError("no joint is excited", where=where, remedy="record with a moving command")
-    gains = logged_gain_rows(log) if logged_constants(log) else None
-    if gains is not None and np.ptp(gains, axis=1).any():
-        raise LogError("its segments have different gains", where=where, remedy="split it into a log per set of gains")
-
-
 class Replayer:
     """Replays one log on many sets of motors. Use one per thread.
 
@@ -92,11 +76,21 @@ class Replayer:
         excited: indices of the compared joints.
 
     Raises:
-        LogError: a segment with two postures, or one that starts with a fallen robot.
+        LogError: not the joints of this robot, no excited joint, gains that change, a segment with two postures, or one
+            that starts with a fallen robot.
     """
 
     def __init__(self, log: MotorLog, robot: Robot):
+        if log.joint_names != robot.joint_names:
+            problem = f"joints {list(log.joint_names)} are not those of {robot.name}"
+            raise LogError(problem, where=log.source, remedy=f"needs {robot.joint_names}")
+        gains = logged_gain_rows(log) if logged_constants(log) else None
+        if gains is not None and np.ptp(gains, axis=1).any():
+            remedy = "split it into a log per set of gains"
+            raise LogError("its segments have different gains", where=log.source, remedy=remedy)
         self.log, self.excited = drop_repeats(log), excited_joints(log)
+        if not self.excited.size:
+            raise LogError("no joint is excited", where=log.source, remedy="record with a moving command")
         self._robot, self._worlds = robot, dict[tuple[float, bool], World]()
         self._grids, self._segments = list(resample(log, COMMAND_PERIOD).segments()), list(self.log.segments())
         self._suspended = [_is_suspended(segment, robot) for segment in self._segments]
@@ -188,11 +182,13 @@ def replayers_of(
         raise ConfigError(problem, remedy="leave it out", argument="posture")
     center, found = fleet.center(robot.num_joints), {}
     for name, log in logs.items():
-        actuator = with_logged_gains(center, log).actuator()
-        chosen = (posture, f"{posture}, as given") if posture != "auto" else find_posture(log, robot, actuator)
-        found[name] = Replayer(log if chosen[0] is None else with_posture(log, chosen[0]), robot)
+        if posture == "auto":
+            posed, evidence = with_found_posture(log, robot, center)
+        else:
+            posed, evidence = with_posture(log, posture), f"{posture}, as given"
+        found[name] = Replayer(posed, robot)
         excluded = int((~found[name].compared).sum())
-        note(f"log {name}: {chosen[1]}" + (f"; {excluded} rows after a fall are excluded" if excluded else ""))
+        note(f"log {name}: {evidence}" + (f"; {excluded} rows after a fall are excluded" if excluded else ""))
         if gains := " and ".join(gain_texts(log)):
             used = "motors use these instead of the fleet's"
             unused = "in firmware units: motors use the fleet's gains"
@@ -200,14 +196,16 @@ def replayers_of(
     return found
 
 
-def find_posture(log: MotorLog, robot: Robot, actuator: Actuator) -> tuple[str | None, str]:
-    """Posture of a log, None for the logged one, and the evidence, for motors that are similar to ``actuator``."""
+def with_found_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple[MotorLog, str]:
+    """The log with its posture, see `replayers_of`, and the evidence; ``motors`` are similar to those of the log."""
     if log.posture is not None:
-        return None, f"{' and '.join(POSTURES[code] for code in np.unique(log.posture))}, as logged"
+        return log, f"{' and '.join(POSTURES[code] for code in np.unique(log.posture))}, as logged"
     if robot.base == "fixed":
-        return "fixed", "fixed base"
-    standing, suspended = (Replayer(with_posture(log, name), robot) for name in ("standing", "suspended"))
-    suspended.compared = standing.compared  # the same rows, up to a fall
-    on_feet, in_air = (float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for each in (standing, suspended))
-    name = "suspended" if in_air < MARGIN * on_feet else "standing"
-    return name, f"{name}, from replay errors: {1e3 * on_feet:.1f} mrad standing, {1e3 * in_air:.1f} mrad suspended"
+        return with_posture(log, "fixed"), "fixed base"
+    both = {name: Replayer(with_posture(log, name), robot) for name in ("standing", "suspended")}
+    both["suspended"].compared = both["standing"].compared  # the same rows, up to a fall
+    actuator = with_logged_gains(motors, log).actuator()
+    errors = {name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()}
+    name = "suspended" if errors["suspended"] < MARGIN * errors["standing"] else "standing"
+    texts = ", ".join(f"{1e3 * error:.1f} mrad {name}" for name, error in errors.items())
+    return with_posture(log, name), f"{name}, from replay errors: {texts}"
