@@ -33,9 +33,11 @@ def bench(folder: Path) -> Section:
     log, settings = read_bench(folder)
     segments = log.segment_slices()
     part = log.rows(segments[min(3, len(segments) - 1)]).joint(0).rows(slice(0, 700))
-    columns = (part.position_target, part.joint_pos, part.joint_vel, part.joint_torque, part.external_torque)
-    curves = [None if column is None else column[:, 0] for column in columns]
-    figure = excitation_and_response(part.time - part.time[0], *curves, title="Preset rollout, first motor")
+    columns = (part.joint_vel, part.joint_torque, part.external_torque)
+    optional = [None if column is None else column[:, 0] for column in columns]
+    target, joint_pos = part.position_target[:, 0], part.joint_pos[:, 0]
+    title = "Preset rollout, first motor"
+    figure = excitation_and_response(part.time - part.time[0], target, joint_pos, *optional, title=title)
     text = (
         f"{settings.motors} physical motors of fleet {settings.fleet.name} on a virtual dynamometer, {settings.steps} "
         f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ."

@@ -56,9 +56,9 @@ def difference_table(summary: Summary) -> Table:
 
     def cell(place: str, condition: str) -> str:
         texts = []
-        for measure, *form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
+        for measure, factor, form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
             if (found := summary.differences.get((place, condition, measure))) is not None:
-                texts.append(f"{_interval(found.difference, *form)} p={found.p:.2g}")
+                texts.append(f"{_interval(found.difference, factor, form)} p={found.p:.2g}")
         return "; ".join(texts)
 
     rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]

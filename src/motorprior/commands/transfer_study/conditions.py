@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
@@ -110,7 +111,7 @@ def randomized_pd(config: Study, name: str, spread: float) -> MotorChoice:
     )
 
 
-def _constants(folder: Path, fit: str) -> dict[str, float]:
+def _constants(folder: Path, fit: str) -> dict[str, Any]:
     return read_json(folder / FITS)[fit]["constants"]
 
 
@@ -131,7 +132,7 @@ def fit_models(config: Study, threads: int, progress: Progress) -> None:
     needs_pds = any(name in config.conditions for name in (*FITTED_PDS, "pd_randomised"))
     benches = {preset: config.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in presets}
     rollout = config.out / "bench" / "rollout"
-    for out in dict.fromkeys([*benches.values(), *([rollout] if needs_pds else [])]):
+    for out in dict.fromkeys((*benches.values(), rollout) if needs_pds else benches.values()):
         bench = Bench(out, config.fleet, out.name, config.motors, config.bench_steps, config.seed, config.robot)
         run_bench(bench, progress)
     fits = [
@@ -155,8 +156,10 @@ def _fit_pds(config: Study, log: Path, folder: Path, names: tuple[str, ...], pro
         starting_points,
     )
 
-    kinds = dict(zip((*FITTED_PDS, "pd_adapted"), (GAINS, WITH_ROTOR, WITH_FRICTION, WITH_FRICTION), strict=True))
-    kinds = {name: kinds[name] for name in names}
+    every: dict[str, tuple[str, ...]] = {
+        "ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "pd_friction": WITH_FRICTION, "pd_adapted": WITH_FRICTION
+    }  # fmt: skip
+    kinds = {name: every[name] for name in names}
     robot = load_robot(config.robot)
     nominal = nominal_pd(load_robot_fleet(robot, config.fleet), 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
