@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.artifacts import atomic_path, dotted, read_json, read_tensors, write_json, write_tensors
+from motorprior.artifacts import atomic_path, read_json, read_tensors, write_json, write_tensors
 from motorprior.exceptions import ArtifactError
 
 
@@ -77,8 +77,3 @@ def test_a_truncated_file_is_refused(tmp_path: Path, kept: float):
     (tmp_path / "prior").write_bytes(whole[: int(kept * len(whole))])
     with pytest.raises(ArtifactError, match="not a complete"):
         read_tensors(tmp_path / "prior")
-
-
-def test_a_table_of_tables_is_one_of_dotted_names():
-    table = {"a": {"b": {"c": 1}, "d": [{"e": 2}], "f": {}}, "g": None}
-    assert dotted(table) == {"a.b.c": 1, "a.d": [{"e": 2}], "a.f": {}, "g": None}

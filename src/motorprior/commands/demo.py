@@ -25,13 +25,13 @@ from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.randomization import Randomization
-from motorprior.stage import FIGURES, PAGE, RESULTS, in_parallel, locked, write_results
+from motorprior.stage import FIGURES, PAGE, RESULTS, locked, write_results
 from motorprior.studies.robustness import MAPS, load_maps
 
 if TYPE_CHECKING:

@@ -18,12 +18,12 @@ from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Engine
-from motorprior.stage import description, in_parallel, is_finished, read_results, usable_threads, working, write_results
+from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies import twin
 from motorprior.studies.training_scene import TrainedWalk, trained_walk
 

@@ -19,7 +19,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import BestPolicy
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.locomotion.task import TaskWeights
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, usable_threads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -39,7 +39,7 @@ from motorprior.simulation.training import (
     require_sizes,
     training_notes,
 )
-from motorprior.stage import description, digest, is_finished, usable_threads, working
+from motorprior.stage import description, digest, is_finished, working
 
 POLICY, CURVE = "policy.safetensors", "curve.json"
 

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motorprior.artifacts import require_keys, write_tensors
+from motorprior.artifacts import write_tensors
+from motorprior.bounds import TABLE, TEXT, many, number, one_of
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import NUM_MODULATIONS, Body, action_size, observation_size
 from motorprior.locomotion.gaits import GAITS, GaitName
 from motorprior.robots.robot import Robot
-from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number, one_of
+from motorprior.schema import Header, Tensor, check_tensors, require_keys
 
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions

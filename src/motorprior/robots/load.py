@@ -29,14 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
+from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_of
 from motorprior.exceptions import ArtifactError
 from motorprior.files import read_toml
 from motorprior.robots.model_source import ModelFile, files_digest, model_files
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.robots.user_model import UserModel
-from motorprior.schema import TABLE, TEXT, Field, Schema, many, number, one_of
+from motorprior.schema import Schema
 
 _SEE = "see docs/your-robot.md"
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}

@@ -17,7 +17,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import BestPolicy, Iteration, new_search, train, updated_best
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.locomotion.task import TaskWeights
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import WARNED, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.engines import Scene
@@ -33,7 +33,6 @@ from motorprior.simulation.training import (
     require_sizes,
     training_notes,
 )
-from motorprior.stage import usable_threads
 
 
 def train_policy(

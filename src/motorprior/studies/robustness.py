@@ -13,11 +13,10 @@ import numpy as np
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.locomotion.policy import Policy
-from motorprior.progress import SILENT, Progress, Task
+from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
-from motorprior.stage import in_parallel, usable_threads
 from motorprior.studies.training_scene import trained_walk
 from motorprior.studies.twin import DURATION_STEPS, EVALUATION_SEED, share_upright, straight_ahead
 

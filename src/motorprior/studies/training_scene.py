@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
+from motorprior.bounds import number, one_of
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
-from motorprior.schema import Schema, number, one_of
+from motorprior.schema import Schema
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.engines import ENGINES, Engine, Scene
 from motorprior.simulation.motor_choice import MotorChoice

@@ -21,10 +21,10 @@ from motorprior.commands.transfer_study.conditions import ADAPTED, adapt_robots,
 from motorprior.commands.transfer_study.settings import CONDITIONS, OWN_MOTORS, Study
 from motorprior.commands.transfer_study.walk_table import OWN, OWN_FOREIGN, WalkTable
 from motorprior.commands.transfer_study.walks import WALKS, walk_table
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, usable_threads
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
-from motorprior.stage import PAGE, locked, usable_threads, write_results
+from motorprior.stage import PAGE, locked, write_results
 from motorprior.studies import statistics
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 

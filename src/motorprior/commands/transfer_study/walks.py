@@ -19,13 +19,13 @@ from motorprior.locomotion.executor_process import ProcessExecutor
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.locomotion.policy_search import BestPolicy
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import SILENT, Progress, Task
+from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.training import policy_of
-from motorprior.stage import description, in_parallel, is_finished, usable_threads, working
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, HeldOutWalks, TrainingWalks
 from motorprior.studies.training_scene import training_scene
 from motorprior.studies.walk_measures import walk_measures

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
+from motorprior.bounds import TABLE, TEXT, Field, is_number, number, one_of, require
 from motorprior.exceptions import ArtifactError
 from motorprior.files import read_toml
 from motorprior.logs.formats.column_units import (
@@ -48,7 +48,7 @@ from motorprior.logs.motor_log import (
     POSTURES,
     is_register,
 )
-from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of, require
+from motorprior.schema import Schema
 
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
 JOINT, NAME = "{joint}", "{name}"  # placeholders in column names
