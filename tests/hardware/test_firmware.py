@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.virtual.firmware import (
     ERROR,
@@ -54,16 +54,16 @@ def started(body, **config) -> Firmware:
 
 
 def received(firmware: Firmware, milliseconds: int) -> list[Telemetry | str]:
-    return telemetry_reader(JOINTS).feed(firmware.advance(milliseconds))
+    return FrameReader(Telemetry, JOINTS).feed(firmware.advance(milliseconds))
 
 
 def send(firmware: Firmware, **command) -> None:
     """Gains first, in a command of their own, as a host must."""
     pos = command.pop("pos", None)
     if command:
-        firmware.receive(command_frame(Command(**command), JOINTS))
+        firmware.receive(framed(Command(**command), JOINTS))
     if pos is not None:
-        firmware.receive(command_frame(Command(pos=pos), JOINTS))
+        firmware.receive(framed(Command(pos=pos), JOINTS))
 
 
 @pytest.mark.parametrize("period", [10, 5])

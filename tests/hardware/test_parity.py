@@ -1,18 +1,17 @@
 """A policy on the robot: the same observations and targets as in simulation for the same states."""
 
 import numpy as np
-import pytest
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.deploy import PolicyMotion
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, SensorReadings
-from motorprior.hardware.wire_conversion import backend_state, from_wire
+from motorprior.hardware.wire_conversion import from_wire
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import act
@@ -70,7 +69,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = CopiedBody(spy.state)
-    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(JOINTS)
+    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), FrameReader(Telemetry, JOINTS)
     gate = SafetyGate(PUPPER_V2, WIRE.safety, Gains.of(WIRE))
     gate.start_at(spec.NOMINAL_POSE, 0.0)
     for step in range(200):
@@ -82,7 +81,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         act(policy.arrays(), observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
-        firmware.receive(command_frame(gate.limited(target, 0.01 * (step + 1)), JOINTS))
+        firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), JOINTS))
         firmware.advance(0)
         assert not terminated
         np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)
@@ -97,8 +96,3 @@ def test_signs_on_the_wire_are_the_robot_s_own():
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
         np.testing.assert_array_equal(series, factor * np.array(signed))
     np.testing.assert_array_equal(seen.temp, angles)
-
-
-def test_the_height_of_a_standing_robot_follows_from_its_legs():
-    state = backend_state(PUPPER_V2, telemetry(pos=spec.NOMINAL_POSE), np.zeros(12))
-    assert state.base_pos[2] == pytest.approx(PUPPER_V2.standing_height, abs=1e-9)

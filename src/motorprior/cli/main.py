@@ -16,14 +16,12 @@ import tyro  # noqa: E402
 from motorprior.cli.adapt import AdaptCommand, adapt  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
-from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
-from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.identify import IdentifyCommand  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
-from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
+from motorprior.cli.robot import Deploy, Doctor, Record, deploy, doctor, record  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.validate import ValidateCommand, validate  # noqa: E402
 from motorprior.cli.validate_log import ValidateLogCommand, validate_log  # noqa: E402
@@ -61,9 +59,9 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "walk": (WalkCommand, walk),
     "play": (PlayCommand, play),
     "transfer": (TransferCommand, transfer),
-    "doctor": (Doctor, run_doctor_command),
-    "deploy": (Deploy, run_deploy_command),
-    "record": (Record, run_record_command),
+    "doctor": (Doctor, doctor),
+    "deploy": (Deploy, deploy),
+    "record": (Record, record),
     "report": (MakeReport, run_report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])

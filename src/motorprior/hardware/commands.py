@@ -12,10 +12,9 @@ from datetime import datetime
 from pathlib import Path
 
 from motorprior.bounds import require_number, require_seed
-from motorprior.exceptions import RobotFault
 from motorprior.hardware import deploy, teleop
-from motorprior.hardware.control_loop import clock_results
-from motorprior.hardware.doctor import Check, check_telemetry
+from motorprior.hardware.control_loop import clock_figures
+from motorprior.hardware.doctor import check_telemetry, require_ok
 from motorprior.hardware.excitations import excitation_targets, excite, joints_of
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
@@ -26,16 +25,16 @@ from motorprior.hardware.session import StopRequest, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
-from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 _LOG = "run.csv"
 _FAST_TARGETS, _SLOW_TARGETS = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
+_DRY_RUN = 5.0  # [s]
 
 
-def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> Results:
-    """Walk with the policy at ``path``; returns the timing of the control loop.
+def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> None:
+    """Walk with the policy at ``path``, and show the timing of the control loop.
 
     Raises:
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
@@ -52,14 +51,13 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         require_number("forward", settings.forward, *gait.forward)
     require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
-    gains.check(robot.require_wire().safety)
+    has_imu = not settings.without_imu
     if settings.dry_run:
         command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
-            seconds, has_imu = settings.seconds or 5.0, not settings.without_imu
-            steps = deploy.dry_run(link, policy, stop, seconds, show, command, has_imu)
+            steps = deploy.dry_run(link, policy, stop, settings.seconds or _DRY_RUN, command, has_imu, show)
         show(f"dry run: {steps} control steps, nothing was sent")
-        return Results()
+        return
     teleop.require_terminal(settings.yes)
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
@@ -72,12 +70,12 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
             files.begin("deploy", port, settings, gains, policy=str(path), provenance=dict(policy.provenance))
 
         files.outcome = deploy.walk(
-            link, policy, gains, stop,
-            seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            teleop=lambda: teleop.teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=files.timing,
+            link, policy, gains, stop, teleop.teleop(gait, settings.forward, settings.yaw_rate),
+            seconds=settings.seconds, need_imu=has_imu, confirm=confirm, status=show, timing=files.timing,
         )  # fmt: skip
     show(f"stopped by {files.outcome}; {out / _LOG}")
-    return clock_results([files.timing], policy.control_dt)
+    for name, value in clock_figures([files.timing], policy.control_dt).items():
+        show(f"{name} {value:.4g}")
 
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -> Path:
@@ -87,34 +85,39 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
         ConfigError, ArtifactError: settings out of range, or a folder in use.
         RobotFault: a fault ended it early; the recording is kept.
     """
-    safety, settings = robot.require_wire().safety, _with_defaults(robot, settings)
-    excitation, amplitude, speed = settings.excitation, settings.amplitude, settings.speed
-    assert excitation is not None and amplitude is not None and speed is not None, "defaults"
+    safety, standing = robot.require_wire().safety, settings.standing
+    # Steps of a leg that carries weight would tip a standing robot.
+    excitation: Excitation = settings.excitation or ("multisine" if standing else "varied")
+    amplitude, speed = settings.amplitude, settings.speed
+    if amplitude is None:  # small on the ground: feet that push into it look blocked
+        amplitude = 0.1 if standing else 0.4
+    if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
+        fast = excitation in ("steps", "varied") and not standing
+        speed = min(safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
+    settings = replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
     require_number("seconds", settings.seconds, 1.0, 3600.0)
     require_number("amplitude", amplitude, 0.0, 1.5, positive=True)
     require_number("speed", speed, 0.0, safety.target_speed, positive=True)
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
-    gains.check(safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     teleop.require_terminal(settings.yes)
     out = settings.out or _dated_folder("record")
-    limits = replace(safety, target_speed=speed)
-    if not settings.standing:
-        limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
+    # A suspended robot may hang tilted.
+    limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else float("inf"))
     with _recorded_run(robot, port, out, limits) as (link, stop, files):
 
         def confirm() -> None:
-            teleop.confirm_arming(stop, settings.yes, teleop.STANDING if settings.standing else teleop.SUSPENDED, show)
+            teleop.confirm_arming(stop, settings.yes, teleop.STANDING if standing else teleop.SUSPENDED, show)
             files.begin("record", port, settings, gains)
 
         excite(
-            link, targets, gains, stop,
-            suspended=not settings.standing, need_imu=settings.standing and not settings.without_imu,
+            link, targets, gains, stop, suspended=not standing, need_imu=standing and not settings.without_imu,
             confirm=confirm, status=show, timing=files.timing,
         )  # fmt: skip
         files.outcome = stop.reason or "time"
+    show(f"recorded {out / _LOG}")
     return out / _LOG
 
 
@@ -130,35 +133,22 @@ def _recorded_run(
         yield link, stop, files
 
 
-def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
-    """Check the telemetry of a robot; sends nothing, or only idle. Raises RobotFault if no telemetry comes."""
+def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:
+    """Check the telemetry of a robot and show every finding; sends nothing, or only idle.
+
+    Raises:
+        ConfigError: settings out of range.
+        RobotFault: no telemetry comes, or the first check that failed.
+    """
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
             check_telemetry(link, 0.3)  # an error for a device that is not a robot, before anything is sent
             link.relax()
-        return check_telemetry(link, seconds)
-
-
-def require_ok(checks: list[Check]) -> None:
-    """Raise RobotFault if a check failed."""
-    if failed := [check.name for check in checks if not check.ok]:
-        raise RobotFault("doctor", f"failed: {', '.join(failed)}", remedy="see the remedies above")
-
-
-def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
-    """Excitation, amplitude and speed for a robot in the air or standing, where they are not given."""
-    standing = settings.standing
-    # Steps of a leg that carries weight would tip a standing robot.
-    excitation: Excitation = settings.excitation or ("multisine" if standing else "varied")
-    amplitude = settings.amplitude
-    if amplitude is None:  # small on the ground: feet that push into it look blocked
-        amplitude = 0.1 if standing else 0.4
-    speed = settings.speed
-    if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
-        fast = excitation in ("steps", "varied") and not standing
-        speed = min(robot.require_wire().safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
-    return replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
+        checks = check_telemetry(link, seconds)
+    for check in checks:
+        show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{'' if check.ok else f' -> {check.remedy}'}")
+    require_ok(checks)
 
 
 def _dated_folder(command: str) -> Path:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from contextlib import AbstractContextManager
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion, Timing
+from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, every
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import StopRequest, check_and_confirm, check_before_arming, run_armed
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
-from motorprior.hardware.wire_conversion import backend_state
+from motorprior.hardware.wire_conversion import quaternion
 from motorprior.locomotion.body import YAW_RATE, action_size
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import Policy, act
+from motorprior.locomotion.task import observe
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 
@@ -41,7 +41,7 @@ class PolicyMotion:
     """
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
-        self._robot, self._policy, self._has_imu = robot, policy.arrays(), has_imu
+        self._policy, self._has_imu = policy.arrays(), has_imu
         self._controller = GaitController(robot.with_speed_range(policy.forward), policy.control_dt, policy.gait)
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = self.yaw_rate = 0.0
@@ -54,10 +54,11 @@ class PolicyMotion:
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """The (joints,) targets [rad] for a measurement: observe, act, command."""
-        state = backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints))
-        self._controller.read(replace(state, base_ang_vel=state.base_ang_vel - self.gyro_bias))
+        telemetry, controller = measurement.telemetry, self._controller
+        rates, pose = np.array(telemetry.rates) - self.gyro_bias, controller.body.nominal_pose
+        observe(quaternion(*telemetry.attitude), rates, telemetry.pos, pose, controller.observation)
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
-            self._controller.observation[YAW_RATE] = self._controller.gait.twist[1]
+            controller.observation[YAW_RATE] = controller.gait.twist[1]
         act(self._policy, self._controller.follow(self.forward, self.yaw_rate), self._action)
         return self._controller.command(self._action)
 
@@ -88,15 +89,14 @@ def gains_for(
     to 15 %, the wire's gains are sent, since the fleets were identified at these.
 
     Raises:
-        ConfigError: the policy was trained with other gains, and none were given.
+        ConfigError: gains out of range, or the policy was trained with other gains, and none were given.
     """
     wire = robot.require_wire()
-    maxima = {"kp": wire.safety.max_kp, "kd": wire.safety.max_kd}
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
         trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
         if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
             mean, remedy = float(trained.mean()), "train it with the robot's gains"
-            if mean <= maxima[name]:
+            if mean <= getattr(wire.safety, f"max_{name}"):
                 remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
             problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
             raise ConfigError(problem, remedy=remedy, argument=name)
@@ -108,21 +108,19 @@ def walk(
     policy: Policy,
     gains: Gains,
     stop: StopRequest,
+    steering: AbstractContextManager[Teleop],
     *,
-    command: tuple[float, float] = (0.0, 0.0),
     seconds: float | None = None,
     need_imu: bool = True,
     confirm: Callable[[], None] = lambda: None,
-    teleop: Callable[[], AbstractContextManager[Teleop | None]] = nullcontext,
     status: Callable[[str], None] = lambda _: None,
     timing: Timing | None = None,
 ) -> str:
     """Check an idle robot, arm it, stand up, walk, crouch; returns "time", "operator" or the signal that ended it.
 
-    It walks at ``command`` (speed [m/s], yaw rate [rad/s]), or as ``teleop`` commands at every control step, for
-    ``seconds`` [s] or until ``stop`` is set. A robot whose IMU is not read is rejected if ``need_imu``. ``confirm``
-    raises if the user does not confirm arming. ``status`` gets a line twice a second. ``timing`` is filled also if a
-    fault ends the walk.
+    It walks as ``steering`` commands at every control step, for ``seconds`` [s] or until ``stop`` is set. A robot whose
+    IMU is not read is rejected if ``need_imu``. ``confirm`` raises if the user does not confirm arming. ``status`` gets
+    a line twice a second. ``timing`` is filled also if a fault ends the walk.
 
     Raises:
         RobotFault: a fault ended the walk early; the robot is idle.
@@ -136,14 +134,14 @@ def walk(
 
         def steered(measurement: Measurement) -> np.ndarray | None:
             nonlocal ended_by
-            commanded = operator.command() if operator is not None else command
-            if commanded is None or time.monotonic() >= end:
-                ended_by = "operator" if commanded is None else "time"
+            command = operator.command()
+            if command is None or time.monotonic() >= end:
+                ended_by = "operator" if command is None else "time"
                 return None
-            motion.forward, motion.yaw_rate = commanded
+            motion.forward, motion.yaw_rate = command
             return motion(measurement)
 
-        with teleop() as operator:
+        with steering as operator:
             loop.play(steered, Mode.WALK, _status_line(link, motion, status), timing)
 
     run_armed(link, gains, stop, work, stopping=motion.stopping)
@@ -155,20 +153,19 @@ def dry_run(
     policy: Policy,
     stop: StopRequest,
     seconds: float,
+    command: tuple[float, float],
+    has_imu: bool,
     status: Callable[[str], None],
-    command: tuple[float, float] = (0.0, 0.0),
-    has_imu: bool = True,
 ) -> int:
-    """Compute targets from an idle robot's telemetry, and send nothing; returns the number of control steps.
+    """Compute targets for a command (speed [m/s], yaw rate [rad/s]) from an idle robot's telemetry, and send nothing.
 
-    Arguments and errors are those of `walk`.
+    Returns the number of control steps. Other arguments and errors are those of `walk`.
     """
     motion = PolicyMotion(link.robot, policy, has_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
     motion.warm_up(measurement)
     motion.forward, motion.yaw_rate = command
-    show, steps = _status_line(link, motion, status), 0
-    deadline = time.monotonic()
+    show, steps, deadline = _status_line(link, motion, status), 0, time.monotonic()
     end = deadline + seconds
     while deadline < end and not stop():
         deadline += policy.control_dt
@@ -184,20 +181,15 @@ def dry_run(
 
 def _status_line(link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]) -> Callable[[Measurement], None]:
     """A function of the measurement that calls ``status`` with a line every 50 control steps."""
-    count, period = 0, link.robot.control_dt
 
-    def show(measurement: Measurement) -> None:
-        nonlocal count
-        count += 1
-        if count % _STATUS_PERIOD:
-            return
-        telemetry, stream = measurement.telemetry, link.stream
+    def show(count: int, measurement: Measurement) -> None:
+        telemetry = measurement.telemetry
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
-            f"{period * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  command "
-            f"{motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
-            f"{link.rejected + stream.impossible}{battery}"
+            f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
+            f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
+            f"{link.rejected + link.stream.impossible}{battery}"
         )
 
-    return show
+    return every(_STATUS_PERIOD, show)

@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.control_loop import ControlLoop, Timing
+from motorprior.hardware.control_loop import ControlLoop, Timing, every
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import StopRequest, check_and_confirm, run_armed
@@ -124,15 +124,12 @@ def excite(
     errors are those of `deploy.walk`.
     """
     check_and_confirm(link, confirm, need_imu)
-    done, period, rows = 0, link.robot.control_dt, iter(targets)
+    period, rows = link.robot.control_dt, iter(targets)
 
-    def count(_: Measurement) -> None:
-        nonlocal done
-        done += 1
-        if done % _STATUS_PERIOD == 0:
-            status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
+    def show(count: int, _: Measurement) -> None:
+        status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(lambda _: next(rows, None), Mode.EXCITE, count, timing)
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, every(_STATUS_PERIOD, show), timing)
 
     run_armed(link, gains, stop, work, crouch=not suspended)

@@ -12,10 +12,11 @@ from typing import Any
 
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError
-from motorprior.hardware.control_loop import Timing, clock_results
+from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import fault_of
+from motorprior.hardware.settings import RunSettings
 
 
 class RunFiles:
@@ -34,8 +35,8 @@ class RunFiles:
         self._record: dict[str, Any] = {}
         self.timing, self.outcome = Timing(), ""
 
-    def begin(self, command: str, port: str, settings: Any, gains: Gains, **more: Any) -> None:
-        """Before the first command, write the settings (a dataclass), gains, limits and ``more``."""
+    def begin(self, command: str, port: str, settings: RunSettings, gains: Gains, **more: Any) -> None:
+        """Before the first command, write the settings, gains, limits and ``more``."""
         self._record = {
             "command": command,
             "port": port,
@@ -64,6 +65,7 @@ class RunFiles:
         if not self._record:
             return
         link, stream = self._link, self._link.stream
+        frames = {name: getattr(stream, name) for name in ("accepted", "repeated", "impossible")}
         ending = {
             "ended": _now(),
             "outcome": outcome,
@@ -71,16 +73,10 @@ class RunFiles:
             "position_clips": link.position_clips,
             "slew_clips": link.slew_clips,
             "commands": link.sent,
-            "frames": {
-                "accepted": stream.accepted,
-                "repeated": stream.repeated,
-                "impossible": stream.impossible,
-                "damaged": link.rejected,
-            },
+            "frames": frames | {"damaged": link.rejected},
         }
         write_json(self._folder / "run.json", self._record | ending)
-        figures = clock_results([self.timing], link.robot.control_dt).to_figures()
-        write_json(self._folder / "figures.json", figures)
+        write_json(self._folder / "figures.json", clock_figures([self.timing], link.robot.control_dt))
 
 
 def _now() -> str:

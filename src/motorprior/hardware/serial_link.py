@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.robots.robot import Robot
 
@@ -33,7 +33,7 @@ class SerialLink:
             reason, remedy = _explanation(error)
             raise RobotFault("no port", f"cannot open {self.port} ({reason})", remedy=remedy) from error
         self._joints = robot.num_joints
-        self._reader = telemetry_reader(self._joints)
+        self._reader = FrameReader(Telemetry, self._joints)
         self._unsent = bytearray()
 
     @property
@@ -68,7 +68,7 @@ class SerialLink:
 
     def send(self, command: Command) -> float:
         """Write a command; returns the time [s]. Raises RobotFault if the port is gone or the robot stops reading."""
-        self._unsent += command_frame(command, self._joints)
+        self._unsent += framed(command, self._joints)
         try:
             sent = os.write(self.fileno(), self._unsent)
             del self._unsent[:sent]

@@ -19,7 +19,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion, ramp
-from motorprior.hardware.health import is_imu_alive
+from motorprior.hardware.doctor import Check, frame_rate, imu, joint_ranges, require_ok
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
@@ -27,10 +27,6 @@ from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.formats.robot_run import Mode
 
 _CHECK_DURATION = 0.5  # [s]
-# Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest
-# may be lost.
-_MIN_FRAMES = 0.8
-_RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 _MAX_MOTION = 0.1  # [rad] during the check; more means homing, or a user who moves the legs
 _MAX_GYRO_BIAS = 0.1  # [rad/s]; 0.05 rad/s are common in a cheap gyroscope before calibration
 _HOLD = 0.5  # [s] at the nominal pose
@@ -77,52 +73,28 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
     The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
 
     Raises:
-        RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
-            fault.
+        RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, or a fault.
     """
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
-    first, before = link.check().telemetry, link.stream.accepted
-    rates, robot = _mean_rates(link, 0.8 * _CHECK_DURATION), link.robot
-    measurement = link.check()
-    telemetry, frames = measurement.telemetry, link.stream.accepted - before
-    seconds, min_rate = 1e-3 * (telemetry.ts - first.ts), _MIN_FRAMES / robot.control_dt
-    if frames < max(2.0, min_rate * seconds):
-        problem = f"{frames} frames in {seconds:.2f} s, at least {min_rate:.0f} per second are needed"
-        remedy = "see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period"
-        raise RobotFault("stale telemetry", problem, remedy=remedy)
-    if need_imu and not is_imu_alive(telemetry):
-        raise RobotFault(
-            "no IMU",
-            "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be detected",
-            remedy="flash a firmware that reads the IMU, or give without_imu and stay within reach of the robot",
-            argument="without_imu",
-        )
-    outside = (telemetry.pos < robot.lower - _RANGE_SLACK) | (telemetry.pos > robot.upper + _RANGE_SLACK)
-    if outside.any():
-        worst = int(np.argmax(outside))
-        limits = f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}"
-        problem = f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is {limits}"
-        remedy = "switch the robot on with its legs free so that it finds its end stops"
-        raise RobotFault("joint range", problem, remedy=remedy)
-    moved = np.abs(telemetry.pos - first.pos)
-    if moved.max() > _MAX_MOTION:
-        name = robot.joint_names[int(np.argmax(moved))]
-        problem = f"{name} moved {moved.max():.2f} rad, although this host sent nothing"
-        remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
-        raise RobotFault("moving", problem, remedy=remedy)
-    if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
-        raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
-    return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
-
-
-def _mean_rates(link: RobotLink, seconds: float) -> np.ndarray:
-    """(3,) mean rates over the next ``seconds`` [rad/s]."""
-    end, rates = time.monotonic() + seconds, []
+    received, before, robot = [link.check().telemetry], link.stream.accepted, link.robot
+    end = time.monotonic() + 0.8 * _CHECK_DURATION
     while (now := time.monotonic()) < end:
-        link.receive(min(end, now + link.robot.control_dt))
-        telemetry = link.check().telemetry
-        rates.append((telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))
-    return np.mean(rates, axis=0)
+        link.receive(min(end, now + robot.control_dt))
+        received.append(link.check().telemetry)
+    measurement = link.check()
+    moved = np.abs(measurement.telemetry.pos - received[0].pos)
+    moving = f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, although this host sent nothing"
+    remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
+    require_ok(
+        [
+            frame_rate(robot, link.stream.accepted - before, received),
+            *([imu(received[-1])] if need_imu else []),
+            *joint_ranges(robot, received[-1:]),
+            Check("moving", moving, bool(moved.max() <= _MAX_MOTION), remedy),
+        ]
+    )
+    rates = np.mean([telemetry.rates for telemetry in received[1:]], axis=0)
+    return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
 
 
 def check_and_confirm(
@@ -182,12 +154,12 @@ def fault_of(error: Exception) -> RobotFault:
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-def ramp_to(link: RobotLink, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> Measurement | None:
+def ramp_to(link: RobotLink, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> None:
     """Move an armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
     target = link.gate.target
     assert target is not None, "armed"
     link.gate.slow = True
-    return loop.play(ramp(target, pose, link.limits.slow_speed, link.robot.control_dt, hold), mode)
+    loop.play(ramp(target, pose, link.limits.slow_speed, link.robot.control_dt, hold), mode)
 
 
 class _Descent:
