@@ -124,14 +124,14 @@ def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limit
 
 def test_both_formats_put_the_feet_at_the_same_place(model, bullet):
     pybullet, body, client = bullet
-    base = np.array(pybullet.getBasePositionAndOrientation(body, physicsClientId=client)[0]) - spec.CHASSIS.com
+    base = np.array(pybullet.getBasePositionAndOrientation(body, physicsClientId=client)[0]) - (0.048, 0.0, -0.00964)
     for pose in poses():
         for joint in range(12):
             pybullet.resetJointState(body, joint, pose[joint], physicsClientId=client)
         for leg, expected in enumerate(feet(model, pose)):
             state = pybullet.getLinkState(body, 3 * leg + 2, computeForwardKinematics=True, physicsClientId=client)
             rotation = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
-            offset = spec.mirrored(spec.FOOT_OFFSET, spec.LEGS[leg])
+            offset = (0.0, -0.002 if leg % 2 else 0.002, -0.110)
             where = np.array(state[4]) + rotation @ offset - base
             np.testing.assert_allclose(where, expected, atol=1e-6)
 
