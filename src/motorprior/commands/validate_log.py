@@ -162,7 +162,7 @@ def _draw_motors(
 ) -> None:
     """Write JOINT.png of every motor: the recorded angle and the bands of samples of the posterior."""
     from motorprior.identification.evaluation.log_fidelity import log_traces
-    from motorprior.report.plots_log import log_against_bands
+    from motorprior.report.plots_motor import log_against_bands
     from motorprior.report.plots_style import png_bytes
 
     folder.mkdir(parents=True, exist_ok=True)
