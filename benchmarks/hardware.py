@@ -37,7 +37,7 @@ from motorprior.hardware.real_time import real_time
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import StopRequest
+from motorprior.hardware.session import Session
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy, zero_policy
@@ -106,9 +106,9 @@ def walking(folder: Path, policy: Policy, seconds: float) -> dict[str, float]:
             RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, log)) as link,
         ):
             try:
-                gains, stop = gains_for(robot, policy), StopRequest()
+                gains = gains_for(robot, policy)
                 steering = nullcontext(Teleop(None, None, robot.require_legs(), (SPEED, 0.0)))
-                walk(link, policy, gains, stop, steering, seconds=rest, timing=timing)
+                walk(Session(link, gains, timing=timing), policy, steering, rest)
             except RobotFault as fault:
                 print(fault, file=sys.stderr)
                 faults += 1

@@ -34,7 +34,7 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import StopRequest
+from motorprior.hardware.session import Session
 from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.load import load_robot
@@ -65,7 +65,7 @@ def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> N
     with on_its_clock(port), RobotLink(robot, port) as link:
         try:
             steering = nullcontext(Teleop(None, None, robot.require_legs(), (SPEED, 0.0)))
-            walk(link, loaded, gains, StopRequest(), steering, seconds=seconds, timing=timing)
+            walk(Session(link, gains, timing=timing), loaded, steering, seconds)
         except RobotFault as error:
             fault = error.kind
     sent = np.array([gains.kp, gains.kd, gains.max_current], dtype=np.float32)

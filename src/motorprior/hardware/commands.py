@@ -21,7 +21,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.run_files import RunFiles
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import StopRequest, stop_on_signals
+from motorprior.hardware.session import Session, stop_on_signals
 from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
@@ -63,18 +63,17 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
     out = settings.out or _dated_folder("deploy")
-    with _recorded_run(robot, port, out) as (link, stop, files):
+    with _session(robot, port, out, gains, show) as (session, files):
 
         def confirm() -> None:
-            teleop.confirm_arming(stop, settings.yes, teleop.WALKING, show)
-            files.begin("deploy", port, settings, gains, policy=str(path), provenance=dict(policy.provenance))
+            teleop.confirm_arming(session.stop, settings.yes, teleop.WALKING, show)
+            files.begin("deploy", port, settings, policy=str(path), provenance=dict(policy.provenance))
 
-        files.outcome = deploy.walk(
-            link, policy, gains, stop, teleop.teleop(gait, settings.forward, settings.yaw_rate),
-            seconds=settings.seconds, need_imu=has_imu, confirm=confirm, status=show, timing=files.timing,
-        )  # fmt: skip
-    show(f"stopped by {files.outcome}; {out / _LOG}")
-    for name, value in clock_figures([files.timing], policy.control_dt).items():
+        session.need_imu, session.confirm = has_imu, confirm
+        steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
+        deploy.walk(session, policy, steering, settings.seconds)
+    show(f"stopped by {session.outcome}; {out / _LOG}")
+    for name, value in clock_figures([session.timing], policy.control_dt).items():
         show(f"{name} {value:.4g}")
 
 
@@ -106,31 +105,30 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     out = settings.out or _dated_folder("record")
     # A suspended robot may hang tilted.
     limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else float("inf"))
-    with _recorded_run(robot, port, out, limits) as (link, stop, files):
+    with _session(robot, port, out, gains, show, limits) as (session, files):
 
         def confirm() -> None:
-            teleop.confirm_arming(stop, settings.yes, teleop.STANDING if standing else teleop.SUSPENDED, show)
-            files.begin("record", port, settings, gains)
+            how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
+            teleop.confirm_arming(session.stop, settings.yes, how_to_stop, show)
+            files.begin("record", port, settings)
 
-        excite(
-            link, targets, gains, stop, suspended=not standing, need_imu=standing and not settings.without_imu,
-            confirm=confirm, status=show, timing=files.timing,
-        )  # fmt: skip
-        files.outcome = stop.reason or "time"
+        session.need_imu, session.confirm = standing and not settings.without_imu, confirm
+        excite(session, targets, suspended=not standing)
     show(f"recorded {out / _LOG}")
     return out / _LOG
 
 
 @contextmanager
-def _recorded_run(
-    robot: Robot, port: str, out: Path, limits: SafetyLimits | None = None
-) -> Iterator[tuple[RobotLink, StopRequest, RunFiles]]:
-    """Open a link that records to ``out``; at the end the robot is idle and the files of the run are written."""
+def _session(
+    robot: Robot, port: str, out: Path, gains: Gains, show: Print, limits: SafetyLimits | None = None
+) -> Iterator[tuple[Session, RunFiles]]:
+    """A session that is recorded to ``out``; at the end the robot is idle and the files of the run are written."""
     recorder = Recorder(robot, out / _LOG)
-    link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
-    files = RunFiles(out, link)
-    with link, stop_on_signals() as stop, files.written_at_end():
-        yield link, stop, files
+    with RobotLink(robot, SerialLink(robot, port), limits, recorder) as link, stop_on_signals() as stop:
+        session = Session(link, gains, stop, status=show)
+        files = RunFiles(out, session)
+        with files.written_at_end():
+            yield session, files
 
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:

@@ -9,10 +9,10 @@ from contextlib import AbstractContextManager
 import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, every
+from motorprior.hardware.control_loop import ControlLoop, Motion, every
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.session import StopRequest, check_and_confirm, check_before_arming, run_armed
+from motorprior.hardware.session import Session, StopRequest, check_before_arming
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
 from motorprior.hardware.wire_conversion import quaternion
@@ -104,48 +104,34 @@ def gains_for(
 
 
 def walk(
-    link: RobotLink,
-    policy: Policy,
-    gains: Gains,
-    stop: StopRequest,
-    steering: AbstractContextManager[Teleop],
-    *,
-    seconds: float | None = None,
-    need_imu: bool = True,
-    confirm: Callable[[], None] = lambda: None,
-    status: Callable[[str], None] = lambda _: None,
-    timing: Timing | None = None,
-) -> str:
-    """Check an idle robot, arm it, stand up, walk, crouch; returns "time", "operator" or the signal that ended it.
+    session: Session, policy: Policy, steering: AbstractContextManager[Teleop], seconds: float | None = None
+) -> None:
+    """Check an idle robot, arm it, stand up, walk, crouch.
 
-    It walks as ``steering`` commands at every control step, for ``seconds`` [s] or until ``stop`` is set. A robot whose
-    IMU is not read is rejected if ``need_imu``. ``confirm`` raises if the user does not confirm arming. ``status`` gets
-    a line twice a second. ``timing`` is filled also if a fault ends the walk.
+    It walks as ``steering`` commands at every control step, for ``seconds`` [s] or until the session is stopped. The
+    status is a line twice a second.
 
     Raises:
         RobotFault: a fault ended the walk early; the robot is idle.
     """
-    motion = PolicyMotion(link.robot, policy, need_imu)
-    motion.gyro_bias = check_and_confirm(link, confirm, need_imu, motion.warm_up)
-    ended_by = ""
+    motion = PolicyMotion(session.link.robot, policy, session.need_imu)
+    motion.gyro_bias = session.check(motion.warm_up)
 
     def work(loop: ControlLoop) -> None:
         end = time.monotonic() + seconds if seconds is not None else float("inf")
 
         def steered(measurement: Measurement) -> np.ndarray | None:
-            nonlocal ended_by
             command = operator.command()
             if command is None or time.monotonic() >= end:
-                ended_by = "operator" if command is None else "time"
+                session.outcome = "operator" if command is None else "time"
                 return None
             motion.forward, motion.yaw_rate = command
             return motion(measurement)
 
         with steering as operator:
-            loop.play(steered, Mode.WALK, _status_line(link, motion, status), timing)
+            loop.play(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
 
-    run_armed(link, gains, stop, work, stopping=motion.stopping)
-    return ended_by or stop.reason or ""
+    session.run(work, stopping=motion.stopping)
 
 
 def dry_run(

@@ -12,39 +12,33 @@ from typing import Any
 
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ArtifactError
-from motorprior.hardware.control_loop import Timing, clock_figures
-from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.session import fault_of
+from motorprior.hardware.control_loop import clock_figures
+from motorprior.hardware.session import Session, fault_of
 from motorprior.hardware.settings import RunSettings
 
 
 class RunFiles:
-    """Settings, gains, limits, outcome and timing of a run.
+    """Settings, gains, limits, outcome and timing of a session.
 
     run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
     the name of a signal, or the kind of a fault and its message. Infinite limits are null.
-
-    Attributes:
-        timing: of the control loop, to be filled.
-        outcome: reason for the end of the run, if not an error.
     """
 
-    def __init__(self, folder: Path, link: RobotLink):
-        self._folder, self._link = folder, link
+    def __init__(self, folder: Path, session: Session):
+        self._folder, self._session = folder, session
         self._record: dict[str, Any] = {}
-        self.timing, self.outcome = Timing(), ""
 
-    def begin(self, command: str, port: str, settings: RunSettings, gains: Gains, **more: Any) -> None:
+    def begin(self, command: str, port: str, settings: RunSettings, **more: Any) -> None:
         """Before the first command, write the settings, gains, limits and ``more``."""
+        link = self._session.link
         self._record = {
             "command": command,
             "port": port,
-            "robot": self._link.robot.name,
+            "robot": link.robot.name,
             "started": _now(),
             "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
-            "gains": asdict(gains),
-            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(self._link.limits).items()},
+            "gains": asdict(self._session.gains),
+            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
             **more,
         }
         write_json(self._folder / "run.json", self._record)
@@ -59,13 +53,13 @@ class RunFiles:
             with contextlib.suppress(ArtifactError):  # the error that ended the run is more important
                 self._end(kind, str(error))
             raise
-        self._end(self.outcome, None)
+        self._end(self._session.outcome, None)
 
     def _end(self, outcome: str, message: str | None) -> None:
         if not self._record:
             return
-        link, stream = self._link, self._link.stream
-        frames = {name: getattr(stream, name) for name in ("accepted", "repeated", "impossible")}
+        link = self._session.link
+        frames = {name: getattr(link.stream, name) for name in ("accepted", "repeated", "impossible")}
         ending = {
             "ended": _now(),
             "outcome": outcome,
@@ -76,7 +70,7 @@ class RunFiles:
             "frames": frames | {"damaged": link.rejected},
         }
         write_json(self._folder / "run.json", self._record | ending)
-        write_json(self._folder / "figures.json", clock_figures([self.timing], link.robot.control_dt))
+        write_json(self._folder / "figures.json", clock_figures([self._session.timing], link.robot.control_dt))
 
 
 def _now() -> str:
