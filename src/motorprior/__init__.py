@@ -44,38 +44,32 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_MODULES = {  # public name -> module; the imports above are for type checkers
-    "ArtifactError": "exceptions",
-    "ConfigError": "exceptions",
-    "DrivenJoints": "simulation.driven_joints",
-    "Fleet": "bench.fleet",
-    "IdealPd": "actuator.ideal_pd",
-    "Lines": "progress",
-    "LogError": "exceptions",
-    "MotorLog": "logs.motor_log",
-    "MotorPosterior": "actuator.motor_posterior",
-    "MotorPrior": "actuator.motor_prior",
-    "MotorPriorError": "exceptions",
-    "Motors": "actuator.motors",
-    "PhysicalActuator": "actuator.physical",
-    "Policy": "locomotion.policy",
-    "Robot": "robots.robot",
-    "SimulationFault": "exceptions",
-    "adapt": "identification.adapt",
-    "check_log": "logs.doctor.checks",
-    "compare": "studies.compare",
-    "fit_prior": "identification.fit_prior",
-    "load_fleet": "bench.fleet",
-    "load_robot": "robots.load",
-    "make_env": "environments",
-    "make_vector_env": "environments",
-    "read_log": "logs.formats.registry",
-    "record_bench": "bench.record_bench",
-    "simulate": "simulation.simulate",
-    "train_policy": "simulation.train_policy",
-    "write_log": "logs.formats.parquet_io",
+_NAMES = {  # module -> public names; the imports above are for type checkers
+    "actuator.ideal_pd": "IdealPd",
+    "actuator.motor_posterior": "MotorPosterior",
+    "actuator.motor_prior": "MotorPrior",
+    "actuator.motors": "Motors",
+    "actuator.physical": "PhysicalActuator",
+    "bench.fleet": "Fleet load_fleet",
+    "bench.record_bench": "record_bench",
+    "environments": "make_env make_vector_env",
+    "exceptions": "ArtifactError ConfigError LogError MotorPriorError SimulationFault",
+    "identification.adapt": "adapt",
+    "identification.fit_prior": "fit_prior",
+    "locomotion.policy": "Policy",
+    "logs.doctor.checks": "check_log",
+    "logs.formats.parquet_io": "write_log",
+    "logs.formats.registry": "read_log",
+    "logs.motor_log": "MotorLog",
+    "progress": "Lines",
+    "robots.load": "load_robot",
+    "robots.robot": "Robot",
+    "simulation.driven_joints": "DrivenJoints",
+    "simulation.simulate": "simulate",
+    "simulation.train_policy": "train_policy",
+    "studies.compare": "compare",
 }
-
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 if not TYPE_CHECKING:  # otherwise a type checker would accept every name

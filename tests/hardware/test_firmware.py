@@ -16,7 +16,6 @@ from motorprior.hardware.virtual.firmware import (
     FirmwareConfig,
     SensorReadings,
 )
-from motorprior.hardware.wire_conversion import servo_current
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -38,8 +37,7 @@ class StillBody:
         self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
 
     def sense(self) -> SensorReadings:
-        drive = self.drive
-        current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
+        current = self.drive.current(self.pos, self.vel)
         attitude = np.full(3, 1e-3)
         return SensorReadings(self.pos + self.offset, self.vel, current + self.extra_current, attitude, np.zeros(3))
 

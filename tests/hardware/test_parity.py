@@ -11,7 +11,6 @@ from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, SensorReadings
-from motorprior.hardware.wire_conversion import from_wire
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.env import WalkEnv
 from motorprior.locomotion.policy import act
@@ -76,7 +75,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         body.state = spy.state
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
         motion.forward, motion.yaw_rate = schedule[step]
-        target = motion(Measurement(from_wire(WIRE, frame), 0.0, 0.0))
+        target = motion(Measurement(frame.with_signs(WIRE.joint_signs), 0.0, 0.0))
         np.testing.assert_allclose(motion.observation, observation, rtol=0, atol=2e-6)
         act(policy.arrays(), observation, action)
         observation, _, terminated, _, info = env.step(action)
@@ -92,7 +91,7 @@ def test_signs_on_the_wire_are_the_robot_s_own():
     """FR and RR abduction count the other way; nothing else does."""
     angles = np.arange(1.0, 13.0)
     signed = [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12]
-    seen = from_wire(WIRE, telemetry(pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
+    seen = telemetry(pos=angles, vel=2 * angles, cur=3 * angles, temp=angles).with_signs(WIRE.joint_signs)
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
         np.testing.assert_array_equal(series, factor * np.array(signed))
     np.testing.assert_array_equal(seen.temp, angles)

@@ -104,13 +104,6 @@ def test_the_feet_touch_the_ground_at_standing_height(model):
         assert data.geom(f"{leg}_foot").xpos[2] == pytest.approx(0.0095, abs=1e-9)
 
 
-def test_the_legs_mirror_each_other(model):
-    pose = poses(1)[0].reshape(4, 3)
-    pose[[1, 3]] = pose[[0, 2]] * [-1, 1, 1]
-    where = feet(model, pose.ravel())
-    np.testing.assert_allclose(where[[1, 3]], where[[0, 2]] * [1, -1, 1], atol=1e-9)
-
-
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):
     names = [model.joint(i).name for i in range(1, 13)]
     assert names == [info[1].decode() for info in infos(bullet)] == list(spec.JOINT_NAMES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -15,7 +16,6 @@ from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Session, StopRequest, check_before_arming
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
-from motorprior.hardware.wire_conversion import quaternion
 from motorprior.locomotion.body import YAW_RATE, action_size
 from motorprior.locomotion.gait_controller import GaitController
 from motorprior.locomotion.policy import Policy, act
@@ -56,7 +56,7 @@ class PolicyMotion:
         """The (joints,) targets [rad] for a measurement: observe, act, command."""
         telemetry, controller = measurement.telemetry, self._controller
         rates, pose = np.array(telemetry.rates) - self.gyro_bias, controller.body.nominal_pose
-        observe(quaternion(*telemetry.attitude), rates, telemetry.pos, pose, controller.observation)
+        observe(_quaternion(*telemetry.attitude), rates, telemetry.pos, pose, controller.observation)
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
             controller.observation[YAW_RATE] = controller.gait.twist[1]
         act(self._policy, self._controller.follow(self.forward, self.yaw_rate), self._action)
@@ -78,6 +78,16 @@ class PolicyMotion:
         """Compile, or load compiled code, and reset."""
         self(measurement)
         self._controller.reset()
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """(4,) rotation_base_to_world (w, x, y, z) of intrinsic z-y'-x'' angles [rad]; inverse of `roll_pitch_yaw`."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return np.array([w, x, y, z])
 
 
 def gains_for(

@@ -1,14 +1,14 @@
 """Messages between host and robot, and their msgpack payloads, with numbers as float32.
 
 Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`wire_conversion`. ``temp`` and ``bat`` are not in that firmware; a robot that measures them may send these keys.
+`Wire.signs`. ``temp`` and ``bat`` are not in that firmware; a robot that measures them may send these keys.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import msgpack
@@ -47,6 +47,11 @@ class Telemetry:
     temp: np.ndarray | None = None  # (joints,) motor temperatures [°C]
     bat: float | None = None  # battery voltage [V]
 
+    def with_signs(self, signs: np.ndarray) -> Telemetry:
+        """The same with (joints,) ``signs`` on positions, velocities and currents, to the library's signs or back."""
+        current = None if self.cur is None else signs * self.cur
+        return replace(self, pos=signs * self.pos, vel=signs * self.vel, cur=current)
+
     @property
     def attitude(self) -> tuple[float, float, float]:
         """Roll, pitch, yaw [rad]."""
@@ -66,7 +71,7 @@ class Telemetry:
 IDLE = Command(idle=True)
 # [bytes]: the length of a command travels in one byte; all keys of telemetry need about 650
 MAX_PAYLOAD: dict[type, int] = {Command: 255, Telemetry: 1023}
-Message = TypeVar("Message", Command, Telemetry)
+Message = TypeVar("Message", bound=Command | Telemetry)
 _KEYS = {kind: tuple(field.name for field in fields(kind)) for kind in (Command, Telemetry)}
 _REQUIRED = _KEYS[Telemetry][: _KEYS[Telemetry].index("cur")]
 _ARRAYS = ("pos", "vel", "cur", "temp")

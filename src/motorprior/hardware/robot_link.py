@@ -17,7 +17,6 @@ from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
-from motorprior.hardware.wire_conversion import from_wire
 from motorprior.logs.formats.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
@@ -99,7 +98,7 @@ class RobotLink:
                     if "ERROR" in message:
                         self._error_line = message
                     continue
-                measurement = self.stream.accept(from_wire(self._wire, message), arrival)
+                measurement = self.stream.accept(message.with_signs(self._wire.joint_signs), arrival)
                 if measurement is not None:
                     self._unchecked.append(measurement)
                     self._record(measurement)

@@ -97,9 +97,7 @@ class SerialLink:
 
 def resolve_port(port: str | None) -> str:
     """The given port, or the only USB serial port; raises ConfigError if there are none or several."""
-    if port is not None:
-        return port
-    ports = _usb_ports()
+    ports = _usb_ports() if port is None else [port]
     if len(ports) == 1:
         return ports[0]
     if not ports:
@@ -118,12 +116,10 @@ def _explanation(error: Exception) -> tuple[str, str]:
     number, cause = getattr(error, "errno", None), error.__context__
     if not number and isinstance(cause, termios.error):
         number = cause.args[0]
-    remedy = "close every other program that uses the port"
-    if number == errno.ENOTTY:
-        remedy = "this is no serial port; give one such as /dev/ttyACM0"
-    elif number == errno.EACCES:
-        remedy = "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again"
-    elif number == errno.ENOENT:
-        ports = _usb_ports()
-        remedy = f"use one of {', '.join(ports)}" if ports else "plug the robot in and switch it on; no port was found"
-    return os.strerror(number) if number else str(error), remedy
+    remedies = {
+        errno.ENOTTY: "this is no serial port; give one such as /dev/ttyACM0",
+        errno.EACCES: "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again",
+        errno.ENOENT: f"plug the robot in and switch it on; ports found: {', '.join(_usb_ports()) or 'none'}",
+    }
+    reason = os.strerror(number) if number else str(error)
+    return reason, remedies.get(number or 0, "close every other program that uses the port")

@@ -32,6 +32,11 @@ class Drive:
     kd: np.ndarray  # (joints,) [A·s/rad]
     max_current: float  # [A]
 
+    def current(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+        """(joints,) currents [A] at (joints,) angles [rad] and velocities [rad/s]."""
+        wanted = self.kp * (self.target - joint_pos) - self.kd * joint_vel
+        return np.clip(wanted, -self.max_current, self.max_current)
+
 
 @dataclass(frozen=True)
 class SensorReadings:
