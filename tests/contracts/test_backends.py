@@ -1,6 +1,6 @@
 """What every backend promises; each new one joins the list."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -91,14 +91,17 @@ def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
     for state in (backend.reset(0), backend.step(spec.NOMINAL_POSE)):
         shapes = [np.shape(value) for value in astuple(state)]
         assert shapes == [(3,), (4,), (3,), (3,), (12,), (4, 3), (), ()]
-        assert state.fault == 0 and all(np.all(np.isfinite(value)) for value in astuple(state))
+        known = replace(state, foot_pos=np.zeros(0)) if np.isnan(state.foot_pos).all() else state
+        assert state.fault == 0 and all(np.all(np.isfinite(value)) for value in astuple(known))
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: Backend):
     first, again, other = (walked(backend, seed) for seed in (1, 1, 2))
     assert all(
-        np.array_equal(a, b) for left, right in zip(first, again, strict=True) for a, b in zip(left, right, strict=True)
+        np.array_equal(a, b, equal_nan=True)
+        for left, right in zip(first, again, strict=True)
+        for a, b in zip(left, right, strict=True)
     )
     assert not np.array_equal(first[-1][4], other[-1][4])
 
@@ -107,12 +110,14 @@ def test_a_state_is_not_changed_by_later_steps(backend: Backend):
     state = backend.reset(0)
     kept = [np.array(value) for value in astuple(state)]
     backend.step(spec.NOMINAL_POSE + 0.3)
-    assert all(np.array_equal(a, b) for a, b in zip(kept, astuple(state), strict=True))
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(kept, astuple(state), strict=True))
 
 
-def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it(backend: Backend):
+def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Backend):
     backend.reset(0)
     places = [backend.step(spec.NOMINAL_POSE) for _ in range(30)][-1].foot_pos
+    if np.isnan(places).all():
+        pytest.skip("this backend does not know where the feet are")
     np.testing.assert_allclose(places[:, :2], [leg.rest for leg in PUPPER_V2.legs], atol=0.03)
     np.testing.assert_allclose(places[:, 2], spec.FOOT_RADIUS, atol=0.005)
 
