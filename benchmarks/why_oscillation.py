@@ -25,7 +25,8 @@ from matplotlib.figure import Figure
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
-    from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
+    from motorprior.actuator.true_motors import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
     from motorprior.bench.record_bench import record_bench as record_bench
@@ -57,7 +57,7 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "MotorPrior": "actuator.motor_prior",
     "MotorPriorError": "exceptions",
     "Motors": "actuator.motors",
-    "PhysicalActuator": "actuator.physical",
+    "PhysicalActuator": "actuator.true_motors",
     "Policy": "locomotion.policy",
     "Robot": "robots.robot",
     "SimulationFault": "exceptions",
