@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
@@ -31,8 +30,7 @@ def ideal_pd(n):
 
 def friction_pd(n):
     rng = np.random.default_rng(6)
-    pd = replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n))
-    return FrictionPd(pd, rng.uniform(0.05, 0.15, n))
+    return replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n), coulomb=rng.uniform(0.05, 0.15, n))
 
 
 def physical(n):
@@ -106,8 +104,6 @@ def only(actuator, motor):
         return replace(actuator, z=actuator.z[[motor]])
     if isinstance(actuator, PhysicalActuator):
         return actuator.motors.take(np.array([motor])).actuator()
-    if isinstance(actuator, FrictionPd):
-        return FrictionPd(only(actuator.pd, motor), actuator.coulomb[[motor]])
     return IdealPd(*(getattr(actuator, field.name)[[motor]] for field in fields(actuator)))
 
 

@@ -9,8 +9,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator, require_motors
-from motorprior.actuator.friction_pd import FRICTION_PD, FrictionPd
-from motorprior.actuator.ideal_pd import IdealPd, described_pd
+from motorprior.actuator.ideal_pd import FRICTION_PD, IdealPd, described_pd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
@@ -206,16 +205,15 @@ class MotorChoice:
 
 def _randomized_pd(model: IdealPd, coulomb: np.ndarray, spread: float, rng: np.random.Generator) -> Actuator:
     if not spread:
-        return FrictionPd(model, coulomb) if coulomb.any() else model
+        return replace(model, coulomb=coulomb)
 
     def drawn(values: np.ndarray) -> np.ndarray:
         return values * rng.uniform(1.0 - spread, 1.0 + spread, len(values))
 
-    constants = {field.name: drawn(getattr(model, field.name)) for field in fields(model) if field.name != "delay"}
+    constants = {field.name: drawn(getattr(model, field.name)) for field in fields(model)[:4]}
     late = 0.02 * spread  # not a share of the delay, which may be 0
     delay = rng.uniform(np.maximum(0.0, model.delay - late), model.delay + late)
-    pd = IdealPd(**constants, delay=delay)
-    return FrictionPd(pd, drawn(coulomb)) if coulomb.any() else pd
+    return IdealPd(**constants, delay=delay, coulomb=drawn(coulomb) if coulomb.any() else coulomb)
 
 
 def _in_joint_order(posterior: MotorPosterior, robot: Robot) -> MotorPosterior:
