@@ -13,7 +13,6 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from policies import ACTIONS, random_policy
 
-import motorprior.environments
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env
 from motorprior.locomotion.command import Commands
@@ -21,6 +20,7 @@ from motorprior.locomotion.policy import act
 from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.motors import motor_sampler
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
@@ -47,8 +47,8 @@ def prior(tmp_path_factory: pytest.TempPathFactory, grey_network) -> Path:
 
 @pytest.fixture(params=["pd", "prior", "fleet"])
 def motors(request: pytest.FixtureRequest, prior: Path) -> dict[str, Any]:
-    """The keywords that say which motors."""
-    return {"actuator": request.param} | ({"prior": prior} if request.param == "prior" else {})
+    """The keyword of the motors."""
+    return {"motors": f"prior:{prior}" if request.param == "prior" else request.param}
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
@@ -65,7 +65,7 @@ def test_check_env_is_clean(engine, motors):
 
 
 def test_every_seed_samples_other_motors_of_the_prior(prior):
-    env = gymnasium.make(ID, actuator="prior", prior=str(prior))
+    env = gymnasium.make(ID, motors=f"prior:{prior}")
     action = np.random.default_rng(0).uniform(-1.0, 1.0, ACTIONS)
     measured = []
     for seed in (1, 1, 2):
@@ -79,11 +79,9 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
 def test_its_episode_is_that_of_motorprior_walk(motors):
     policy = random_policy(0.05, seed=1, mean=0.1, std=0.7)
     env = gymnasium.make(ID, **motors, episode_steps=50, task=TaskWeights(heading=0.1))
-    choice = motorprior.environments.MotorChoice(**motors)
+    draw, physics_dt = motor_sampler(motors["motors"], PUPPER_V2)
     walk = WalkConfig(50, TaskWeights(heading=0.1))
-    simulator = WalkSimulator(
-        choice.sampler(PUPPER_V2), WorldConfig.of(PUPPER_V2, physics_dt=choice.physics_dt(PUPPER_V2)), walk
-    )
+    simulator = WalkSimulator(draw, WorldConfig.of(PUPPER_V2, physics_dt=physics_dt), walk)
     (observation, _), total, ended, action = env.reset(seed=4), 0.0, False, np.zeros(ACTIONS)
     while not ended:
         act(policy, observation, action)
@@ -119,7 +117,7 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
 
 
 def test_commands_beyond_the_robots_usual_range_are_followed():
-    env = make_env(actuator="pd", commands=Commands.steady(0.8))
+    env = make_env(motors="pd", commands=Commands.steady(0.8))
     env.reset(seed=0)
     speeds = [env.step(np.zeros(ACTIONS))[0][-4] for _ in range(60)]
     assert speeds[-1] == pytest.approx(0.8) and speeds[10] < 0.4, "it speeds up in half a second"

@@ -1,7 +1,7 @@
 """Gymnasium environments: importing this module registers ``motorprior/Walk-v0``.
 
     import gymnasium, motorprior.environments
-    env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
+    env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", motors="prior:prior.safetensors")
 
 Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors are the physical
 ones of the robot's fleet, and nothing else is randomized.
@@ -27,7 +27,7 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Scene
-from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.terrain import Terrain
@@ -39,7 +39,7 @@ ENV_ID = "motorprior/Walk-v0"
 
 def make_scene(
     robot: str | Path | Robot = DEFAULT_ROBOT,
-    motors: MotorSource | None = None,
+    motors: MotorSource = "fleet",
     *,
     engine: str = "mujoco",
     task: TaskWeights | None = None,
@@ -48,13 +48,13 @@ def make_scene(
     gait: GaitName = "trot",
     roughness: float = 0.0,
     episode_steps: int = 500,
-    **choice: Any,
 ) -> Scene:
     """The simulation of an environment.
 
     Args:
         robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
-        motors: motors of the episodes: a prior, a posterior or a fleet to sample, fixed motors, or a function that
+        motors: motors of the episodes: a text such as "prior:FILE", "pd:kp=9" or "fleet", the robot's own physical
+            motors (`actuator.registry`); a prior, a posterior or a fleet to sample; fixed motors; or a function that
             samples them with a generator.
         engine: "mujoco" or "pybullet".
         task: reward.
@@ -63,8 +63,6 @@ def make_scene(
         gait: trot, walk, pace, bound or pronk.
         roughness: height of bumps [m], up to 4 m from the start; PyBullet only.
         episode_steps: control steps until truncation.
-        choice: without ``motors``, fields of `MotorChoice`, such as actuator, prior and kp; the physical motors of the
-            robot's own fleet by default.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
@@ -73,18 +71,11 @@ def make_scene(
     commands = commands or Commands()
     robot = commands.extend_range(as_robot(robot))
     walk = WalkConfig(episode_steps, task or TaskWeights(), randomization or Randomization(), commands, gait)
-    for name in ("prior", "posterior"):
-        if choice.get(name) is not None:
-            choice[name] = Path(choice[name])
-    chosen = MotorChoice(choice.pop("actuator", "fleet"), **choice)
-    if motors is None:
-        draw_motors, physics_dt = chosen.sampler(robot), chosen.physics_dt(robot)
-    else:
-        draw_motors, physics_dt = motor_sampler(motors, robot)
+    draw_motors, physics_dt = motor_sampler(motors, robot)
     return Scene(robot, engine, draw_motors, physics_dt, walk, Terrain(roughness))
 
 
-def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | None = None, **options: Any) -> WalkEnv:
+def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any) -> WalkEnv:
     """Make one Gymnasium environment that samples new motors in each episode; see `make_scene` for the options.
 
     Its observations and actions are those of the policies of `train_policy`.
@@ -96,7 +87,7 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | No
 
 def make_vector_env(
     robot: str | Path | Robot = DEFAULT_ROBOT,
-    motors: MotorSource | None = None,
+    motors: MotorSource = "fleet",
     *,
     num_envs: int = 1,
     threads: int = 1,

@@ -17,7 +17,7 @@ from motorprior.simulation.rollout import WalkSimulator
 from motorprior.studies import twin
 
 Command = Callable[..., Any]
-SMALL = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5)
+SMALL = ("walk", "--motors", "pd", "--iterations", 1, "--episode-steps", 5)
 RESULTS = ("policy.safetensors", "curve.json")
 
 
@@ -87,7 +87,7 @@ def test_an_engine_or_library_that_is_not_installed_is_named(
 def test_episodes_that_fail_cost_no_finished_iteration(
     motorprior: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    line = ("walk", "--actuator", "pd", "--iterations", 3, "--episode-steps", 5, "--workers", 1)
+    line = ("walk", "--motors", "pd", "--iterations", 3, "--episode-steps", 5, "--workers", 1)
     assert motorprior(*line, "--out", tmp_path / "whole").code == 0
     healthy, episodes = WalkSimulator.run, iter(range(10_000))
 

@@ -12,7 +12,6 @@ from motorprior.commands.walk_seeds import PICTURE, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion import policy_search
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.training import CHECKPOINT
 from motorprior.simulation.walk_metrics import METRICS
 from motorprior.stage import MARKER
@@ -20,9 +19,7 @@ from motorprior.stage import MARKER
 
 def walk(folder: Path, seed: int = 2, **changes) -> Walk:
     search = ArsConfig(seed=seed, num_directions=2, num_top_directions=2)
-    return replace(
-        Walk(folder, MotorChoice("pd", kp=8.0), iterations=3, episode_steps=10, workers=1, search=search), **changes
-    )
+    return replace(Walk(folder, "pd:kp=8", iterations=3, episode_steps=10, workers=1, search=search), **changes)
 
 
 def test_killed_before_its_marker_a_training_continues_from_its_checkpoint(

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
-from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.walk_metrics import EVENTS, METRICS, read_metrics
 
 
@@ -34,7 +33,7 @@ class Stops:
 
 
 def small(folder: Path) -> Walk:
-    return Walk(folder, MotorChoice("pd"), iterations=4, episode_steps=20, workers=1)
+    return Walk(folder, "pd", iterations=4, episode_steps=20, workers=1)
 
 
 @pytest.fixture(scope="module")

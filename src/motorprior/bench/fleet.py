@@ -151,7 +151,7 @@ def fleet_path(name_or_path: str | Path) -> Path:
         path = Path(shipped.get(str(name_or_path), name_or_path))
     if path.suffix != ".toml" or not path.is_file():
         known = ", ".join(sorted(shipped))
-        raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")
+        raise ArtifactError(f"no fleet {str(name_or_path)!r}", remedy=f"use one of {known}, or a path to a .toml file")
     return path
 
 

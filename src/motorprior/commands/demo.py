@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_text
 from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bench.fleet import load_robot_fleet
@@ -29,7 +30,7 @@ from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.stage import FIGURES, PAGE, RESULTS, in_parallel, locked, write_results
 from motorprior.studies.robustness import MAPS, load_maps
@@ -119,7 +120,7 @@ def run_demo(
             sections.append(chapters.replay(out / "replay"))
         walks = _walks(config)
         # the longest training first, otherwise it runs alone at the end
-        longest_first = sorted(walks, key=lambda walk: walk.motors.physics_dt(robot))
+        longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
         trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
         in_parallel(trainings, config.workers, progress)
         folders: dict[str, list[Path]] = {}
@@ -212,11 +213,11 @@ def _walks(config: Demo) -> list[Walk]:
     """Trainings of all policies, the first seed of every condition first."""
     gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
-        "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, fleet=config.fleet),
-        "oracle": MotorChoice("fleet", fleet=config.fleet),
-        "ideal_pd": MotorChoice("pd", fleet=config.fleet, **gains),
-        "tuned_pd": MotorChoice("pd", fleet=config.fleet, **tuned),
-        "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, fleet=config.fleet),
+        "rollout": motor_text("prior", file=config.out / "priors" / "rollout" / PRIOR),
+        "oracle": motor_text("fleet", fleet=config.fleet),
+        "ideal_pd": motor_text("pd", **gains),
+        "tuned_pd": motor_text("pd", **tuned),
+        "paper": motor_text("prior", file=config.out / "priors" / "paper" / PRIOR),
     }
     policies = config.seeds * len(conditions)
     return [

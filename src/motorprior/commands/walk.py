@@ -10,7 +10,6 @@ from typing import Any
 
 from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
-from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, require_executor
@@ -24,8 +23,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.engines import Engine, Scene
-from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.motor_provenance import choice_as_json
+from motorprior.simulation.motors import SimulatedMotors, motors_as_json, simulated_motors
 from motorprior.simulation.mujoco_backend import DrawMotors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import WalkConfig
@@ -50,8 +48,9 @@ class Walk:
 
     out: Path
     """Folder for policy.safetensors, curve.json, metrics.jsonl and the checkpoint."""
-    motors: MotorChoice = field(default_factory=MotorChoice)
-    """The motors of every episode."""
+    motors: str
+    """The motors of every episode: prior:FILE, posterior:FILE,prior=FILE, pd, pd:kp=8.8,kd=0.84, fleet or fleet:NAME.
+    docs/training.md has their options."""
     start: Path | None = None
     """A policy in another folder to continue from, with other motors for example, within its range of speeds; the plain
     gait if not given."""
@@ -109,8 +108,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
     if is_finished(config.out, plan.wanted):
         return False
     require_executor(config.executor, config.ray_address)
-    prior = None if config.motors.prior is None else load_prior(config.motors.prior, plan.robot)
-    for line in training_notes(plan.robot, prior, config.validation):
+    for line in training_notes(plan.robot, plan.motors.prior, config.validation):
         progress.note(line)
     with working(config.out, plan.wanted):
         _train(plan, progress, name)
@@ -126,6 +124,7 @@ class _Plan:
     robot: Robot  # with the speed range of the training
     shape: PolicyShape
     start: Policy | None
+    motors: SimulatedMotors
     scenes: list[Scene]  # of the training, and of the evaluation if it has other motors
     wanted: dict[str, Any]  # description of the stage
 
@@ -147,18 +146,15 @@ def _planned(config: Walk) -> _Plan:
         start.require_gait(config.gait, config.start)
         robot = robot.with_speed_range(start.forward)
     robot = config.commands.extend_range(robot)
-    choices = [config.motors, *([] if config.validation is None else [_validation_choice(config.validation)])]
-    scenes = [scene(config, robot, choice.sampler(robot), choice.physics_dt(robot)) for choice in choices]
+    texts = [config.motors, *([] if config.validation is None else [f"fleet:{config.validation}"])]
+    motors = [simulated_motors(text, robot) for text in texts]
+    scenes = [scene(config, robot, each.draw, each.physics_dt) for each in motors]
     without_effect = ("workers", "executor", "ray_address", "tensorboard")  # on the result
     settings = {name: value for name, value in asdict(config).items() if name not in without_effect}
-    inputs = [*config.motors.inputs(robot), *robot.files, *([] if config.start is None else [config.start])]
-    inputs += [file for choice in choices[1:] for file in choice.inputs(robot)]
+    inputs = [*robot.files, *([] if config.start is None else [config.start])]
+    inputs += [file for each in motors for file in each.files]
     shape = PolicyShape.of(robot, config.gait, config.hidden_units, config.symmetric)
-    return _Plan(config, robot, shape, start, scenes, description("walk", settings, inputs))
-
-
-def _validation_choice(fleet: str) -> MotorChoice:
-    return MotorChoice("fleet", fleet=fleet)
+    return _Plan(config, robot, shape, start, motors[0], scenes, description("walk", settings, inputs))
 
 
 def scene(config: Walk, robot: Robot, draws: DrawMotors, physics_dt: float) -> Scene:
@@ -187,15 +183,14 @@ def _train(plan: _Plan, progress: Progress, name: str) -> None:
 
 def _policy(plan: _Plan, best: BestPolicy) -> Policy:
     config = plan.config
-    validation = None if config.validation is None else _validation_choice(config.validation)
     provenance = {
-        "motors": choice_as_json(config.motors, config.out),
+        "motors": motors_as_json(config.motors, config.out),
         "search": asdict(config.search),
         "task": asdict(config.task),
         "start_sha256": None if config.start is None else digest(config.start),
         "iterations": config.iterations,
         "patience": config.patience,
-        "validation": None if validation is None else choice_as_json(validation, config.out),
+        "validation": config.validation and motors_as_json(f"fleet:{config.validation}", config.out),
         "episode_steps": config.episode_steps,
         "engine": config.engine,
         "roughness": config.roughness,
@@ -203,4 +198,4 @@ def _policy(plan: _Plan, best: BestPolicy) -> Policy:
         "commands": asdict(config.commands),
         "symmetric": config.symmetric,
     }
-    return policy_of(plan.robot, config.gait, best, config.motors.nominal(plan.robot), provenance)
+    return policy_of(plan.robot, config.gait, best, plan.motors.nominal, provenance)

@@ -14,7 +14,7 @@ from motorprior.bench.recording import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_log import MOTIONS
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, logged_gains_of, motion_digest
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -95,6 +95,12 @@ def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
     if prior.network.gain_unit != PHYSICAL_GAINS:
         return None
     return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+
+
+def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
+    """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
+    logged = logged_gains_of(log) if log.gain_unit == prior.network.gain_unit else None
+    return robot_gains(prior, robot) if logged is None else logged
 
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:

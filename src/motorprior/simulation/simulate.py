@@ -13,7 +13,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motor_choice import MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
 from motorprior.simulation.world_config import WorldConfig

@@ -6,9 +6,7 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
+from motorprior.bench.fleet import Fleet, load_robot_fleet
 from motorprior.bounds import require_seed
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
@@ -21,7 +19,7 @@ from motorprior.progress import WARNED, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.engines import Scene
-from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import WalkConfig
 from motorprior.simulation.training import (
@@ -58,8 +56,8 @@ def train_policy(
 
     Args:
         robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
-        motors: a prior, a posterior or a fleet to draw from; fixed motors; or a function that draws them from a
-            generator.
+        motors: a prior, a posterior or a fleet to draw from; fixed motors; a function that draws them from a
+            generator; or a text such as "pd:kp=9" (`actuator.registry`).
         iterations: maximum, 32 episodes each.
         patience: stop after so many evaluations, one every 10 iterations, without a better policy; never if not given.
         seed: of the search and of the draws; the result does not depend on ``workers``.
@@ -93,8 +91,8 @@ def train_policy(
         start.require_gait(gait, "start")
         robot = robot.with_speed_range(start.forward)
     robot = commands.extend_range(robot)
-    prior = motors.prior if isinstance(motors, MotorPosterior) else motors
-    for line in training_notes(robot, prior if isinstance(prior, MotorPrior) else None, validation):
+    simulated = simulated_motors(motors, robot)
+    for line in training_notes(robot, simulated.prior, validation):
         progress.note(line)
     config, shape = ArsConfig(seed=seed), PolicyShape.of(robot, gait, hidden_units, symmetric)
     walk = WalkConfig(episode_steps, randomization=randomization, commands=commands, gait=gait)
@@ -119,6 +117,4 @@ def train_policy(
         "commands": asdict(commands), "randomization": randomization.as_json(), "symmetric": symmetric,
         "validation": None if validation is None else load_robot_fleet(robot, validation).name,
     }  # fmt: skip
-    is_fleet = isinstance(motors, Fleet)
-    nominal = nominal_pd(motors, robot.num_joints) if is_fleet else MotorChoice().nominal(robot)
-    return policy_of(robot, gait, best, nominal, provenance)
+    return policy_of(robot, gait, best, simulated.nominal, provenance)

@@ -14,7 +14,7 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motor_choice import MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.world_config import WorldConfig
 from motorprior.studies import twin

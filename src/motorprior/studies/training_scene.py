@@ -13,8 +13,7 @@ from motorprior.robots.robot import Robot
 from motorprior.schema import Schema, number, one_of
 from motorprior.simulation.backend_rollout import BackendSimulator
 from motorprior.simulation.engines import ENGINES, Engine, Scene
-from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.motor_provenance import choice_from_json
+from motorprior.simulation.motors import motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkConfig, WalkSimulator
 from motorprior.simulation.terrain import Terrain
@@ -56,9 +55,9 @@ def trained_walk(
     if walk is None:
         commands = commands or twin.straight_ahead(robot)
         walk = WalkConfig(twin.DURATION_STEPS, randomization=_randomization(policy, path), commands=commands)
-    motors = choice_from_json(policy.provenance.get("motors"), path)
-    scene = training_scene(policy, path, robot, walk, engine, motors)
-    return TrainedWalk(path.parent.name, robot, policy, motors.condition(), scene.simulator())
+    scene = training_scene(policy, path, robot, walk, engine)
+    condition = simulated_motors(motors_from_json(policy.provenance.get("motors"), path), robot).condition
+    return TrainedWalk(path.parent.name, robot, policy, condition, scene.simulator())
 
 
 def policy_for(path: Path, robot: Robot) -> tuple[Policy, Robot]:
@@ -79,7 +78,6 @@ def training_scene(
     robot: Robot,
     walk: WalkConfig,
     engine: Engine | None = None,
-    motors: MotorChoice | None = None,
 ) -> Scene:
     """The simulation in which a policy was trained.
 
@@ -89,14 +87,13 @@ def training_scene(
         robot: with the policy's speed range.
         walk: the episode, with the policy's gait.
         engine: instead of that of the training.
-        motors: of the training; read from the policy's provenance if not given.
 
     Raises:
         ArtifactError, ConfigError: missing motors, or damaged provenance.
     """
-    motors = motors or choice_from_json(policy.provenance.get("motors"), path)
+    text = motors_from_json(policy.provenance.get("motors"), path)
     try:
-        sample = motors.sampler(robot)
+        motors = simulated_motors(text, robot)
     except (ArtifactError, ConfigError) as error:
         where = path if error.where is None else f"{path}: {error.where}"
         raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
@@ -105,7 +102,7 @@ def training_scene(
     Schema({"engine": one_of(*ENGINES), "roughness": number()}, "train again").check(stated, path)
     engine = engine or cast(Engine, stated["engine"])
     terrain = Terrain(float(stated["roughness"]) if engine == "pybullet" else 0.0)
-    return Scene(robot, engine, sample, motors.physics_dt(robot), replace(walk, gait=policy.gait), terrain)
+    return Scene(robot, engine, motors.draw, motors.physics_dt, replace(walk, gait=policy.gait), terrain)
 
 
 def _randomization(policy: Policy, path: Path) -> Randomization:

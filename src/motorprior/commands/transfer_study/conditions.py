@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from motorprior.actuator.motor_prior import MotorPrior
+import numpy as np
+
+from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
@@ -20,7 +22,8 @@ from motorprior.identification.fit_prior import PRIOR
 from motorprior.logs.formats.parquet_io import read_parquet, write_log
 from motorprior.progress import Progress, Task
 from motorprior.robots.load import load_robot
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.robots.robot import Robot
+from motorprior.simulation.motors import motor_sampler
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.stage import description, in_parallel, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
@@ -52,7 +55,7 @@ class Condition:
     """
 
     name: str
-    motors: MotorChoice
+    motors: str
     randomization: Randomization = MOTORS_ONLY
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
     robot: int | None = None
@@ -62,17 +65,12 @@ class Condition:
         """Folder name of its policy of a seed."""
         return f"{self.name}_{seed}" if self.population == IN_FAMILY else f"{self.name}_{self.population}_{seed}"
 
-    @property
-    def is_deterministic(self) -> bool:
+    def is_deterministic(self, robot: Robot) -> bool:
         """Whether all episodes of its training simulation are identical."""
-        motors = self.motors
-        if self.randomization != MOTORS_ONLY or motors.actuator == "fleet" or motors.posterior is not None:
-            return False
-        if motors.actuator == "pd":
-            return motors.spread == 0.0
-        if motors.latent_spread == 0.0:
-            return True
-        return motors.prior is not None and MotorPrior.load(motors.prior).network.num_latents == 0
+        draw, physics_dt = motor_sampler(self.motors, robot)
+        one, other = (draw(np.random.default_rng(seed)).arrays(physics_dt) for seed in (1, 2))
+        same = np.array_equal(one.parameters, other.parameters) and np.array_equal(one.biases, other.biases)
+        return same and self.randomization == MOTORS_ONLY
 
 
 def conditions(config: Study, seed: int) -> list[Condition]:
@@ -81,17 +79,17 @@ def conditions(config: Study, seed: int) -> list[Condition]:
 
     def prior(name: str, spread: float = 1.0, randomization: Randomization = MOTORS_ONLY) -> Condition:
         path = prior_path(config, PRESETS[name])
-        return Condition(name, MotorChoice("prior", path, fleet=fleet, latent_spread=spread, name=name), randomization)
+        return Condition(name, motor_text("prior", file=path, latent_spread=spread), randomization)
 
     def of_robot(name: str, population: str) -> Condition:
         if name == "oracle":
-            motors, robot = MotorChoice("fleet", fleet=fleet_of(config, population), name=name), None
+            motors, robot = motor_text("fleet", fleet=fleet_of(config, population)), None
         elif name == "pd_adapted":
             constants = read_json(_robot_folder(config, population, seed, name) / "pd.json")["constants"]
-            motors, robot = MotorChoice("pd", fleet=fleet, name=name, **constants), seed
+            motors, robot = motor_text("pd", **constants), seed
         else:
             posterior = _robot_folder(config, population, seed) / POSTERIOR
-            motors = MotorChoice("prior", prior_path(config, "rollout"), posterior, fleet, name=name)
+            motors = motor_text("posterior", file=posterior, prior=prior_path(config, "rollout"))
             robot = seed
         environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population == population)
         return Condition(name, motors, environments=environments, robot=robot, population=population)
@@ -106,7 +104,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
         "prior_mean": [partial(prior, "prior_mean", 0.0)],
         **{name: [partial(prior, name)] for name in ("paper", "paper_wide", "one_network")},
         **{name: [partial(fitted_pd, config, name)] for name in FITTED_PDS},
-        "untrained": [lambda: Condition("untrained", MotorChoice("pd", fleet=fleet, name="untrained"))] * (seed == 0),
+        "untrained": [lambda: Condition("untrained", motor_text("pd", fleet=fleet))] * (seed == 0),
         "pd_randomised": [partial(fitted_pd, config, "pd_friction", "pd_randomised", config.spread or 0.0)],
     }
     return [make() for name, makes in made.items() if name in config.conditions for make in makes]
@@ -115,7 +113,7 @@ def conditions(config: Study, seed: int) -> list[Condition]:
 def fitted_pd(config: Study, fit: str, name: str = "", spread: float = 0.0) -> Condition:
     """A PD fitted to the bench; its constants vary by a relative range ``spread``."""
     constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
-    return Condition(name or fit, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name or fit, **constants))
+    return Condition(name or fit, motor_text("pd", spread=spread, **constants))
 
 
 def fleet_of(config: Study, population: str) -> str | None:

@@ -23,6 +23,7 @@ from motorprior.progress import SILENT, Progress, Task
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.rollout import Episode, WalkConfig
 from motorprior.simulation.training import policy_of
 from motorprior.stage import description, in_parallel, is_finished, usable_threads, working
@@ -95,7 +96,7 @@ def _cell(
 def _untrained_policy(robot: Robot, condition: Condition) -> Policy:
     """The policy of zero weights."""
     zero = BestPolicy.none_yet(PolicyShape.of(robot, "trot", 0, symmetric=True))
-    return policy_of(robot, "trot", zero, condition.motors.nominal(robot), {})
+    return policy_of(robot, "trot", zero, simulated_motors(condition.motors, robot).nominal, {})
 
 
 def evaluated(
@@ -117,7 +118,7 @@ def evaluated(
         places[name] = partial(HeldOutWalks, robot, ENVIRONMENTS[name], fleet, walk, config.seed, condition.robot)
     rows = []
     for place, walks in places.items():
-        once = place in (OWN, OWN_FOREIGN) and condition.is_deterministic
+        once = place in (OWN, OWN_FOREIGN) and condition.is_deterministic(robot)
         draws, at_a_time = 1 if once else config.draws, config.episodes_at_a_time
         executor = _executor(config, place, walks)
         try:
