@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from motorprior.actuator.true_motors import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
-    from motorprior.bench.record_bench import record_bench as record_bench
+    from motorprior.bench.recording import record_bench as record_bench
     from motorprior.environments import make_env as make_env
     from motorprior.environments import make_vector_env as make_vector_env
     from motorprior.exceptions import ArtifactError as ArtifactError
@@ -70,7 +70,7 @@ _MODULES = {  # public name -> module; the imports above are for type checkers
     "make_env": "environments",
     "make_vector_env": "environments",
     "read_log": "logs.formats.registry",
-    "record_bench": "bench.record_bench",
+    "record_bench": "bench.recording",
     "simulate": "simulation.simulate",
     "train_policy": "simulation.train_policy",
     "write_log": "logs.formats.parquet_io",

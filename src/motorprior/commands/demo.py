@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_text
-from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bench.fleet import load_robot_fleet
+from motorprior.bench.recording import require_bench_size
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify

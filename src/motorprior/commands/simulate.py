@@ -29,7 +29,7 @@ class Simulate:
     motors: str
     """The robot's motors, such as prior:FILE, pd or fleet; see docs/training.md."""
     excitation: str = "sine"
-    """Signal of every joint about the nominal pose: sine, held_steps, gait, creep or chirp."""
+    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine."""
     seconds: float = 10.0
     """Duration [s]."""
     amplitude: float = 0.4

@@ -6,8 +6,8 @@ import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
+from motorprior.bench.recording import require_bench_size
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands

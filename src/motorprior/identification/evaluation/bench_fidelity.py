@@ -31,7 +31,7 @@ ModelOfMotors = Callable[[np.ndarray], Actuator]
 PredictorOfMotors = Callable[[np.ndarray], Actuator | Ensemble]
 
 # held-out trials of 1 s, with loads inside the training range; chirp is in no preset of the bench
-HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
+HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
 HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
 BENCH_STREAM, WORK_STREAM = 17, 53  # tags of the random streams of held-out trials, and of the motors' working times
 MAX_WORK = 20.0  # maximum working time of the motors before a held-out trial [s]; their temperature is unknown
