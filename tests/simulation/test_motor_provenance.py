@@ -45,9 +45,9 @@ def test_motors_are_read_back_after_their_files_moved(text: str, policy: Path, t
     (kind, options), (same_kind, same) = parsed(text), parsed(again)
     assert kind == same_kind and options.keys() == same.keys()
     for name, value in options.items():
-        if isinstance(value, Path):
-            moved = Path(str(same[name])).resolve()
-            assert moved == tmp_path / "elsewhere" / "inputs" / value.name and moved.is_file()
+        if isinstance(value, str):
+            moved = Path(same[name]).resolve()
+            assert moved == tmp_path / "elsewhere" / "inputs" / Path(value).name and moved.is_file()
         else:
             assert same[name] == value
 
@@ -55,6 +55,9 @@ def test_motors_are_read_back_after_their_files_moved(text: str, policy: Path, t
 def test_a_changed_file_is_rejected(text: str, policy: Path):
     stored, options = motors_as_json(text, policy.parent), parsed(text)[1]
     for name in stored["files"]:
-        Path(str(options[name])).write_text("changed")
+        file = Path(str(options[name]))
+        before = file.read_bytes()
+        file.write_text("changed")
         with pytest.raises(ConfigError, match=f"the {name} it was trained on"):
             motors_from_json(stored, policy)
+        file.write_bytes(before)

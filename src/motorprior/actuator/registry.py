@@ -2,9 +2,9 @@
 
     KIND[:VALUE][,OPTION=VALUE][,FLAG]        VALUE without a name is that of the first option
 
-A kind is a function with `register`, (robot, options) -> `Drawn`. Its parameters after the robot are the options, of
-the types float, bool (a flag) and Path (a file if it has a suffix, otherwise a name). A new actuator is one file of
-this folder: its kernels, its `Actuator`, and its kind.
+A kind is a function with `register`, (robot, options) -> `Drawn`. Its parameters after the robot are the options:
+numbers, flags (True), and names or files (str; files have a suffix). A new actuator is one file of this folder: its
+kernels, its `Actuator`, and its kind.
 """
 
 from __future__ import annotations
@@ -14,20 +14,19 @@ from collections.abc import Callable
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, get_args, get_type_hints
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 import motorprior.actuator
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError, ConfigError, quoted
 from motorprior.robots.robot import Robot
 
 DrawMotors: TypeAlias = Callable[[np.random.Generator], Actuator]
 """Draws the motors of one episode, one per joint of the robot."""
-Options: TypeAlias = dict[str, "float | bool | Path"]
+Options: TypeAlias = dict[str, Any]
 
 
 class Drawn(NamedTuple):
@@ -55,8 +54,7 @@ def drawn(text: str, robot: Robot) -> tuple[Drawn, Options]:
     """The motors that a text chooses for a robot, and the given options.
 
     Raises:
-        ConfigError, ArtifactError: see `parsed`; a value out of range, a file that cannot be read, or motors of another
-            robot.
+        ConfigError, ArtifactError: see `parsed`; a value out of range, an unreadable file, or motors of another robot.
     """
     kind, options = parsed(text)
     try:
@@ -72,46 +70,38 @@ def parsed(text: str) -> tuple[str, Options]:
     """Kind and given options of a text.
 
     Raises:
-        ConfigError: an unknown kind or option, a missing option, or a value of another type.
+        ConfigError: an unknown kind or option, or a missing option.
     """
     for module in pkgutil.iter_modules(motorprior.actuator.__path__):
         import_module(f"motorprior.actuator.{module.name}")
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
         raise _error(text, f"no kind {kind!r}", f"use one of {', '.join(KINDS)}")
-    hints, values = get_type_hints(KINDS[kind]), {}
     parameters = list(signature(KINDS[kind]).parameters.values())[1:]
-    types: dict[str, Any] = {each.name: get_args(hints[each.name]) or (hints[each.name],) for each in parameters}
+    names, options = [each.name for each in parameters], {}
     for item in filter(None, rest.split(",")):
         option, separator, value = item.partition("=")
-        if (not separator and bool not in types.get(option, ())) or not option.isidentifier():
-            option, value = next(iter(types)), item
-        if option not in types or option in values:
-            raise _error(text, f"unknown or repeated option {item!r}", f"{kind} has {', '.join(types)}")
-        values[option] = _value(text, option, value, types[option])
+        if not option.isidentifier() or (not separator and item not in names):
+            option, separator, value = names[0] if names else item, "=", item
+        if option not in names or option in options:
+            raise _error(text, f"unknown or repeated option {item!r}", f"{kind} has {', '.join(names) or 'none'}")
+        options[option] = _value(value) if separator else True
     for each in parameters:
-        if each.default is each.empty and each.name not in values:
+        if each.default is each.empty and each.name not in options:
             raise _error(text, f"{each.name} is missing", f"give {each.name}=FILE")
-    return kind, values
+    return kind, options
 
 
-def _value(text: str, option: str, value: str, types: tuple[Any, ...]) -> float | bool | Path:
-    if Path in types:
-        return Path(value)
-    if bool in types:
-        return True
+def _value(text: str) -> float | str:
     try:
-        number = float(value)
+        return float(text)
     except ValueError:
-        number = np.nan
-    if not is_number(number):
-        raise _error(text, f"{option} {quoted(value)} is not a finite number", "give a number")
-    return number
+        return text
 
 
 def file_options(options: Options) -> list[str]:
     """Names of the options that are files."""
-    return [name for name, value in options.items() if isinstance(value, Path) and value.suffix]
+    return [name for name, value in options.items() if isinstance(value, str) and Path(value).suffix]
 
 
 def motor_text(kind: str, **options: float | Path | str | None) -> str:

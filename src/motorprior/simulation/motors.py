@@ -62,7 +62,7 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
         found = _drawn(motors, robot)
     first = found.draw(np.random.default_rng(0))
     require_motors(first, robot.num_joints)
-    physics_dt, files = robot.physics_step(first.kind.max_step), [options[name] for name in file_options(options)]
+    physics_dt, files = robot.physics_step(first.kind.max_step), [Path(options[name]) for name in file_options(options)]
     return SimulatedMotors(found.draw, physics_dt, found.condition, found.prior, files, nominal_gains(robot, fleet))
 
 
@@ -73,7 +73,7 @@ def motor_sampler(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]
 
 def _drawn(motors: MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors, robot: Robot) -> Drawn:
     if isinstance(motors, MotorPrior):
-        return _of_prior(motors, robot)
+        return prior_motors(robot, motors)
     if isinstance(motors, MotorPosterior):
         return _of_posterior(motors, robot)
     if isinstance(motors, Fleet):
@@ -82,26 +82,31 @@ def _drawn(motors: MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors, 
 
 
 @register("fleet")
-def fleet_motors(robot: Robot, fleet: Path | None = None) -> Drawn:
+def fleet_motors(robot: Robot, fleet: str | None = None) -> Drawn:
     """Physical motors, the oracle: of a fleet by name or .toml file, or of the robot's own."""
     return _drawn(load_robot_fleet(robot, fleet), robot)
 
 
 @register("prior")
-def prior_motors(robot: Robot, file: Path, latent_spread: float = 1.0) -> Drawn:
+def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0) -> Drawn:
     """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-]."""
     require_number("latent_spread", latent_spread)
-    return _of_prior(load_prior(file, robot), robot, latent_spread)
+    prior = load_prior(Path(file), robot) if isinstance(file, str) else file
+    prior.require(robot.name, robot.physics_dt)
+    gains, name = robot_gains(prior, robot), prior.preset
+    if latent_spread != 1.0:
+        name = f"{name}, z × {latent_spread:g}"
+    return Drawn(lambda rng: prior.sample(robot.num_joints, rng, gains, latent_spread), name, prior)
 
 
 @register("posterior")
-def posterior_motors(robot: Robot, file: Path, prior: Path, limit_follows_gain: bool = False) -> Drawn:
+def posterior_motors(robot: Robot, file: str, prior: str, limit_follows_gain: bool = False) -> Drawn:
     """Samples of the posterior of one motor or of all the robot's, and the prior that it belongs to.
 
     limit_follows_gain scales the torque limit of each motor with its kp: for motors that give less torque per ampere,
     from a log that does not reach the limit.
     """
-    of_prior = load_prior(prior, robot)
+    of_prior = load_prior(Path(prior), robot)
     try:
         return _of_posterior(MotorPosterior.load(file, of_prior), robot, limit_follows_gain)
     except ConfigError as error:
@@ -118,7 +123,7 @@ def pd_motors(
     delay: float = 0.0,
     coulomb: float = 0.0,
     spread: float = 0.0,
-    fleet: Path | None = None,
+    fleet: str | None = None,
 ) -> Drawn:
     """An ideal PD with these constants in SI units; nominal kp, kd and torque_limit if not given.
 
@@ -139,7 +144,7 @@ def pd_motors(
     return Drawn(lambda rng: model, name)
 
 
-def nominal_gains(robot: Robot, fleet: Fleet | Path | None = None) -> IdealPd:
+def nominal_gains(robot: Robot, fleet: Fleet | str | None = None) -> IdealPd:
     """PD gains of the center of a fleet, by default of the robot's own; of its description if it has none."""
     if fleet is None and not robot.fleets:
         return described_pd(robot)
@@ -154,13 +159,6 @@ def _randomized(model: IdealPd, spread: float, rng: np.random.Generator) -> Idea
     gains = [drawn(values) for values in (model.kp, model.kd, model.torque_limit, model.armature)]
     delay = rng.uniform(np.maximum(0.0, model.delay - late), model.delay + late)
     return IdealPd(*gains, delay, drawn(model.coulomb) if model.coulomb.any() else model.coulomb)
-
-
-def _of_prior(prior: MotorPrior, robot: Robot, spread: float = 1.0) -> Drawn:
-    prior.require(robot.name, robot.physics_dt)
-    gains = robot_gains(prior, robot)
-    name = prior.preset if spread == 1.0 else f"{prior.preset}, z × {spread:g}"
-    return Drawn(lambda rng: prior.sample(robot.num_joints, rng, gains, spread), name, prior)
 
 
 def _of_posterior(posterior: MotorPosterior, robot: Robot, limit_follows_gain: bool = False) -> Drawn:
@@ -183,7 +181,7 @@ def motors_as_json(text: str, folder: Path) -> dict[str, Any]:
     that both can be moved together, and in that folder. Only a file with the same digest is used.
     """
     kind, options = parsed(text)
-    files = {name: Path(str(options[name])) for name in file_options(options)}
+    files = {name: Path(options[name]) for name in file_options(options)}
     names = {name: file.name for name, file in files.items()}
     records = {name: {"path": _relative(file, folder), "sha256": digest(file)} for name, file in files.items()}
     return {"text": motor_text(kind, **(options | names)), "files": records}
@@ -206,7 +204,7 @@ def motors_from_json(data: Any, policy: Path) -> str:
     for name in file_options(options):
         record = data["files"].get(name)
         _FILE.check(record, policy)
-        options[name] = _found(name, Path(str(options[name])).name, record, policy)
+        options[name] = _found(name, Path(options[name]).name, record, policy)
     return motor_text(kind, **options)
 
 
