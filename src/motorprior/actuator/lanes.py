@@ -94,7 +94,7 @@ _one_linear_neuron = _neurons(1, lambda total: total)
 def first_layer(
     weights: np.ndarray, history: np.ndarray, newest: int, rows: np.ndarray, biases: np.ndarray, outputs: np.ndarray
 ) -> None:
-    """As `later_layer`; inputs are ``rows`` (inputs,) int64 of a ``history`` (rows, 16), counted from ``newest``.
+    """As `softsign_layer`; inputs are ``rows`` (inputs,) int64 of a ``history`` (rows, 16), counted from ``newest``.
 
     The matrix starts at the first element of ``weights``; the biases include z.
     """
@@ -106,17 +106,24 @@ def first_layer(
 
 
 @njit(cache=True, nogil=True)
-def later_layer(weights: np.ndarray, offset: int, inputs: np.ndarray, biases: np.ndarray, outputs: np.ndarray) -> None:
-    """One softsign layer for 16 motors, or the linear output if it has one neuron.
+def softsign_layer(
+    weights: np.ndarray, offset: int, inputs: np.ndarray, biases: np.ndarray, outputs: np.ndarray
+) -> None:
+    """One softsign layer for 16 motors: inputs (inputs, 16), biases and outputs (neurons, 16), a multiple of 4.
 
-    inputs (inputs, 16), biases and outputs (neurons, 16), a multiple of 4 or one. The layer's matrix (inputs, neurons)
-    starts at ``offset`` of ``weights``, flat and row-major; all are float32.
+    The layer's matrix (inputs, neurons) starts at ``offset`` of ``weights``, flat and row-major; all are float32.
     """
     neurons, count = outputs.shape[0], inputs.shape[0]
     w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
-    if neurons == 1:
-        _one_linear_neuron(w, 1, x, 0, count, b, y)  # pyright: ignore[reportCallIssue]
-        return
     for k in range(0, neurons, _BLOCK):
         at = 4 * LANES * k
         _four_softsign_neurons(w + 4 * k, neurons, x, 0, count, b + at, y + at)  # pyright: ignore
+
+
+@njit(cache=True, nogil=True)
+def linear_output(
+    weights: np.ndarray, offset: int, inputs: np.ndarray, biases: np.ndarray, outputs: np.ndarray
+) -> None:
+    """One linear output for 16 motors; arguments as for `softsign_layer`, with one neuron."""
+    w, x, b, y = weights.ctypes.data + 4 * offset, inputs.ctypes.data, biases.ctypes.data, outputs.ctypes.data
+    _one_linear_neuron(w, 1, x, 0, inputs.shape[0], b, y)  # pyright: ignore[reportCallIssue]

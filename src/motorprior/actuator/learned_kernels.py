@@ -18,7 +18,7 @@ from motorprior.actuator.geared_motor import (
     step_geared_motor,
 )
 from motorprior.actuator.kernels import ActuatorKind, without_refcounts
-from motorprior.actuator.lanes import LANES, first_layer, later_layer
+from motorprior.actuator.lanes import LANES, first_layer, linear_output, softsign_layer
 from motorprior.compiled import njit
 
 SCALES = 4  # rows of the parameters before those of the geared motor
@@ -59,8 +59,8 @@ def _evaluate(weights, inputs, biases, history, scratch, slot):
     first, second, last = scratch[:neurons], scratch[neurons : 2 * neurons], scratch[2 * neurons :]
     first_layer(weights, history, slot, inputs, biases[:neurons], first)
     offset = inputs.shape[0] * neurons
-    later_layer(weights, offset, first, biases[neurons : 2 * neurons], second)
-    later_layer(weights, offset + neurons * neurons, second, biases[2 * neurons :], last)
+    softsign_layer(weights, offset, first, biases[neurons : 2 * neurons], second)
+    linear_output(weights, offset + neurons * neurons, second, biases[2 * neurons :], last)
 
 
 @njit(cache=True, nogil=True, inline="always")
