@@ -47,7 +47,7 @@ def test_a_line_contains_the_point_of_the_learning_curve(whole: tuple[Path, list
     lines = [json.loads(line) for line in (whole[0] / METRICS).read_text("utf-8").splitlines()]
     curve = json.loads((whole[0] / CURVE).read_text("utf-8"))
     assert [line["iteration"] for line in lines] == [0, 1, 2, 3]
-    episodes = 2 * Walk(Path()).search.num_directions
+    episodes = 2 * Walk(Path(), "pd").search.num_directions
     assert [line["episodes"] for line in lines] == [episodes * n for n in (1, 2, 3, 4)]
     for line, point in zip(lines, curve, strict=True):
         assert (line["return_mean"], line["return_best"]) == (point["mean_return"], point["best_return"])

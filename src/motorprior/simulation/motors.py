@@ -156,9 +156,10 @@ def _randomized(model: IdealPd, spread: float, rng: np.random.Generator) -> Idea
         return values * rng.uniform(1.0 - spread, 1.0 + spread, len(values))
 
     late = 0.02 * spread  # not a share of the delay, which may be 0
-    gains = [drawn(values) for values in (model.kp, model.kd, model.torque_limit, model.armature)]
+    columns = {name: drawn(getattr(model, name)) for name in ("kp", "kd", "torque_limit", "armature")}
     delay = rng.uniform(np.maximum(0.0, model.delay - late), model.delay + late)
-    return IdealPd(*gains, delay, drawn(model.coulomb) if model.coulomb.any() else model.coulomb)
+    coulomb = drawn(model.coulomb) if model.coulomb.any() else model.coulomb
+    return replace(model, **columns, delay=delay, coulomb=coulomb)
 
 
 def _of_posterior(posterior: MotorPosterior, robot: Robot, limit_follows_gain: bool = False) -> Drawn:
