@@ -25,9 +25,8 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
+from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
