@@ -19,8 +19,8 @@ from motorprior.identification.evaluation.reference import (
 )
 from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.latents.standardise import standard_posterior
-from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet
 from motorprior.identification.physics.initial_motor import with_motor
+from motorprior.identification.physics.motor_fit import fit_motors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.residual import without_residual
@@ -43,7 +43,7 @@ def p_values():
     log = record(FLEET.sample(24, rng), PRESETS["rollout"], 5000, 0, FLEET)
     data = training_data(log, RECIPE, "log")
     bare = without_residual(data.scales, RECIPE)
-    fit = fit_fleet(bare, WindowRuns(data, RECIPE), (), True, 0, turns=(*TURNS[:2], *TURNS[-4:]))
+    fit = fit_motors(bare, WindowRuns(data, RECIPE), (), True, 0)
     recipe = replace(RECIPE, num_latents=len(fit.center))
     network, mean, _ = standard_posterior(with_motor(bare, fit.center, fit.terms), data, recipe, fit.offsets)
     metrics = reference_metrics(network, data, recipe, mean, log)

@@ -5,7 +5,8 @@ latent is one output. Alone, the simplest motor is fitted first, a rigid gear wi
 further search starts from this optimum, with the constants that it lacks drawn around the initial motor, from the best
 motor so far with a random half of its constants redrawn, and from other motors' constants, until the best optimum of
 each motor was found twice: a motor never fits worse than one that is nested in it. Together, a Gaussian over the motors
-is estimated (empirical Bayes), first from the separate fits (random effects: DerSimonian and Laird, 1986), then in turns:
+is estimated by empirical Bayes: first from the separate fits (random effects, DerSimonian and Laird, 1986), then in
+turns of
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
@@ -202,7 +203,8 @@ def _first_prior(search: Search, found: Fit) -> GaussianPrior:
 
 def posterior_variance(search: Search, found: Fit, prior: GaussianPrior) -> np.ndarray:
     """(K,) posterior variance of a motor's x, mean over the motors."""
-    precision = (search.curvatures(found.x) + np.diag(prior.precision)) * search.problem.observations / found.loss.mean()
+    scale = search.problem.observations / found.loss.mean()
+    precision = (search.curvatures(found.x) + np.diag(prior.precision)) * scale
     return np.einsum("mkk->mk", np.linalg.inv(precision)).mean(axis=0)
 
 
@@ -214,9 +216,7 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> Gauss
     return GaussianPrior(mean, found.loss.mean() / windows / variance)
 
 
-def _without_unidentified_limits(
-    search: Search, terms: tuple[str, ...], found: Fit, fixed: np.ndarray
-) -> np.ndarray:
+def _without_unidentified_limits(search: Search, terms: tuple[str, ...], found: Fit, fixed: np.ndarray) -> np.ndarray:
     """(M, K) unknowns whose limits are off, OFF times the largest request or speed, where they save less than SAVING.
 
     With lower limits the motor could saturate in other motions.

@@ -167,7 +167,8 @@ class _Trial:
         start: _State | None = None,
     ) -> _State:
         """The fits ``before`` with more terms: the best candidate refined, or ``start``."""
-        terms, rng = in_order((*before.terms, *added)), np.random.default_rng([self._seed, *map(list(TERMS).index, added)])
+        terms = in_order((*before.terms, *added))
+        rng = np.random.default_rng([self._seed, *map(list(TERMS).index, added)])
         nested = self._raw(before, terms)
         candidates = nested[:, None]
         if start is None:
@@ -195,15 +196,13 @@ class _Trial:
                 raw[:, parameters_of(terms).index(name)] = before.raw[:, row]
         return raw
 
-    def _refined(
-        self, terms: tuple[str, ...], candidates: np.ndarray, steps: tuple[tuple[int, float], ...]
-    ) -> _State:
+    def _refined(self, terms: tuple[str, ...], candidates: np.ndarray, steps: tuple[tuple[int, float], ...]) -> _State:
         """The best of the candidates (m, C, K) of every motor after descents."""
         low, high = candidates[:, 0].min(axis=0), candidates[:, 0].max(axis=0)
         center, fixed = 0.5 * (low + high), fixed_constants(terms, self._runs)
         center = np.where(fixed, candidates[0, 0], center)
-        search, prior = centred(self._network, center, terms, self._runs, self._train), weak_prior(np.zeros(len(center)))
-        prior = prior.fixing(fixed)
+        search = centred(self._network, center, terms, self._runs, self._train)
+        prior = weak_prior(np.zeros(len(center))).fixing(fixed)
         x = search.best_of(np.clip(np.where(fixed, 0.0, candidates - center), -LOG_REACH, LOG_REACH), prior)
         for count, diff_step in steps:
             x = search.descend(x, prior, count, diff_step).x
