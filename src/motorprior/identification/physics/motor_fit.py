@@ -49,6 +49,7 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
+FILTER_STD = 0.7  # of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -130,7 +131,10 @@ def _alone(
     report: Callable[[], None],
 ) -> Fit:
     """Every motor by itself; ``initial`` and ``rigid`` (K,) are central motors, ``lacks`` and ``fixed`` (K,) masks."""
-    prior = weak_prior(np.where(lacks, rigid, 0.0)).fixing(fixed)
+    prior = weak_prior(np.where(lacks, rigid, 0.0))
+    filtered = np.arange(len(fixed)) == PARAMETERS.index("velocity_filter")
+    precision = np.where(filtered, nested.loss[:, None] / search.problem.observations / FILTER_STD**2, prior.precision)
+    prior = GaussianPrior(np.where(filtered, initial, prior.mean), precision).fixing(fixed)
     shape, gear = (*nested.x.shape[:1], DRAWS, nested.x.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
