@@ -185,7 +185,7 @@ def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: C
     for restart in range(_STARTS):
         found = found.better(search.descend(search.best_of(draw(restart, found), first), first, *_STEPS[0]))
     final = weighted(found.loss)
-    return search.until_found_twice(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
+    return search.until_found_again(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
 
 
 def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:

@@ -3,7 +3,7 @@
     minimise  U(x) = loss(x) + ½·Σ_k precision_k·(x_k - mean_k)²,    loss = weight·mean of huber(residuals)
 
 A fit draws candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's best
-optimum was found twice. Derivatives are central differences over a wide step, since stiction makes small ones
+optimum was found again and again. Derivatives are central differences over a wide step, since stiction makes small ones
 meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
 lanes of a compiled simulation; a problem that is done drops out.
 """
@@ -21,11 +21,11 @@ from motorprior.compiled import njit
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
 MAX_STEP = 0.5  # of an unknown, in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-SAME = 3e-3  # relative difference of U up to which two optima are the same
+SAME, TIMES = 3e-3, 3  # relative difference of U up to which two optima are the same; see `Search.until_found_again`
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
-_FIXED = 1e6  # precision of a fixed unknown
+FIXED = 1e6  # precision of a fixed unknown
 
 
 def huber(x: Any) -> Any:
@@ -70,7 +70,7 @@ class GaussianPrior:
 
     def fixing(self, columns: np.ndarray) -> GaussianPrior:
         """The same with x fixed at 0 in these columns (K,)."""
-        return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, _FIXED, self.precision))
+        return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, FIXED, self.precision))
 
     def of(self, which: np.ndarray) -> GaussianPrior:
         """The prior of some of the problems (m,)."""
@@ -216,7 +216,7 @@ class Search:
                 slope[moved], curvature[moved] = self._derivatives(x[moved], diff_step, which[moved])
         return Fit(x, energy, loss)
 
-    def until_found_twice(
+    def until_found_again(
         self,
         found: Fit,
         prior: GaussianPrior,
@@ -224,8 +224,9 @@ class Search:
         restarts: int,
         steps: tuple[tuple[int, float], ...],
         report: Callable[[], None] = lambda: None,
+        which: np.ndarray | None = None,
     ) -> Fit:
-        """Restart every problem until its best optimum was found twice, at most ``restarts`` times.
+        """Restart every problem until its best optimum was found TIMES more, at most ``restarts`` times.
 
         Args:
             found: the best so far.
@@ -234,10 +235,12 @@ class Search:
             restarts: maximum number.
             steps: numbers of steps and difference steps of the descents from the best candidate.
             report: called ``restarts`` times.
+            which: problems (m,) that are restarted; all if not given.
         """
-        times = np.zeros(len(found.x), dtype=int)
+        times = np.full(len(found.x), TIMES)
+        times[self.everyone if which is None else which] = 0
         for restart in range(restarts):
-            left = np.flatnonzero(times < 3)
+            left = np.flatnonzero(times < TIMES)
             if len(left):
                 other = self.best_of(draw(restart, found)[left], prior, left)
                 for count, diff_step in steps:

@@ -165,8 +165,10 @@ def _fit_physics(
         report(WORK, "constants already fitted")
         return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
-    chosen = _selected(bare, data, preset, seed, report)
-    fit = partial(fit_motors, bare, runs, together=preset.physics_first == "together", seed=seed)
+    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    chosen = _selected(bare, part, preset, seed, report)
+    few = runs if part is data else WindowRuns(part, preset, heartbeat=runs.heartbeat)
+    fit = partial(fit_motors, bare, runs, together=preset.physics_first == "together", seed=seed, part=few)
     found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
     if set(chosen.terms) - set(preset.logged_terms):
         without = fit(preset.logged_terms, report=lambda: report(0, "without terms"))
@@ -182,13 +184,12 @@ def _fit_physics(
     return physics
 
 
-def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+def _selected(bare: LatentNetwork, part: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     if not preset.tries_terms:
         report(CHUNK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
-    motors = len(data.series)
+    motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
     work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))

@@ -102,7 +102,7 @@ def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fi
 
     mean = search.at(prior.mean, gaussian)
     first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, *STEPS[0])
-    return search.until_found_twice(mean.better(first), gaussian, draw, RESTARTS, STEPS)
+    return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS)
 
 
 def laplace_covariance(

@@ -4,7 +4,7 @@ Unknowns are the logarithms of the constants (linear where they may be negative)
 latent is one output. Alone, the simplest motor is fitted first, a rigid gear with Coulomb and viscous friction. Every
 further search starts from this optimum, with the constants that it lacks drawn around the initial motor, from the best
 motor so far with a random half of its constants redrawn, and from other motors' constants, until the best optimum of
-each motor was found twice: a motor never fits worse than one that is nested in it. Together, a Gaussian over the motors
+each motor was found four times: a motor never fits worse than one that is nested in it. Together, a Gaussian over the motors
 is estimated by empirical Bayes: first from the separate fits (random effects, DerSimonian and Laird, 1986), then in
 turns of
 
@@ -39,11 +39,12 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
 RESTARTS, DRAWS = 24, 256  # at most, and candidates of each
+LEADERS = 8  # motors of a fleet that are searched fully; others also start from these
 STEPS = ((12, WIDE), (6, NARROW))  # of a descent
 FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
@@ -75,6 +76,7 @@ def fit_motors(
     seed: int,
     chosen: np.ndarray | None = None,
     report: Callable[[], None] = lambda: None,
+    part: WindowRuns | None = None,
 ) -> FleetFit:
     """Fit all motors of the logs.
 
@@ -86,18 +88,24 @@ def fit_motors(
         seed: of the searches.
         chosen: (N,) mask of the windows that count; all if not given.
         report: called STAGES times.
+        part: runs of a part of the rows, for all but the last descents; ``runs`` if not given.
     """
+    part = part or runs
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
-    initial = sized_center(network, runs, terms, chosen)
+    initial = sized_center(network, part, terms, chosen)
     rigid, lacks = rigid_motor(initial, terms, runs)
     center = np.where(lacks, 0.5 * (rigid + initial), initial)
-    search = centred(network, center, terms, runs, chosen)
+    search = centred(network, center, terms, part, chosen)
     nested = _rigid_fit(search, rng, rigid - center, lacks | fixed)
     report()
     middle = np.where(lacks | fixed, 0.0, 0.5 * (nested.x.min(axis=0) + nested.x.max(axis=0)))
     center, nested = center + middle, replace(nested, x=nested.x - middle)
-    search = centred(network, center, terms, runs, chosen)
+    search = centred(network, center, terms, part, chosen)
     found = _alone(search, rng, nested, initial - center, rigid - center, lacks, fixed, report)
+    if part is not runs:
+        search = centred(network, center, terms, runs, chosen)
+        for steps in STEPS:
+            found = search.descend(found.x, weak_prior(found.x).fixing(fixed), *steps)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, terms, found, fixed))
@@ -110,7 +118,7 @@ def fit_motors(
 def _rigid_fit(search: Search, rng: np.random.Generator, start: np.ndarray, fixed: np.ndarray) -> Fit:
     """The simplest motors: the best of RIGID_STARTS random searches around ``start`` (K,), refined."""
     count, size = search.problem.count, len(start)
-    prior = GaussianPrior(start, np.where(fixed, 1e6, WEAK))
+    prior = GaussianPrior(start, np.where(fixed, FIXED, WEAK))
     found = search.at(np.tile(start, (count, 1)), prior)
     for _ in range(RIGID_STARTS):
         away = RIGID_RADIUS * rng.standard_normal((count, RIGID_DRAWS, size)) * ~fixed
@@ -153,7 +161,17 @@ def _alone(
 
     found = search.at(nested.x, prior)
     found = found.better(search.descend(nested.x, prior, *STEPS[0]))
-    found = search.until_found_twice(found, prior, draw, RESTARTS, STEPS, report)
+    lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
+    found = search.until_found_again(found, prior, draw, RESTARTS, STEPS, report, lead)
+    if len(rest := np.setdiff1d(search.everyone, lead)):
+
+        def draw_near(restart: int, best: Fit) -> np.ndarray:
+            candidates = draw(restart, best)
+            known = found.x[lead][rng.integers(len(lead), size=shape[:2])]
+            near = known + 0.3 * rng.standard_normal(shape) * (rng.random(shape) < 0.5)
+            return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
+
+        found = search.until_found_again(found, prior, draw_near, RESTARTS // 3, STEPS, which=rest)
     return found.better(search.descend(found.x, prior, 10, FINEST))
 
 
@@ -237,7 +255,7 @@ def _without_unidentified_limits(search: Search, terms: tuple[str, ...], found: 
         row, free = names.index(name), x.copy()
         off = np.log(OFF * largest.max()) - center[row]
         free[:, row] = np.clip(off, x[:, row], LOG_REACH)
-        precision = np.where(fixed | (np.arange(len(names)) == row), 1e6, WEAK)
+        precision = np.where(fixed | (np.arange(len(names)) == row), FIXED, WEAK)
         free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), *STEPS[1])
         unidentified = free.loss * (1.0 - SAVING) <= losses
         x, losses = np.where(unidentified[:, None], free.x, x), np.where(unidentified, free.loss, losses)
