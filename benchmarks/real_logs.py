@@ -37,11 +37,10 @@ from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.evaluation.bands import log_coverage
 from motorprior.identification.evaluation.errors import (
-    Motors,
+    MotorModel,
     fitted_tuned_pd,
     free_run_errors,
     whole_runs,
-    with_gains_of,
 )
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
 from motorprior.identification.log_baselines import (
@@ -128,7 +127,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     train = spread_windows([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
     steps, seed = settings.adam_steps, settings.seed
     prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
-    preset = with_gains_of(recipe_of(prior), train)
+    preset = recipe_of(prior)
     models = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
     models["prior"] = LatentActuator(prior.network, prior.expected(train.joint_names))
     found: list[Figures] = []
@@ -146,7 +145,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
 
 
 def _errors(
-    log: MotorLog, preset: Preset, models: Mapping[str, Motors], joints: np.ndarray | slice = slice(None)
+    log: MotorLog, preset: Preset, models: Mapping[str, MotorModel], joints: np.ndarray | slice = slice(None)
 ) -> dict[str, float]:
     """Mean errors over some joints [rad]."""
     errors = free_run_errors(whole_runs(with_some_load(log), preset), models)
@@ -206,7 +205,7 @@ def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: 
     prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
     per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
     posterior = adapt_to(prior, first)
-    models: dict[str, Motors] = {
+    models: dict[str, MotorModel] = {
         "per_motor": LatentActuator(per_motor.network, per_motor.mean),
         "prior": LatentActuator(prior.network, prior.expected(rest.joint_names)),
         "adapted": LatentActuator(prior.network, posterior.mean),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from weighed_arm import write_arm
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
@@ -71,30 +72,6 @@ def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, monkeypatc
     assert total["second_order"] < total["pure_delay"]
 
 
-ARM = """
-name = "arm"
-motor = "servo"
-model = "arm.xml"
-base = "fixed"
-nominal_pose = 0.0
-kp = 10.0
-kd = 0.5
-torque_limit = 3.0
-"""
-MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-<joint name="hip" axis="0 1 0" range="-1 1" limited="true"/>
-<body pos="0 0 -0.2"><inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>
-<joint name="knee" axis="0 1 0" range="-1 1" limited="true"/>
-</body></body></worldbody></mujoco>"""
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> str:
-    (tmp_path / "arm.toml").write_text(ARM, "utf-8")
-    (tmp_path / "arm.xml").write_text(MODEL, "utf-8")
-    return str(tmp_path / "arm.toml")
-
-
 @pytest.mark.parametrize(
     "postures", [("suspended", "suspended"), ("suspended", None), ("suspended", "fixed"), ("standing", "fallen")]
 )
@@ -113,7 +90,8 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(tmp_path: P
     assert (loads is not None) == (set(postures) == {"suspended"})
 
 
-def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, arm: str):
+def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, tmp_path: Path):
+    arm = write_arm(tmp_path)
     given = Demo(robot=arm, logs=logs)
     assert with_walking_robot(given) == replace(given, robot=Demo().robot)
     assert with_walking_robot(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"

@@ -18,11 +18,10 @@ from motorprior.identification.evaluation.errors import (
     TUNED_PD,
     WHOLE_RUN,
     LogErrors,
-    Motors,
+    MotorModel,
     free_run_errors,
     free_runs,
     log_warnings,
-    with_gains_of,
 )
 from motorprior.identification.evaluation.traces import traces, write_traces
 from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
@@ -110,7 +109,7 @@ def _train_and_test(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Motor
 def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: MotorLog, progress: Progress) -> Results:
     from motorprior.identification.evaluation.bands import log_coverage, zero_shot  # here: it imports JAX
 
-    preset = with_gains_of(recipe_of(prior), test)
+    preset = recipe_of(prior)
     for line in log_warnings(test, preset):
         progress.note(line)
     runs = free_runs(test, preset)
@@ -118,7 +117,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
     with progress.start(f"adapt to {train.num_joints} motors", 1) as task:
         posterior = adapt_to(prior, train)
         task.advance()
-    models: dict[str, Motors] = {
+    models: dict[str, MotorModel] = {
         ADAPTED: LatentActuator(prior.network, posterior.mean),
         PRIOR: LatentActuator(prior.network, prior.expected(test.joint_names)),
     }

@@ -27,7 +27,7 @@ from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
 
 if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.evaluation.errors import Motors
+    from motorprior.identification.evaluation.errors import MotorModel
     from motorprior.identification.train import Identified
     from motorprior.identification.training_data.windows import TrainingData
 
@@ -68,7 +68,7 @@ def fit_prior(
     recipe = identification_preset(preset, steps)
     every = [logs] if isinstance(logs, MotorLog) else logs
     if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
-        raise ConfigError("logs are not motor logs", remedy="read them with read_log", argument="logs")
+        raise ConfigError("logs are not motor logs", remedy="read them with load_log", argument="logs")
     parts = [checked(log, where=log.source) for log in every]
     log = joined(parts)
     provenance = provenance_of(parts, log=log.source)
@@ -83,7 +83,7 @@ def fit_recipe(
     out: Path | None,
     progress: Progress = SILENT,
     provenance: Mapping[str, Any] | None = None,
-    tuned: Motors | None = None,
+    tuned: MotorModel | None = None,
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
@@ -124,7 +124,7 @@ def _fitted(
     preset: str,
     seed: int,
     provenance: Mapping[str, Any],
-    tuned: Motors | None,
+    tuned: MotorModel | None,
     progress: Progress,
     data: TrainingData,
     checkpoint: _Checkpoint | None,

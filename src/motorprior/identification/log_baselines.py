@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from motorprior.actuator.latent import LatentActuator
 from motorprior.identification import presets
-from motorprior.identification.evaluation.errors import Motors, fitted_tuned_pd, whole_runs
+from motorprior.identification.evaluation.errors import MotorModel, fitted_tuned_pd, whole_runs
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import Preset
 from motorprior.logs.loads import with_some_load
@@ -32,7 +32,7 @@ def fitted_baselines(
     adam_steps: int | None = None,
     seed: int = 0,
     progress: Progress = SILENT,
-) -> dict[str, Motors]:
+) -> dict[str, MotorModel]:
     """All baselines, fitted to a log with known loads; each has the log's motors in its order.
 
     Args:
@@ -47,7 +47,7 @@ def fitted_baselines(
         LogError: it lacks a channel, has another sample period, or is too short.
     """
     recipes = baseline_recipes(log, preset)
-    models: dict[str, Motors] = dict(fitted_responses(log, preset, seed, progress))
+    models: dict[str, MotorModel] = dict(fitted_responses(log, preset, seed, progress))
     tuned = fitted_tuned_pd(log, progress)
     for name, (named, recipe) in recipes.items():
         if name == "pooled_network" and adam_steps is not None:

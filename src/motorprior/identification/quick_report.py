@@ -16,7 +16,7 @@ from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
     LogErrors,
-    Motors,
+    MotorModel,
     fitted_tuned_pd,
     free_run_errors,
     free_runs,
@@ -107,11 +107,11 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickRep
     return results, drawn, []
 
 
-def _errors(logs: Split, runs: Mapping[str, Sequence[WindowRuns]], models: Mapping[str, Motors]) -> LogErrors:
+def _errors(logs: Split, runs: Mapping[str, Sequence[WindowRuns]], models: Mapping[str, MotorModel]) -> LogErrors:
     return LogErrors.of(logs.test, [free_run_errors(runs[name], models) for name in logs.test])
 
 
-def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, Motors]:
+def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
     """A PD with the logged gains or, without any, those of the robot; none if neither has gains in N·m/rad."""
     described = None if robot is None else described_pd(robot)
     joints = [] if robot is None else [robot.joint_names.index(name) for name in log.joint_names]

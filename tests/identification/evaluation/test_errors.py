@@ -18,7 +18,7 @@ from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
     LogErrors,
-    Motors,
+    MotorModel,
     fitted_tuned_pd,
     free_run_errors,
     free_runs,
@@ -48,7 +48,7 @@ def pd(kp: float = 12.0) -> IdealPd:
     return IdealPd.uniform(MOTORS, kp, 0.1 * kp, 1.6)
 
 
-def replayed(motors: Motors, log: MotorLog) -> np.ndarray:
+def replayed(motors: MotorModel, log: MotorLog) -> np.ndarray:
     return rms(replay_errors(motors, log, {})[0], axis=0)
 
 

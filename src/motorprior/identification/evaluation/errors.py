@@ -36,7 +36,7 @@ from motorprior.results import Result, Results
 from motorprior.signals import rms
 
 # models of a log's motors: on its loads, at the gains of its segments, or responses that need no loads
-Motors: TypeAlias = Actuator | GainScaledPd | ResponseMotors
+MotorModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors
 PRIOR, TUNED_PD = "prior", "tuned_pd"
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 SECONDS = 1.0  # of a FREE_RUN
@@ -52,7 +52,7 @@ def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
         LogError: it lacks a channel, has another sample period, or no segment is long enough.
     """
     window = round(SECONDS / preset.period)
-    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
+    short = replace(_with_gains_of(preset, log), objective="rollout", window=window)
     return {
         FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
         WHOLE_RUN: whole_runs(log, preset),
@@ -61,7 +61,7 @@ def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
 
 def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
     """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`."""
-    preset = replace(with_gains_of(preset, log), objective="rollout", window=1)
+    preset = replace(_with_gains_of(preset, log), objective="rollout", window=1)
     data = training_data(log, preset, log.source)
     windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
     return [
@@ -71,17 +71,17 @@ def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
     ]
 
 
-def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
+def _with_gains_of(preset: Preset, log: MotorLog) -> Preset:
     """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
     return replace(preset, gain_unit=log.gain_unit) if log.stated_kp is not None and not preset.gain_unit else preset
 
 
-def angle_errors(runs: WindowRuns, motors: Motors) -> np.ndarray:
+def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
     """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
     return motors.errors(runs) if isinstance(motors, ResponseMotors) else POSITION_SCALE * runs.errors(motors)[:, :, 0]
 
 
-def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, Motors]) -> dict[str, np.ndarray]:
+def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -> dict[str, np.ndarray]:
     """(M,) root mean square error [rad] of each model of the log's M motors over all samples, `capped`."""
     found = {}
     for name, motors in models.items():
@@ -90,7 +90,7 @@ def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, Motors]) ->
     return found
 
 
-def replay_errors(motors: Motors, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def replay_errors(motors: MotorModel, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Replay at most _MAX_SEGMENTS segments of a log with known loads, at their gains and under their conditions.
 
     ``nominal`` are the conditions of the motors' recipe. Returns recorded - simulated angles [rad], both read by the
@@ -108,7 +108,7 @@ def replay_errors(motors: Motors, log: MotorLog, nominal: Mapping[str, float]) -
     return np.concatenate(errors), np.concatenate(velocities)
 
 
-def _at_segment(motors: Motors, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
+def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
     """The motors at the gains and under the conditions of a segment, ``seconds`` after a cold start."""
     assert not isinstance(motors, ResponseMotors), "responses do not run on loads"
     gains = part.gains
@@ -189,7 +189,7 @@ class LogErrors:
         ]
 
 
-def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> Motors:
+def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> MotorModel:
     """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
     from motorprior.identification.baselines.pd_fit import TUNING, repeated, tuned_pd
     from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
@@ -200,7 +200,7 @@ def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = 
 
 
 def evaluate_replay(
-    motors: Motors, tuned: Motors | None, log: MotorLog, recipe: Preset, progress: Progress
+    motors: MotorModel, tuned: MotorModel | None, log: MotorLog, recipe: Preset, progress: Progress
 ) -> LogErrors:
     """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to; notes state them.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.identification.evaluation.errors import LogErrors, Motors, angle_errors
+from motorprior.identification.evaluation.errors import LogErrors, MotorModel, angle_errors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.training_data.windows import POS, SECONDS, TARGET
 
@@ -33,7 +33,7 @@ def traces(
     errors: LogErrors,
     model: str,
     runs: Mapping[str, Sequence[WindowRuns]],
-    models: Mapping[str, Motors],
+    models: Mapping[str, MotorModel],
     drawn: Collection[str],
 ) -> list[Trace]:
     """Longest free runs, by log, of the joints with the median and the maximum error of a model."""
