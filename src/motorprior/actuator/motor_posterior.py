@@ -11,9 +11,9 @@ from motorprior.actuator.actuator import Factors
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
-from motorprior.bounds import generator_of, require_count
+from motorprior.bounds import TEXT, generator_of, many, number, require_count
 from motorprior.exceptions import ConfigError
-from motorprior.schema import TEXT, Header, Tensor, check_tensors, many, number
+from motorprior.schema import Header, Tensor, check_tensors
 
 _REMEDY = "write it with `motorprior adapt`"
 _HEADER = Header(

@@ -16,22 +16,22 @@ from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
-from motorprior.bounds import generator_of, require_count, require_number
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.logs.motor_log import GAIN_UNITS
-from motorprior.schema import (
+from motorprior.bounds import (
     BOOLEAN,
     TABLE,
     TEXT,
-    Header,
-    Tensor,
-    check_tensors,
     exactly,
+    generator_of,
     integer,
     many,
     number,
     one_of,
+    require_count,
+    require_number,
 )
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.logs.motor_log import GAIN_UNITS
+from motorprior.schema import Header, Tensor, check_tensors
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"

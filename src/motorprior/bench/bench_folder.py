@@ -11,11 +11,11 @@ import numpy as np
 from motorprior.artifacts import read_json
 from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
 from motorprior.bench.fleet import Fleet, distributions_of
-from motorprior.bounds import MAX_SEED, require_count
+from motorprior.bounds import MAX_SEED, TABLE, TEXT, integer, one_of, require_count
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
+from motorprior.schema import Schema
 
 LOG, BENCH_JSON = "log.parquet", "bench.json"
 MOTORS_STREAM = 11  # tag of the random stream of a bench's motors

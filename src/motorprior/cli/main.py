@@ -15,8 +15,6 @@ import tyro  # noqa: E402
 
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
-from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
-from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.motors import (  # noqa: E402
     AdaptCommand,
@@ -28,9 +26,9 @@ from motorprior.cli.motors import (  # noqa: E402
     validate_log,
 )
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
-from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
+from motorprior.cli.robot import Deploy, Doctor, Record, deploy, doctor, record  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
@@ -66,9 +64,9 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "walk": (WalkCommand, walk),
     "play": (PlayCommand, play),
     "transfer": (TransferCommand, transfer),
-    "doctor": (Doctor, run_doctor_command),
-    "deploy": (Deploy, run_deploy_command),
-    "record": (Record, run_record_command),
+    "doctor": (Doctor, doctor),
+    "deploy": (Deploy, deploy),
+    "record": (Record, record),
     "report": (MakeReport, run_report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])

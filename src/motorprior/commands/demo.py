@@ -137,7 +137,7 @@ def run_demo(
         # the longest training first, otherwise it runs alone at the end
         longest_first = sorted(walks, key=lambda walk: walk.motors.physics_dt(robot))
         trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
-        stage.in_parallel(trainings, config.workers, progress)
+        in_parallel(trainings, config.workers, progress)
         folders: dict[str, list[Path]] = {}
         for folder in sorted(walk.out for walk in walks):
             folders.setdefault(folder.name.rsplit("_", 1)[0], []).append(folder)
@@ -151,7 +151,7 @@ def run_demo(
         works = [
             partial(_robustness, seeds[0], out / "robustness" / seeds[0].name, robot) for seeds in folders.values()
         ]
-        maps = stage.in_parallel(works, config.workers, progress)
+        maps = in_parallel(works, config.workers, progress)
         sections.append(chapters.robustness_section(dict(zip(folders, maps, strict=True))))
         stage.write_results(out, results)
         write_page(complete=True)
@@ -176,7 +176,7 @@ def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
         Identify(benches.get(preset, benches["rollout"]), out, preset, config.seed, config.adam_steps)
         for preset, out in folders.items()
     ]
-    stage.in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
+    in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
     return {preset: out / PRIOR for preset, out in folders.items()}
 
 

@@ -71,7 +71,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
         traces: dict[str, np.ndarray] = {}
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
         for name, log in folder.logs.items():
-            for finding in check_log(log, robot.limits).findings:
+            for finding in check_log(log, robot).findings:
                 if finding.severity != "info":
                     progress.note(f"log {name}: {finding.severity}: {finding.message}")
         count = len(replayers)

@@ -15,12 +15,12 @@ from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
-from motorprior.stage import description, in_parallel, is_finished, read_results, usable_threads, working, write_results
+from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies import compare
 from motorprior.studies.trained_policy import TrainedPolicy
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from motorprior.bench import excitation
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.control_loop import ControlLoop, Timing
-from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.session import StopRequest, check_and_confirm, run_armed
+from motorprior.hardware.control_loop import ControlLoop, every
+from motorprior.hardware.session import Session
 from motorprior.hardware.settings import Excitation
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
@@ -106,33 +104,18 @@ def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
     return alone
 
 
-def excite(
-    link: RobotLink,
-    targets: np.ndarray,
-    gains: Gains,
-    stop: StopRequest,
-    *,
-    suspended: bool,
-    need_imu: bool,
-    confirm: Callable[[], None] = lambda: None,
-    status: Callable[[str], None] = lambda _: None,
-    timing: Timing | None = None,
-) -> None:
+def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
     """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
 
-    A ``suspended`` robot does not crouch at the end. ``status`` gets a line every five seconds. Other arguments and
-    errors are those of `deploy.walk`.
+    A ``suspended`` robot does not crouch at the end. The status is a line every five seconds. Raises as `deploy.walk`.
     """
-    check_and_confirm(link, confirm, need_imu)
-    done, period, rows = 0, link.robot.control_dt, iter(targets)
+    session.check()
+    period, rows = session.link.robot.control_dt, iter(targets)
 
-    def count(_: Measurement) -> None:
-        nonlocal done
-        done += 1
-        if done % _STATUS_PERIOD == 0:
-            status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
+    def show(count: int, _: Measurement) -> None:
+        session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(lambda _: next(rows, None), Mode.EXCITE, count, timing)
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, every(_STATUS_PERIOD, show), session.timing)
 
-    run_armed(link, gains, stop, work, crouch=not suspended)
+    session.run(work, crouch=not suspended)

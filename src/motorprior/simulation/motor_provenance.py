@@ -11,8 +11,9 @@ from dataclasses import asdict, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from motorprior.bounds import BOOLEAN, TEXT, maybe, number, one_of
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.schema import BOOLEAN, TEXT, Schema, maybe, number, one_of
+from motorprior.schema import Schema
 from motorprior.simulation.motor_choice import ACTUATORS, MotorChoice
 from motorprior.stage import digest
 

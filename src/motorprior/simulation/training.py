@@ -22,7 +22,7 @@ from motorprior.locomotion.executor import Kind, make_executor
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import WARNED, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
@@ -30,7 +30,6 @@ from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.training_files import Curve, TrainingFiles
 from motorprior.simulation.world_step import FAULTS
-from motorprior.stage import usable_threads
 
 
 @dataclass(frozen=True)

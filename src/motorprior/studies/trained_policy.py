@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
+from motorprior.bounds import one_of
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
-from motorprior.schema import Schema, one_of
+from motorprior.schema import Schema
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.motor_provenance import choice_from_json
 from motorprior.simulation.randomization import Randomization

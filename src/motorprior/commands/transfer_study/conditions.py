@@ -17,11 +17,11 @@ from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.transfer_study.settings import Study
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.progress import SILENT, Progress, Task
+from motorprior.progress import SILENT, Progress, Task, in_parallel
 from motorprior.robots.load import load_robot
 from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.randomization import ROBUST, Randomization
-from motorprior.stage import description, in_parallel, is_finished, working
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
 from motorprior.studies.summary import ADAPTED
 

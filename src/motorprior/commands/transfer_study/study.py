@@ -28,13 +28,13 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import make_executor, shared_cluster
 from motorprior.locomotion.policy import Policy, zero_policy
-from motorprior.progress import SILENT, Progress, Task
+from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import WalkConfig
-from motorprior.stage import PAGE, description, in_parallel, is_finished, locked, usable_threads, working, write_results
+from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
 from motorprior.studies import summary
 from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_robot, twin_scene, walk_seed
