@@ -22,7 +22,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
