@@ -74,7 +74,7 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.chdir(tmp_path)
     for name in ("STARTS", "FIRST_ROUNDS", "ROUNDS"):
         monkeypatch.setattr(load_fit, name, 1)
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
     monkeypatch.setattr(response_fit, "GENERATIONS", 4)
     monkeypatch.setattr(demo, "run_bench", begun)
     return tmp_path

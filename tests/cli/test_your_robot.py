@@ -45,7 +45,7 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         for path in (model, *(ROOT / "examples" / "robots").glob(f"{name}*.toml")):
             shutil.copy(path, tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
     return tmp_path
 
 

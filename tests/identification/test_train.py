@@ -94,7 +94,7 @@ PHYSICS = replace(PRESETS["rollout"], taps=(0, 1), num_neurons=4, warm_up=40, wi
 @pytest.fixture
 def two_motors(grey_network, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
     """Logs of motors without a network; one term is tried."""
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ("output_encoder",))
+    monkeypatch.setattr(term_selection, "CANDIDATES", ("output_encoder",))
     return decoder_data(grey_network(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
 
 
@@ -141,7 +141,7 @@ def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_no
 
     with pytest.raises(Interrupted):
         identify(two_motors, PHYSICS, 0, report, kept)
-    fit = train.fit_fleet
-    monkeypatch.setattr(train, "fit_fleet", lambda *args, **more: fits.append(0) or fit(*args, **more))
+    fit = train.fit_motors
+    monkeypatch.setattr(train, "fit_motors", lambda *args, **more: fits.append(0) or fit(*args, **more))
     assert leaves(identify(two_motors, PHYSICS, 0, checkpoints=kept)) == leaves(whole)
     assert not fits

@@ -26,7 +26,7 @@ PARAMETERS = (
 # would be unstable
 MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
-LOG_REACH = 2.5  # constants of sampled motors are within a factor of 12 of the central motor's
+LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
 ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
 PER_LOGGED = "_per_stated"  # suffix of constants that are multiples of a logged gain
 

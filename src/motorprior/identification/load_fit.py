@@ -25,27 +25,24 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
+from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
 from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
 from motorprior.identification.residual import without_residual
+from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
 from motorprior.logs.doctor.excitation import static_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
 
 RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only
-# random searches per joint, rounds after each, rounds after the best one; several, since there are several optima
-STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
-MAX_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # per joint
+MAX_ROUNDS = 24  # restarts per joint, at most
 _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
 _ROWS = 30_000  # approximate maximum number of fitted rows
-_SEARCH_RADII, _RESTART_RADIUS, _SAMPLES, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
-_PATIENCE, _MIN_GAIN = 3, 0.01  # a fit ends after _PATIENCE rounds in a row with relative gains below _MIN_GAIN
+_RADII, _DRAWS, _STARTS, _STEPS = (1.0, 0.5, 0.35), 96, 3, ((10, WIDE), (6, NARROW))
 _STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # of the prior of a latent, of ln(J/J₀), and of s/g and c/g
 _EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
 _LANES = 32  # loads simulated at a time; each has its own rows
@@ -147,27 +144,24 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     runs = _LoadedRuns(data, preset)
     same = same_conditions(runs)
     terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
-    fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
+    network = with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
-    mean = np.array([[0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit]])
-    std = np.array([[_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY]])
-    prior = GaussianPrior(mean, std**-2.0)
-    searches = [_Search(fit, prior, fixed, start, report) for start in range(STARTS)]
-    starts = [(search, search.rounds(search.first(), FIRST_ROUNDS)) for search in searches]
-    search, best = min(starts, key=lambda each: float(each[1].loss[0]))
-    found = search.rounds(best, ROUNDS)
+    mean = np.array([0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit])
+    std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
+    search, prior = motor_search(network, runs), GaussianPrior(mean, std**-2.0)
+    found = _searched(search, prior, fixed, report)
     if not found.loss[0] < _DIVERGED:
         raise LogError(
             f"the simulation of joint {log.joint_names[0]} diverges with every motor", where=log.source,
             remedy="check the log, its signs and its gains",
         )  # fmt: skip
-    prior_std = np.where(fixed, 0.0, prior.precision**-0.5)[0]
-    curvature = fit.curvatures(found.z, WIDE) / found.loss[:, None, None]
+    prior_std = np.where(fixed, 0.0, std)
+    curvature = search.curvatures(found.x, WIDE) / found.loss[:, None, None]
     scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones(1))[0]
     covariance = scaled * prior_std * prior_std[:, None]
     deviation = np.sqrt(np.diagonal(covariance))
-    inertia, gravity = runs.load(found.z)
-    errors = runs.residuals(fit.network, found.z, np.zeros(1, np.int64))[:, :, 0]
+    inertia, gravity = runs.load(found.x)
+    errors = runs.residuals(network, found.x, np.zeros(1, np.int64))[:, :, 0]
     error = POSITION_SCALE * np.sqrt(np.mean(np.square(errors, dtype=np.float64)))
     return FittedLoad(
         float(inertia[0]), float(deviation[-_LOAD]), float(deviation[PARAMETERS.index("armature")]), gravity[:, 0],
@@ -175,45 +169,23 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     )  # fmt: skip
 
 
-class _Search:
-    """A random search around the prior, then rounds of Gauss-Newton steps from the best and from other starts."""
+def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
+    """The best fit; the prior counts as much as one window that is fitted as well as the average one."""
+    rng, shape = np.random.default_rng(_STREAM), (1, _DRAWS, len(fixed))
 
-    def __init__(self, fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, start: int, report: Callable[[], None]):
-        self._fit, self._prior, self._fixed, self._report = fit, prior, fixed, report
-        self._rng = np.random.default_rng([_STREAM, start])
+    def weighted(loss: np.ndarray) -> GaussianPrior:
+        return GaussianPrior(prior.mean, loss[0] / search.problem.observations * prior.precision).fixing(fixed)
 
-    def _weighted(self, loss: np.ndarray) -> GaussianPrior:
-        weight = loss / self._fit.windows
-        return GaussianPrior(self._prior.mean, weight * self._prior.precision).fixing(self._fixed)
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        sampled = (rng.random(shape) < 0.5) & ~fixed
+        return best.x[:, None] + np.where(sampled, _RADII[restart % len(_RADII)] * rng.standard_normal(shape), 0.0)
 
-    def _others(self, z: np.ndarray, radius: float) -> np.ndarray:
-        """(1, _SAMPLES, Z): z (1, Z), then samples in which a random half of the free latents is resampled around z."""
-        sampled = (self._rng.random((1, _SAMPLES, z.shape[1])) < 0.5) & ~self._fixed
-        sampled[:, 0] = False
-        return z[:, None] + np.where(sampled, radius * self._rng.standard_normal(sampled.shape), 0.0)
-
-    def first(self) -> Fit:
-        """The best of the random search, polished."""
-        best = np.where(self._fixed, 0.0, self._prior.mean)
-        weighted = self._weighted(_EXPECTED * self._fit.losses(best))
-        for radius in _SEARCH_RADII:
-            best = self._fit.best_of(self._others(best, radius), weighted)
-        return self._fit.polish(best, weighted, _STEPS, WIDE)
-
-    def rounds(self, found: Fit, max_rounds: int) -> Fit:
-        """Rounds of steps and restarts until _PATIENCE of them improve little."""
-        idle = 0
-        for index in range(max_rounds):
-            weighted, diff_step, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
-            found = replace(found, energy=found.loss + weighted.energy(found.z))
-            again = self._fit.polish(found.z, weighted, _STEPS, diff_step)
-            other = self._fit.best_of(self._others(again.z, _RESTART_RADIUS), weighted)
-            found = again.better(self._fit.polish(other, weighted, _STEPS, diff_step))
-            self._report()
-            idle = idle + 1 if found.loss > (1.0 - _MIN_GAIN) * before else 0
-            if idle == _PATIENCE:
-                break
-        return found
+    first = weighted(_EXPECTED * search.losses(np.where(fixed, 0.0, prior.mean)[None]))
+    found = search.at(np.where(fixed, 0.0, prior.mean)[None], first)
+    for restart in range(_STARTS):
+        found = found.better(search.descend(search.best_of(draw(restart, found), first), first, *_STEPS[0]))
+    final = weighted(found.loss)
+    return search.until_found_again(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
 
 
 def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:

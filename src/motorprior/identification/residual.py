@@ -2,7 +2,7 @@
 
 Its inputs are the history of errors and joint velocities, its torque acts on the joint. It is trained on every second
 segment of the logs, with fixed constants and latents; then the latents are refined with it and, for comparison, without
-it (`fleet_fit`), both on these segments. On the other segments, in geometric means over the motors,
+it (`motor_fit`), both on these segments. On the other segments, in geometric means over the motors,
 
     the rollout loss must fall by more than MIN_GAIN, and the errors of position must not rise.
 
@@ -21,8 +21,8 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.standardise import MIN_MOTORS
 from motorprior.identification.networks.descent import DivergedError, Report, descend
 from motorprior.identification.networks.network import export, import_parameters, initial_parameters
-from motorprior.identification.physics.fleet_fit import refined
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.motor_fit import refined
+from motorprior.identification.physics.motor_problem import window_losses
 from motorprior.identification.physics.term_selection import held_out_windows
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -126,6 +126,6 @@ def _trained(physics: FittedMotors, data: TrainingData, preset: Preset, seed: in
 def _errors(motors: FittedMotors, runs: WindowRuns, test: np.ndarray) -> np.ndarray:
     """(2, M) loss and RMS position error on the ``test`` windows (N,)."""
     network, z = motors.network, motors.z
-    losses = MotorFit(network, runs, test).window_losses(z).mean(axis=1)
+    losses = window_losses(network, runs, z, test).mean(axis=1)
     found = [runs.residuals(network, z[[motor]], np.array([motor]))[0, test, 0] for motor in range(len(z))]
     return np.stack([losses, rms(np.asarray(found, np.float64), axis=(1, 2))])

@@ -3,7 +3,7 @@
 minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
 with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
 the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors'
-constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
+constants, refines them on longer runs (`motor_fit`), and trains only the residual network this way (`residual`).
 
 Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be due to chance. All
 motors are therefore fitted with the selected terms and with the logged ones alone; the selected ones are kept if they
@@ -28,10 +28,10 @@ from motorprior.identification.latents.standardise import assumed_std, standard_
 from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet, fixed_constants, longer_runs
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
 from motorprior.identification.physics.initial_motor import with_motor
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs
+from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -129,7 +129,7 @@ def _physics_first(
         preset = preset if motors.network.num_neurons else replace(preset, num_neurons=0)
         notes.append(note)
     notes += _notes_on_identifiability(motors, longer, data.joint_names, metrics)
-    log_var, losses = np.zeros_like(motors.z), MotorFit(motors.network, runs).losses(motors.z).mean(keepdims=True)
+    log_var, losses = np.zeros_like(motors.z), motor_search(motors.network, runs).losses(motors.z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
     return Identified(motors.network, motors.z, log_var, preset, losses, metrics, tuple(notes)), assumed
 
@@ -165,8 +165,10 @@ def _fit_physics(
         report(WORK, "constants already fitted")
         return _Physics.from_arrays(kept)
     bare = without_residual(data.scales, preset)
-    chosen = _selected(bare, data, preset, seed, report)
-    fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
+    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    chosen = _selected(bare, part, preset, seed, report)
+    few = runs if part is data else WindowRuns(part, preset, heartbeat=runs.heartbeat)
+    fit = partial(fit_motors, bare, runs, together=preset.physics_first == "together", seed=seed, part=few)
     found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
     if set(chosen.terms) - set(preset.logged_terms):
         without = fit(preset.logged_terms, report=lambda: report(0, "without terms"))
@@ -182,13 +184,12 @@ def _fit_physics(
     return physics
 
 
-def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+def _selected(bare: LatentNetwork, part: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     if not preset.tries_terms:
         report(CHUNK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
-    motors = len(data.series)
+    motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
     work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
     chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))

@@ -8,9 +8,9 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.fleet_fit import longer_runs, refined
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.motor_fit import longer_runs, refined
+from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -54,7 +54,7 @@ def test_constants_that_were_off_are_found(
     began[:, KP] += 0.1
     began[:, LOAD_FRICTION] -= 0.2
     found = refined(network, began, longer, together)
-    before, after = (MotorFit(network, longer).losses(z) for z in (began, found))
+    before, after = (motor_search(network, longer).losses(z) for z in (began, found))
     assert (after < 0.2 * before).all()
     assert np.abs(found - truth)[:, KP].max() < 0.02 and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
 

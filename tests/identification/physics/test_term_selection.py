@@ -10,7 +10,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import INITIAL
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
-from motorprior.identification.physics.term_selection import ELIMINATION_ORDER, MIN_SAVING, select_terms
+from motorprior.identification.physics.term_selection import CANDIDATES, MIN_SAVING, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.residual import without_residual
@@ -57,7 +57,7 @@ def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None
 def test_a_term_is_selected_if_motors_have_it(
     decoder_data: Data, terms: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ("profile", "dead_zone"))
+    monkeypatch.setattr(term_selection, "CANDIDATES", ("profile", "dead_zone"))
     monkeypatch.setattr(term_selection, "SERVO", ("profile",))
     assert_found(decoder_data, terms, 2)
 
@@ -66,7 +66,7 @@ def test_a_term_is_selected_if_motors_have_it(
 def test_a_term_is_selected_with_few_motors_and_segments(
     decoder_data: Data, motors: int, segments: int, rows: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ("profile",))
+    monkeypatch.setattr(term_selection, "CANDIDATES", ("profile",))
     monkeypatch.setattr(term_selection, "SERVO", ("profile",))
     runs = logs(decoder_data, ("profile",), segments, rows, motors)
     assert select_terms(bare(initial_center(()), ()), runs, 0).terms == ("profile",)
@@ -75,4 +75,4 @@ def test_a_term_is_selected_with_few_motors_and_segments(
 @pytest.mark.slow
 @CASES
 def test_the_terms_that_motors_have_are_found_and_no_others(decoder_data: Data, terms: tuple[str, ...]):
-    assert_found(decoder_data, terms, len(ELIMINATION_ORDER))
+    assert_found(decoder_data, terms, len(CANDIDATES))

@@ -17,16 +17,16 @@ import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.network_fit import NetworkFit
-from motorprior.identification.physics.motor_fit import WIDE, Fit, GaussianPrior, MotorFit
+from motorprior.identification.physics.motor_problem import motor_search
+from motorprior.identification.physics.motor_problem import window_losses as physics_losses
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
+from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
 ADAM_STEPS = 300  # of a network without physics
-SEARCH_RADII, SEARCH_DRAWS = (1.0, 1.0, 0.5, 0.25, 0.12), 64  # standard deviations of the random search; samples each
-STEPS, MAX_RESTARTS = 8, 20  # Gauss-Newton steps from one start
-PATIENCE, MIN_GAIN = 4, 2e-3  # the search ends after PATIENCE restarts in a row with relative gains of at most MIN_GAIN
-RESAMPLED = 96  # candidates per restart: the best z so far, with a random half of it resampled
+DRAWS, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
+STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # of a descent
 # assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
@@ -82,32 +82,27 @@ def fit_posterior(
     prior = prior or LatentPrior(np.zeros(shape), np.ones(shape[0]))
     precision = temperature / runs.windows / prior.std[:, None] ** 2
     gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))
-    fit = MotorFit(network, runs)
-    found = _search(fit, gaussian, prior) if start is None else fit.polish(start, gaussian, STEPS, WIDE)
-    found = found.better(fit.polish(found.z, gaussian, STEPS, 0.5 * WIDE))
-    likelihood = _precision(fit, found.z, temperature)
+    search = motor_search(network, runs)
+    found = _searched(search, gaussian, prior) if start is None else search.descend(start, gaussian, *STEPS[0])
+    found = found.better(search.descend(found.x, gaussian, *STEPS[1]))
+    likelihood = _precision(search, found.x, temperature)
     hidden = np.diagonal(likelihood, axis1=1, axis2=2) * prior.std[:, None] ** 2 < _NOT_IDENTIFIABLE
-    z = np.where(hidden, prior.mean, found.z)  # damped steps end before they reach it
-    loss = fit.losses(z)
-    found = found.better(Fit(z, loss + gaussian.energy(z), loss))
-    return Posterior(found.z, inverse_precision(likelihood, prior.std), found.loss, fit.windows)
+    # damped steps end before they reach the mean
+    found = found.better(search.at(np.where(hidden, prior.mean, found.x), gaussian))
+    return Posterior(found.x, inverse_precision(likelihood, prior.std), found.loss, runs.windows)
 
 
-def _search(fit: MotorFit, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
-    rng, shape = np.random.default_rng(_STREAM), prior.mean.shape
-    found = fit.polish(fit.search(rng, prior.mean, gaussian, SEARCH_RADII, SEARCH_DRAWS), gaussian, STEPS, WIDE)
-    idle = 0
-    for _ in range(MAX_RESTARTS):
-        redrawn = rng.random((shape[0], RESAMPLED, shape[1])) < 0.5
-        others = prior.mean[:, None] + prior.std[:, None, None] * rng.standard_normal(redrawn.shape)
-        starts = np.where(redrawn, others, found.z[:, None])
-        before, found = found, found.better(fit.polish(fit.best_of(starts, gaussian), gaussian, STEPS, WIDE))
-        # relative gains: otherwise a motor that no constants fit would end the search for all others
-        gains = 1.0 - found.energy / np.maximum(before.energy, 1e-12)
-        idle = 0 if gains.mean() > MIN_GAIN else idle + 1
-        if idle == PATIENCE:
-            break
-    return found
+def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
+    """Descents from samples of the prior, and from the best so far with a random half of it resampled."""
+    rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), DRAWS, prior.mean.shape[1])
+
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        samples = prior.mean[:, None] + prior.std[:, None, None] * rng.standard_normal(shape)
+        return samples if restart % 4 == 3 else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
+
+    mean = search.at(prior.mean, gaussian)
+    first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, *STEPS[0])
+    return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS)
 
 
 def laplace_covariance(
@@ -117,7 +112,7 @@ def laplace_covariance(
     if network.motor is None:
         precision = NetworkFit(network, data, preset, temperature).precision(z)
     else:
-        precision = _precision(MotorFit(network, WindowRuns(data, preset)), z, temperature)
+        precision = _precision(motor_search(network, WindowRuns(data, preset)), z, temperature)
     return inverse_precision(precision, np.ones(len(z)))
 
 
@@ -125,7 +120,7 @@ def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z:
     """(M, N) loss of each of the non-overlapping windows, with the motors at latents z (M, Z)."""
     if network.motor is None:
         return NetworkFit(network, data, preset, 1.0).window_losses(z)
-    return MotorFit(network, WindowRuns(data, preset)).window_losses(z)
+    return physics_losses(network, WindowRuns(data, preset), z)
 
 
 def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -135,5 +130,5 @@ def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
     return np.einsum("mij,mj,mkj->mik", vectors, inverse, vectors)
 
 
-def _precision(fit: MotorFit, z: np.ndarray, temperature: float) -> np.ndarray:
-    return fit.curvatures(z, WIDE) * fit.runs.windows / temperature
+def _precision(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
+    return search.curvatures(z, WIDE) * search.problem.observations / temperature

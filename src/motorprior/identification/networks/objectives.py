@@ -31,8 +31,9 @@ from motorprior.actuator.latent import scaled_torque
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.networks.network import Parameters, armature, decoder_latents, motor_bias
-from motorprior.identification.physics.window_runs import SCALES, huber, huber_curvature
+from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
+from motorprior.identification.search import huber, huber_curvature
 from motorprior.identification.training_data import windows as channel
 from motorprior.identification.training_data.windows import Measured
 

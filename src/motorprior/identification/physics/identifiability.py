@@ -13,9 +13,8 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.fleet_fit import fixed_constants
 from motorprior.identification.physics.initial_motor import TORQUES
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -29,7 +28,7 @@ def identifiable_constants(
 
     ``network`` has a geared motor; ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
-    fitted = MotorFit(network, runs).losses(z)
+    fitted = motor_search(network, runs).losses(z)
     ratio = {name: np.median(_loss_ratio(network, runs, z, name, fitted), axis=1).min() for name in names}
     return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
 
@@ -39,7 +38,7 @@ def unidentifiable_limits(network: LatentNetwork, runs: WindowRuns, z: np.ndarra
     assert network.motor is not None
     rows, fixed = parameters_of(network.motor.terms), fixed_constants(network.motor.terms, runs)
     limits = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
-    fitted = MotorFit(network, runs).losses(z)
+    fitted = motor_search(network, runs).losses(z)
     found = {name: _loss_ratio(network, runs, z, name, fitted).min(axis=0) <= THRESHOLD for name in limits}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
 
@@ -56,8 +55,8 @@ def unknown_torque_scale(network: LatentNetwork, runs: WindowRuns, z: np.ndarray
             network, motor=replace(motor, center=motor.center + np.log(factor) * rows),
             torque_scale=factor * network.torque_scale, torque_limit=factor * network.torque_limit,
         )  # fmt: skip
-        losses.append(MotorFit(scaled, runs).losses(z))
-    return np.min(losses, axis=0) <= THRESHOLD * MotorFit(network, runs).losses(z)
+        losses.append(motor_search(scaled, runs).losses(z))
+    return np.min(losses, axis=0) <= THRESHOLD * motor_search(network, runs).losses(z)
 
 
 def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: str, fitted: np.ndarray) -> np.ndarray:
@@ -66,5 +65,5 @@ def _loss_ratio(network: LatentNetwork, runs: WindowRuns, z: np.ndarray, name: s
     assert motor is not None
     row = np.array(parameters_of(motor.terms)) == name
     changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
-    losses = [MotorFit(replace(network, motor=each), runs).losses(z) for each in changed]
+    losses = [motor_search(replace(network, motor=each), runs).losses(z) for each in changed]
     return np.stack(losses) / fitted

@@ -7,7 +7,6 @@ alone, are tried on the logs, and the fit starts from the best if its loss is le
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -17,7 +16,6 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import INITIAL, SIGNED
-from motorprior.identification.physics.motor_fit import MotorFit
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -31,7 +29,6 @@ TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
 )  # fmt: skip
-_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # logarithms of the factors that are tried
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
@@ -59,23 +56,6 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     else:
         motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
     return encoded(motor, terms)
-
-
-def sized_center(
-    network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
-) -> np.ndarray:
-    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
-    center = initial_center(terms, runs)
-    if runs.gain_unit == PHYSICAL_GAINS:
-        return center
-    names = parameters_of(terms)
-    torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
-    sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
-    z = np.zeros((runs.num_motors, len(names)))
-    losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(z) for size in sizes]
-    middle = np.median(losses, axis=1)
-    best = int(np.argmin(middle))
-    return sizes[best] if middle[best] < 0.5 * middle[0] else center
 
 
 def logs_kd(runs: WindowRuns) -> bool:

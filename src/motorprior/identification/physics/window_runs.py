@@ -13,7 +13,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -41,21 +40,6 @@ _ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
 # rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
-
-
-def huber(x: Any) -> Any:
-    """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
-    return (1.0 + x * x) ** 0.5 - 1.0
-
-
-def huber_weight(x: Any) -> Any:
-    """Derivative of `huber` over x, (1 + x²)^(-1/2)."""
-    return (1.0 + x * x) ** -0.5
-
-
-def huber_curvature(x: Any) -> Any:
-    """Second derivative of `huber`, (1 + x²)^(-3/2)."""
-    return (1.0 + x * x) ** -1.5
 
 
 def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
