@@ -183,7 +183,7 @@ def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: C
     first = weighted(_EXPECTED * search.losses(np.where(fixed, 0.0, prior.mean)[None]))
     found = search.at(np.where(fixed, 0.0, prior.mean)[None], first)
     for restart in range(_STARTS):
-        found = found.better(search.descend(search.best_of(draw(restart, found), first), first, *_STEPS[0]))
+        found = found.better(search.descend(search.best_of(draw(restart, found), first), first, _STEPS[:1]))
     final = weighted(found.loss)
     return search.until_found_again(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,8 @@ _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by le
 _LANES = 768  # simulations at a time; bounds the memory
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 FIXED = 1e6  # precision of a fixed unknown
+Steps: TypeAlias = tuple[tuple[int, float], ...]
+"""Descents one after the other: maximum number of Gauss-Newton steps, and step of the differences, of each."""
 
 
 def huber(x: Any) -> Any:
@@ -178,22 +180,18 @@ class Search:
         energy = self.losses(candidates, which) + prior.of(which).energy(candidates)
         return candidates[np.arange(len(which)), energy.argmin(axis=1)]
 
-    def descend(
-        self,
-        start: np.ndarray,
-        prior: GaussianPrior,
-        steps: int,
-        diff_step: float = NARROW,
-        which: np.ndarray | None = None,
-    ) -> Fit:
-        """Damped Gauss-Newton steps from ``start`` (m, K), until one lowers U by less than _MIN_GAIN.
-
-        At most ``steps``, with derivatives over ``diff_step``, WIDE or NARROW.
-        """
+    def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
+        """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
         which = self.everyone if which is None else which
-        prior, rows = prior.of(which), np.arange(len(which))
-        x, damping, loss = start, np.full(len(start), 1e-2), self.losses(start, which)
-        energy = loss + prior.energy(x)
+        prior, loss = prior.of(which), self.losses(start, which)
+        found = Fit(start, loss + prior.energy(start), loss)
+        for count, diff_step in steps:
+            found = self._descend(found, prior, count, diff_step, which)
+        return found
+
+    def _descend(self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray) -> Fit:
+        x, energy, loss = found.x, found.energy, found.loss
+        rows, damping = np.arange(len(which)), np.full(len(x), 1e-2)
         slope, curvature = self._derivatives(x, diff_step, which)
         left = rows
         for step in range(steps):
@@ -222,7 +220,7 @@ class Search:
         prior: GaussianPrior,
         draw: Callable[[int, Fit], np.ndarray],
         restarts: int,
-        steps: tuple[tuple[int, float], ...],
+        steps: Steps,
         report: Callable[[], None] = lambda: None,
         which: np.ndarray | None = None,
     ) -> Fit:
@@ -233,7 +231,7 @@ class Search:
             prior: of x.
             draw: function of the number of the restart and the best so far, gives candidates (M, C, K).
             restarts: maximum number.
-            steps: numbers of steps and difference steps of the descents from the best candidate.
+            steps: descents from the best candidate.
             report: called ``restarts`` times.
             which: problems (m,) that are restarted; all if not given.
         """
@@ -242,10 +240,7 @@ class Search:
         for restart in range(restarts):
             left = np.flatnonzero(times < TIMES)
             if len(left):
-                other = self.best_of(draw(restart, found)[left], prior, left)
-                for count, diff_step in steps:
-                    fit = self.descend(other, prior, count, diff_step, left)
-                    other = fit.x
+                fit = self.descend(self.best_of(draw(restart, found)[left], prior, left), prior, steps, left)
                 before = found.energy[left]
                 same = np.abs(fit.energy - before) <= SAME * before
                 times[left] = np.where(fit.energy < (1.0 - SAME) * before, 0, times[left] + same)

@@ -83,8 +83,7 @@ def fit_posterior(
     precision = temperature / runs.windows / prior.std[:, None] ** 2
     gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))
     search = motor_search(network, runs)
-    found = _searched(search, gaussian, prior) if start is None else search.descend(start, gaussian, *STEPS[0])
-    found = found.better(search.descend(found.x, gaussian, *STEPS[1]))
+    found = _searched(search, gaussian, prior) if start is None else search.descend(start, gaussian, STEPS)
     likelihood = _precision(search, found.x, temperature)
     hidden = np.diagonal(likelihood, axis1=1, axis2=2) * prior.std[:, None] ** 2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
@@ -101,7 +100,7 @@ def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fi
         return samples if restart % 4 == 3 else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
 
     mean = search.at(prior.mean, gaussian)
-    first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, *STEPS[0])
+    first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, STEPS)
     return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS)
 
 

@@ -55,7 +55,7 @@ FILTER_STD = 0.7
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
-REFINEMENT = ((WIDE, 10), (NARROW, 10), (FINEST, 10))
+REFINEMENT = ((10, WIDE), (10, NARROW), (10, FINEST))
 _STREAM = 41
 
 
@@ -105,11 +105,10 @@ def fit_motors(
     found = _alone(search, rng, nested, initial - center, rigid - center, lacks, fixed, report)
     if part is not runs:
         search = centred(network, center, terms, runs, chosen)
-        for steps in STEPS:
-            found = search.descend(found.x, weak_prior(found.x).fixing(fixed), *steps)
+        found = search.descend(found.x, weak_prior(found.x).fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, report)
-    x = np.where(fixed, 0.0, _without_unidentified_limits(search, terms, found, fixed))
+    x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
     center, x = center + middle, x - middle
@@ -125,8 +124,8 @@ def _rigid_fit(search: Search, rng: np.random.Generator, start: np.ndarray, fixe
         away = RIGID_RADIUS * rng.standard_normal((count, RIGID_DRAWS, size)) * ~fixed
         away[:, 0] = 0.0
         best = search.best_of(np.clip(start + away, -LOG_REACH, LOG_REACH), prior)
-        found = found.better(search.descend(best, prior, *STEPS[0]))
-    return found.better(search.descend(found.x, prior, *STEPS[1]))
+        found = found.better(search.descend(best, prior, STEPS[:1]))
+    return search.descend(found.x, prior, STEPS[1:])
 
 
 def _alone(
@@ -160,8 +159,7 @@ def _alone(
             candidates = np.where(rng.random(shape) < 0.8, 1.5 * noise, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    found = search.at(nested.x, prior)
-    found = found.better(search.descend(nested.x, prior, *STEPS[0]))
+    found = search.descend(nested.x, prior, STEPS[:1])
     lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
     found = search.until_found_again(found, prior, draw, RESTARTS, STEPS, report, lead)
     if len(rest := np.setdiff1d(search.everyone, lead)):
@@ -173,7 +171,7 @@ def _alone(
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
         found = search.until_found_again(found, prior, draw_near, RESTARTS // 3, STEPS, which=rest)
-    return found.better(search.descend(found.x, prior, 10, FINEST))
+    return search.descend(found.x, prior, ((10, FINEST),))
 
 
 def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray) -> None:
@@ -189,8 +187,7 @@ def _together(
     """Empirical Bayes in TURNS, from the separate fits."""
     prior = _first_prior(search, found).fixing(fixed)
     for turn in range(TURNS):
-        found = search.at(found.x, prior)
-        found = found.better(search.descend(found.x, prior, 6, WIDE if turn < 2 else NARROW))
+        found = search.descend(found.x, prior, ((6, WIDE if turn < 2 else NARROW),))
         if turn < 4:
             std = np.sqrt(found.loss.mean() / search.problem.observations / prior.precision)
             shape = (len(found.x), DRAWS, found.x.shape[1])
@@ -198,7 +195,7 @@ def _together(
             candidates = np.where(rng.random(shape) < 0.5, samples, found.x[:, None])
             _add_others(rng, candidates, found.x)
             other = search.best_of(np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH), prior)
-            found = found.better(search.descend(other, prior, 6, WIDE))
+            found = found.better(search.descend(other, prior, ((6, WIDE),)))
         prior = fleet_prior(found, search.problem.observations, posterior_variance(search, found, prior)).fixing(fixed)
         report()
     return found
@@ -213,7 +210,7 @@ def _first_prior(search: Search, found: Fit) -> GaussianPrior:
     information = search.curvatures(found.x, WIDE) * windows / found.loss[:, None, None]
     floor = 1e-2 * np.eye(found.x.shape[1])  # unidentifiable constants have a standard deviation of 10
     s2 = np.einsum("mkk->mk", np.linalg.inv(information + floor))
-    v = np.zeros(found.x.shape[1])
+    m, v = found.x.mean(axis=0), np.zeros(found.x.shape[1])
     for _ in range(3):
         w = 1.0 / (v + s2)
         total = w.sum(axis=0)
@@ -239,13 +236,14 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> Gauss
     return GaussianPrior(mean, found.loss.mean() / windows / variance)
 
 
-def _without_unidentified_limits(search: Search, terms: tuple[str, ...], found: Fit, fixed: np.ndarray) -> np.ndarray:
+def _without_unidentified_limits(
+    search: Search, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, found: Fit, fixed: np.ndarray
+) -> np.ndarray:
     """(M, K) unknowns whose limits are off, OFF times the largest request or speed, where they save less than SAVING.
 
     With lower limits the motor could saturate in other motions.
     """
-    network, runs, x = search.problem.network, search.problem.runs, np.clip(found.x, -LOG_REACH, LOG_REACH)
-    center, names = network.motor.center, parameters_of(terms)
+    x, names = np.clip(found.x, -LOG_REACH, LOG_REACH), parameters_of(terms)
     kp = names.index("kp")
     asked = np.exp(center[kp] + x[:, kp]) * runs.max_request
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
@@ -257,7 +255,7 @@ def _without_unidentified_limits(search: Search, terms: tuple[str, ...], found: 
         off = np.log(OFF * largest.max()) - center[row]
         free[:, row] = np.clip(off, x[:, row], LOG_REACH)
         precision = np.where(fixed | (np.arange(len(names)) == row), FIXED, WEAK)
-        free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), *STEPS[1])
+        free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), STEPS[1:])
         unidentified = free.loss * (1.0 - SAVING) <= losses
         x, losses = np.where(unidentified[:, None], free.x, x), np.where(unidentified, free.loss, losses)
     return x
@@ -293,7 +291,5 @@ def refined(
         found = search.at(x, prior)
         first = fleet_prior(found, windows, 0.0).fixing(fixed)
         prior = fleet_prior(found, windows, posterior_variance(search, found, first)).fixing(fixed)
-    prior, refined_x = replace(prior, mean=np.where(fixed, x, prior.mean)), x
-    for diff_step, steps in REFINEMENT:
-        refined_x = search.descend(refined_x, prior, steps, diff_step).x
-    return np.where(fixed, x, np.clip(refined_x, -LOG_REACH, LOG_REACH))
+    prior = replace(prior, mean=np.where(fixed, x, prior.mean))
+    return np.where(fixed, x, np.clip(search.descend(x, prior, REFINEMENT).x, -LOG_REACH, LOG_REACH))

@@ -27,7 +27,7 @@ from motorprior.identification.physics.initial_motor import encoded, initial_cen
 from motorprior.identification.physics.motor_fit import fit_motors
 from motorprior.identification.physics.motor_problem import centred, fixed_constants, weak_prior, window_losses
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.search import NARROW, WIDE
+from motorprior.identification.search import NARROW, WIDE, Steps
 
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
@@ -163,7 +163,7 @@ class _Trial:
         self,
         before: _State,
         added: tuple[str, ...],
-        steps: tuple[tuple[int, float], ...],
+        steps: Steps,
         start: _State | None = None,
     ) -> _State:
         """The fits ``before`` with more terms: the best candidate refined, or ``start``."""
@@ -196,7 +196,7 @@ class _Trial:
                 raw[:, parameters_of(terms).index(name)] = before.raw[:, row]
         return raw
 
-    def _refined(self, terms: tuple[str, ...], candidates: np.ndarray, steps: tuple[tuple[int, float], ...]) -> _State:
+    def _refined(self, terms: tuple[str, ...], candidates: np.ndarray, steps: Steps) -> _State:
         """The best of the candidates (m, C, K) of every motor after descents."""
         low, high = candidates[:, 0].min(axis=0), candidates[:, 0].max(axis=0)
         center, fixed = 0.5 * (low + high), fixed_constants(terms, self._runs)
@@ -204,8 +204,7 @@ class _Trial:
         search = centred(self._network, center, terms, self._runs, self._train)
         prior = weak_prior(np.zeros(len(center))).fixing(fixed)
         x = search.best_of(np.clip(np.where(fixed, 0.0, candidates - center), -LOG_REACH, LOG_REACH), prior)
-        for count, diff_step in steps:
-            x = search.descend(x, prior, count, diff_step).x
+        x = search.descend(x, prior, steps).x
         return self._state(terms, center + np.where(fixed, 0.0, np.clip(x, -LOG_REACH, LOG_REACH)))
 
     def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
