@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
+from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
@@ -75,7 +75,7 @@ class Preset:
     def disabled_terms(self) -> tuple[str, ...]:
         """Optional terms whose constants are all logged as off."""
         off = {name for name, value in self.firmware if value == 0.0}
-        return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
+        return tuple(name for name in TERMS if (own := constants_of((name,))) and off.issuperset(own))
 
     @property
     def logged_values(self) -> dict[str, float]:

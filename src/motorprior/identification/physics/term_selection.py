@@ -25,7 +25,7 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import NEGLIGIBLE, in_order
+from motorprior.actuator.optional_terms import ELIMINATION_ORDER, NEGLIGIBLE, TERMS, in_order
 from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, fixed_constants, weak_prior
 from motorprior.identification.physics.initial_motor import encoded, with_motor
 from motorprior.identification.physics.motor_fit import MotorFit, select
@@ -35,17 +35,12 @@ MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 CLEAR_SAVING = 0.3  # share of the held-out loss: a term that saved more in one round is not removed in the next
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 60
-SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # usual in hobby servos
+SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
-# order of elimination, the rarest first
-ELIMINATION_ORDER = (
-    "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
-    "output_damping", "torque_speed", "profile",
-)  # fmt: skip
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for elimination and for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
 _ATTEMPTS, _STEPS, _TURNS = 3, 10, (*TURNS[:3], *TURNS[-2:])
