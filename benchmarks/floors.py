@@ -23,7 +23,8 @@ import numpy as np
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared

@@ -21,7 +21,6 @@ import numpy as np
 import tyro
 
 from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.physical import scaled
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -65,7 +64,7 @@ def measure(path: Path) -> Results:
     rows: list[Result] = []
     for seconds in SECONDS:
         for name, change in CHANGES.items():
-            motors = scaled(own, change)
+            motors = own.scaled(change)
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
             found = adapt_to(prior, log)

@@ -46,7 +46,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice, motor_sampler
+from motorprior.simulation.motors import motor_sampler
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import Episode, WalkSimulator
 from motorprior.simulation.scene import Scene, WalkConfig
@@ -165,10 +165,9 @@ def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
 def trained(settings: Settings, prior: Path, seed: int) -> Path:
     """The policy of a seed; trained if the file does not exist."""
     folder = settings.out / f"seed_{seed}"
-    motors = MotorChoice("prior", prior=prior)
     run_walk(
         Walk(
-            out=folder, motors=motors, iterations=settings.iterations, search=ArsConfig(seed=seed),
+            out=folder, motors=f"prior:{prior}", iterations=settings.iterations, search=ArsConfig(seed=seed),
             workers=settings.workers,
             robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
             hidden_units=settings.hidden_units,

@@ -25,13 +25,13 @@ from matplotlib.figure import Figure
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.artifacts import write_json, write_text
-from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import BenchPreset, bench_preset, record
+from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
 from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes

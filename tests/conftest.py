@@ -116,8 +116,7 @@ def grey_network() -> Callable[..., LatentNetwork]:
 def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a walk, the gait itself."""
     from motorprior.commands.walk import Walk, run_walk
-    from motorprior.simulation.motor_choice import MotorChoice
 
     folder = tmp_path_factory.mktemp("walks") / "gait_0"
-    run_walk(Walk(out=folder, motors=MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
     return folder

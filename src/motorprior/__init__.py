@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
-    from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
+    from motorprior.actuator.true_motors import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
-    from motorprior.bench.record_bench import record_bench as record_bench
+    from motorprior.bench.recording import record_bench as record_bench
     from motorprior.environments import make_env as make_env
     from motorprior.environments import make_vector_env as make_vector_env
     from motorprior.exceptions import ArtifactError as ArtifactError
@@ -50,9 +50,9 @@ _NAMES = {  # module -> public names; the imports above are for type checkers
     "actuator.motor_posterior": "MotorPosterior",
     "actuator.motor_prior": "MotorPrior",
     "actuator.motors": "Motors",
-    "actuator.physical": "PhysicalActuator",
+    "actuator.true_motors": "PhysicalActuator",
     "bench.fleet": "Fleet load_fleet",
-    "bench.record_bench": "record_bench",
+    "bench.recording": "record_bench",
     "environments": "make_env make_vector_env",
     "exceptions": "ArtifactError ConfigError LogError MotorPriorError SimulationFault",
     "identification.adapt": "adapt",

@@ -45,8 +45,13 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
     assert (out / "posterior.safetensors").stat().st_mtime_ns == written
-    choice = ("--actuator", "prior", "--prior", prior, "--posterior", out / "posterior.safetensors")
-    assert motorprior("walk", *choice, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk").code == 0
+    motors = f"posterior:{out / 'posterior.safetensors'},prior={prior}"
+    assert (
+        motorprior(
+            "walk", "--motors", motors, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk"
+        ).code
+        == 0
+    )
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from motorprior.artifacts import read_tensors
 
-WALK = ("walk", "--actuator", "pd", "--episode-steps", "20", "--iterations", "12")
+WALK = ("walk", "--motors", "pd", "--episode-steps", "20", "--iterations", "12")
 SABOTAGE = """
 import mujoco, sys
 from numba import njit

@@ -14,7 +14,7 @@ from motorprior.simulation.randomization import ROBUST
 from motorprior.studies import compare
 
 Command = Callable[..., Any]
-SMALL = ("walk", "--actuator", "pd", "--iterations", 1, "--episode-steps", 5)
+SMALL = ("walk", "--motors", "pd", "--iterations", 1, "--episode-steps", 5)
 RESULTS = ("policy.safetensors", "curve.json")
 
 

@@ -12,7 +12,6 @@ from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motor_choice import MotorChoice
 
 
 def fitted(excitation: str, notes: io.StringIO, steps: int = 1500) -> MotorPrior:
@@ -28,7 +27,7 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     assert f"torque limit of {found['torque_limit']:.3g} N·m" in notes.getvalue()
     prior.save(tmp_path / "prior.safetensors")
     assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
-    motors, notes = MotorChoice("prior", tmp_path / "prior.safetensors"), io.StringIO()
+    motors, notes = f"prior:{tmp_path / 'prior.safetensors'}", io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
     walk = Walk(out=tmp_path / "walk", motors=motors, iterations=1, episode_steps=20, search=search, workers=1)
     run_walk(walk, Lines(notes))

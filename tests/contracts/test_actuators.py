@@ -5,14 +5,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.out_of_family import OutOfFamilyActuator, OutOfFamilyMotors
-from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.out_of_family import OutOfFamilyMotors
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -30,8 +30,7 @@ def ideal_pd(n):
 
 def friction_pd(n):
     rng = np.random.default_rng(6)
-    pd = replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n))
-    return FrictionPd(pd, rng.uniform(0.05, 0.15, n))
+    return replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n), coulomb=rng.uniform(0.05, 0.15, n))
 
 
 def physical(n):
@@ -103,10 +102,8 @@ def only(actuator, motor):
     """One motor of several."""
     if isinstance(actuator, LatentActuator):
         return replace(actuator, z=actuator.z[[motor]])
-    if isinstance(actuator, PhysicalActuator | OutOfFamilyActuator):
+    if isinstance(actuator, PhysicalActuator):
         return actuator.motors.take(np.array([motor])).actuator()
-    if isinstance(actuator, FrictionPd):
-        return FrictionPd(only(actuator.pd, motor), actuator.coulomb[[motor]])
     return IdealPd(*(getattr(actuator, field.name)[[motor]] for field in fields(actuator)))
 
 
@@ -179,7 +176,7 @@ def test_only_the_difference_of_target_and_joint_counts(make):
 def test_at_rest_on_its_target_a_pd_motor_gives_nothing(make):
     actuator, pose = make(12), np.linspace(-1, 1, 12)
     if isinstance(actuator, PhysicalActuator):
-        actuator = PhysicalActuator(replace(actuator.motors, encoder_zero=np.zeros(12)))
+        actuator = PhysicalActuator(actuator.motors.scaled({"encoder_zero": 0.0}))
     inputs = np.stack([pose, pose, np.zeros(12)])[:, None].repeat(30, axis=1)
     torque = torques(actuator, inputs)
     if isinstance(actuator, LatentActuator):
@@ -194,11 +191,11 @@ def static_band(actuator):
     Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
     LIMIT - F <= torque <= LIMIT + F. A grey box's network adds up to RESIDUAL.
     """
-    if isinstance(actuator, PhysicalActuator):
-        motors, residual = actuator.motors, 0.0
-        dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
-    elif isinstance(actuator, OutOfFamilyActuator):
-        motors, residual = actuator.motors, 0.0
+    motors = getattr(actuator, "motors", None)
+    if isinstance(motors, MotorParameters):
+        residual, dry, load_friction = 0.0, motors.coulomb + motors.stribeck_torque, motors.load_friction
+    elif isinstance(motors, OutOfFamilyMotors):
+        residual = 0.0
         dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
     elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
         values, residual = actuator.network.constants(actuator.z), RESIDUAL

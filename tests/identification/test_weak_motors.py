@@ -8,9 +8,10 @@ import pytest
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.registry import motor_text
 from motorprior.identification.adapt import WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import motor_sampler
 
 NAMES = ("hip", "knee", "ankle")
 
@@ -47,8 +48,8 @@ def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(prior: MotorPrior,
     covariance = np.tile(0.1 * np.eye(3), (len(joints), 1, 1))
     known = MotorPosterior(prior, latents(prior, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
     known.save(files[1])
-    choice = MotorChoice("prior", *files, limit_follows_gain=follows)
-    drawn = choice.sampler(PUPPER_V2)(np.random.default_rng(0))
+    text = motor_text("posterior", file=files[1], prior=files[0], limit_follows_gain=follows)
+    drawn = motor_sampler(text, PUPPER_V2)[0](np.random.default_rng(0))
     assert isinstance(drawn, LatentActuator)
     if not follows:
         assert drawn.factors is None

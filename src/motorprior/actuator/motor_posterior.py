@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +84,15 @@ class MotorPosterior:
             )
         factors = Factors.ones(count)._replace(torque_limit=kp_ratio(self.prior.network, motors.z))
         return motors.with_factors(factors)
+
+    def take(self, index: list[int]) -> MotorPosterior:
+        """The motors at ``index``."""
+        return replace(
+            self, mean=self.mean[index], covariance=self.covariance[index],
+            joint_names=tuple(self.joint_names[each] for each in index),
+            outlier_p_value=tuple(self.outlier_p_value[each] for each in index),
+            gains=None if self.gains is None else self.gains[:, index],
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
 
@@ -24,6 +24,30 @@ def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: An
 
 
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def step_joints(
+    arrays: ActuatorArrays,
+    h: float,
+    target: np.ndarray,
+    external: np.ndarray,
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+    q: np.ndarray,
+    dq: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Advance n joints on their motors by one step of ``h`` [s]; all vectors are (n,), in SI units.
+
+    The load is external + stiffness·q; ``inertia`` includes the armature. Writes q, dq, and the torque of the motors
+    without their damping. The JAX rollout shares `next_velocity` alone: its arrays cannot be written.
+    """
+    step_actuator(arrays, h, target, q, dq, torque)
+    for j in range(q.shape[0]):
+        load = external[j] + stiffness[j] * q[j]
+        dq[j] = _next_velocity(dq[j], torque[j], load, inertia[j], arrays.damping[j], h)
+        q[j] += h * dq[j]
 
 
 @dataclass(frozen=True)
@@ -60,12 +84,9 @@ def _simulate(arrays, inertia, targets, external, stiffness, dt, substeps, joint
         out[0, step], out[1, step], out[2, step] = q, dq, 0.0
         measure_joint_pos(arrays, q, out[3, step])
         for _ in range(substeps):
-            step_actuator(arrays, h, targets[step], q, dq, torque)
+            step_joints(arrays, h, targets[step], external[step], stiffness[step], inertia, q, dq, torque)
             for j in range(n):
-                load = external[step, j] + stiffness[step, j] * q[j]
-                dq[j] = _next_velocity(dq[j], torque[j], load, inertia[j], arrays.damping[j], h)
                 out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / substeps
-                q[j] += h * dq[j]
 
 
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, NoReturn, Union
 
@@ -37,15 +36,6 @@ from motorprior.commands.identify import run_identify  # noqa: E402
 from motorprior.commands.logs_import import import_logs  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
-from motorprior.simulation.motor_choice import MotorChoice  # noqa: E402
-
-
-@dataclass(frozen=True)
-class SimulateCommand(Simulate):
-    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
-
-    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
-
 
 LOGS: dict[str, tuple[type, Any]] = {
     "import": (LogsImportCommand, partial(import_logs, progress=TERMINAL)),
@@ -59,7 +49,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "validate": (ValidateCommand, validate),
     "validate-log": (ValidateLogCommand, validate_log),
     "adapt": (AdaptCommand, adapt),
-    "simulate": (SimulateCommand, partial(run_simulate, progress=TERMINAL)),
+    "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
     "replay": (ReplayCommand, replay),
     "walk": (WalkCommand, walk),
     "play": (PlayCommand, play),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from motorprior import stage
+from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
@@ -27,7 +28,7 @@ from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.studies.robustness import UprightMap, robustness
 
@@ -135,7 +136,7 @@ def run_demo(
             sections.append(chapters.replay(out / "replay"))
         walks = _walks(config, priors)
         # the longest training first, otherwise it runs alone at the end
-        longest_first = sorted(walks, key=lambda walk: walk.motors.physics_dt(robot))
+        longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
         trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
         in_parallel(trainings, config.workers, progress)
         folders: dict[str, list[Path]] = {}
@@ -184,11 +185,11 @@ def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
     """Trainings of all policies, the first seed of every condition first."""
     gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
-        "rollout": MotorChoice("prior", priors["rollout"], fleet=config.fleet),
-        "oracle": MotorChoice("fleet", fleet=config.fleet),
-        "ideal_pd": MotorChoice("pd", fleet=config.fleet, **gains),
-        "tuned_pd": MotorChoice("pd", fleet=config.fleet, **tuned),
-        "paper": MotorChoice("prior", priors["paper"], fleet=config.fleet),
+        "rollout": motor_text("prior", file=priors["rollout"]),
+        "oracle": motor_text("fleet", fleet=config.fleet),
+        "ideal_pd": motor_text("pd", **gains),
+        "tuned_pd": motor_text("pd", **tuned),
+        "paper": motor_text("prior", file=priors["paper"]),
     }
     policies = config.seeds * len(conditions)
     return [

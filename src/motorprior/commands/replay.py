@@ -13,7 +13,7 @@ from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
-from motorprior.identification.prior_file import load_prior
+from motorprior.identification.prior_file import gains_for, load_prior
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.log_folder import LogFolder, read_log_folder
 from motorprior.progress import SILENT, Progress
@@ -21,7 +21,6 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import gains_for
 from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies.log_replay import PostureName, Replayer, replayers_of, with_logged_gains
 

@@ -69,7 +69,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     for each in policies:
         walk = WalkConfig(compare.DURATION_STEPS, randomization=each.randomization, commands=commands)
         twin = compare.motors_scene(robot, each.policy, fleet, commands)
-        scenes, condition = {"own": each.scene(walk, config.engine), "twin": twin}, each.motors.condition()
+        scenes, condition = {"own": each.scene(walk, config.engine), "twin": twin}, each.motors.condition
         works.append(partial(_evaluate, each, scenes, condition, seeds[condition]))
         seeds[condition] += 1
     with working(config.out, wanted):

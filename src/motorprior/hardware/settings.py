@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
 
 from motorprior.exceptions import ConfigError
 
-Excitation = Literal["varied", "sine", "chirp", "steps", "multisine", "gait"]
+Excitation = str  # of `bench.excitation`, or varied or trot (`excitations`)
 
 
 def require_robot_extra() -> None:
@@ -65,8 +64,9 @@ class RecordSettings(RunSettings):
     """How to excite and record.
 
     Attributes:
-        excitation: sine, chirp, steps and multisine are a signal per joint, gait is a trot, varied is a multisine of
-            all joints and then steps of one after the other; if not given, varied in the air and multisine standing.
+        excitation: sine, chirp, steps, multisine, gait and creep are a signal per joint, trot is one of the whole
+            robot, varied is a multisine of all joints and then steps of one after the other; if not given, varied in
+            the air and multisine standing.
         joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
         amplitude: maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
+from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
@@ -35,7 +35,7 @@ class Preset:
     steps: int = 3000  # Adam steps
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
     own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
-    # fit the constants by compiled free runs first (`fleet_fit`): ``together``, with a Gaussian over the motors, or
+    # fit the constants by compiled free runs first (`motor_fit`): ``together``, with a Gaussian over the motors, or
     # ``alone``; the network then learns the residual. "" if everything is trained at once
     physics_first: str = ""
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
@@ -75,7 +75,7 @@ class Preset:
     def disabled_terms(self) -> tuple[str, ...]:
         """Optional terms whose constants are all logged as off."""
         off = {name for name, value in self.firmware if value == 0.0}
-        return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
+        return tuple(name for name in TERMS if (own := constants_of((name,))) and off.issuperset(own))
 
     @property
     def logged_values(self) -> dict[str, float]:

@@ -67,6 +67,12 @@ def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
     return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
 
 
+def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
+    """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
+    logged = log.gains if log.gain_unit == prior.network.gain_unit else None
+    return robot_gains(prior, robot) if logged is None else logged
+
+
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
     """Notes on limits that the logs of a prior did not reach, and on gains that differ from the robot's."""
     notes = _gain_note(prior, robot)

@@ -20,7 +20,7 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motor_choice import MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import Scene, WalkConfig

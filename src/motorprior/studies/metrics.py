@@ -5,7 +5,7 @@ from __future__ import annotations
 BENCH_METRICS = {
     "bench_sine_rmse": "sine",
     "bench_gait_rmse": "gait",
-    "bench_steps_rmse": "held_steps",
+    "bench_steps_rmse": "steps",
     "bench_impact_rmse": "impacts",
     "bench_chirp_rmse": "chirp",
 }

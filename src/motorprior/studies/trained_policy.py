@@ -11,8 +11,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
-from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.motor_provenance import choice_from_json
+from motorprior.simulation.motors import SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import ENGINES, Engine, Scene, WalkConfig
 
@@ -37,9 +36,14 @@ class TrainedPolicy:
         return cls(path, robot.with_speed_range(policy.forward), policy)
 
     @property
-    def motors(self) -> MotorChoice:
+    def motors(self) -> SimulatedMotors:
         """The motors of its training; raises `ArtifactError` or `ConfigError` if they are not recorded or missing."""
-        return choice_from_json(self.policy.provenance.get("motors"), self.path)
+        text = motors_from_json(self.policy.provenance.get("motors"), self.path)
+        try:
+            return simulated_motors(text, self.robot)
+        except (ArtifactError, ConfigError) as error:
+            where = self.path if error.where is None else f"{self.path}: {error.where}"
+            raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
 
     @property
     def randomization(self) -> Randomization:
@@ -59,13 +63,8 @@ class TrainedPolicy:
         Raises:
             ArtifactError, ConfigError: missing motors, a damaged record, or an engine that is not installed.
         """
-        robot, path, motors = self.robot, self.path, self.motors
-        try:
-            sample = motors.sampler(robot)
-        except (ArtifactError, ConfigError) as error:
-            where = path if error.where is None else f"{path}: {error.where}"
-            raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
+        motors = self.motors
         recorded = {"engine": self.policy.provenance.get("engine", "mujoco")}
-        Schema({"engine": one_of(*ENGINES)}, "train again").check(recorded, path)
+        Schema({"engine": one_of(*ENGINES)}, "train again").check(recorded, self.path)
         walk = replace(walk, gait=self.policy.gait, engine=engine or cast(Engine, recorded["engine"]))
-        return Scene(robot, sample, walk, motors.physics_dt(robot))
+        return Scene(self.robot, motors.draw, walk, motors.physics_dt)

@@ -7,10 +7,9 @@ import pytest
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import bench_preset, record
+from motorprior.bench.recording import bench_preset, record, training_motors
 from motorprior.identification.baselines.pd_fit import (
     TUNING,
     WITH_FRICTION,

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_preset, record
@@ -19,7 +20,6 @@ from motorprior.identification.fit_prior import PRIOR
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import SILENT, Progress, Task, in_parallel
 from motorprior.robots.load import load_robot
-from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
@@ -58,7 +58,7 @@ class Condition:
 
     name: str
     seed: int
-    motors: MotorChoice
+    motors: str
     randomization: Randomization = MOTORS_ONLY
     population: str = IN_FAMILY
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
@@ -85,30 +85,27 @@ def conditions_of(config: Study, seed: int) -> list[Condition]:
     return made
 
 
-def _motors(config: Study, name: str, population: str, seed: int) -> MotorChoice:
+def _motors(config: Study, name: str, population: str, seed: int) -> str:
     """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
     if name == "oracle":
-        return MotorChoice("fleet", fleet=fleet_of(config, population), name=name)
+        return motor_text("fleet", fleet=fleet_of(config, population))
     if name == "untrained":
-        return MotorChoice("pd", fleet=config.fleet, name=name)
+        return motor_text("pd", fleet=config.fleet)
     if name == "pd_randomised":
-        return randomized_pd(config, name, config.spread or 0.0)
+        return randomized_pd(config, config.spread or 0.0)
     if name == "pd_adapted" or name in FITTED_PDS:
         folder = config.out / "fits" if name in FITTED_PDS else _robot_folder(config, population, seed, name)
-        return MotorChoice("pd", fleet=config.fleet, name=name, **_constants(folder, name))
+        return motor_text("pd", **_constants(folder, name))
     prior = prior_path(config, PRESETS[name])
     if name == "prior_adapted":
-        posterior = _robot_folder(config, population, seed) / POSTERIOR
-        return MotorChoice("prior", prior, posterior, config.fleet, name=name)
+        return motor_text("posterior", file=_robot_folder(config, population, seed) / POSTERIOR, prior=prior)
     spread = {"prior": config.latent_spread, "prior_robust": config.latent_spread, "prior_mean": 0.0}.get(name, 1.0)
-    return MotorChoice("prior", prior, fleet=config.fleet, latent_spread=spread, name=name)
+    return motor_text("prior", file=prior, latent_spread=spread)
 
 
-def randomized_pd(config: Study, name: str, spread: float) -> MotorChoice:
+def randomized_pd(config: Study, spread: float) -> str:
     """The PD with friction; its constants vary by a relative range ``spread``."""
-    return MotorChoice(
-        "pd", fleet=config.fleet, spread=spread, name=name, **_constants(config.out / "fits", "pd_friction")
-    )
+    return motor_text("pd", spread=spread, **_constants(config.out / "fits", "pd_friction"))
 
 
 def _constants(folder: Path, fit: str) -> dict[str, Any]:

@@ -32,6 +32,7 @@ from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_thre
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
@@ -79,17 +80,17 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
         return config
     robot = load_robot(config.robot)
     fleet = config.range_fleet(robot)
-    motors = {spread: conditions.randomized_pd(config, f"pd_randomised_{spread:g}", spread) for spread in PD_RANGES}
+    names = {spread: f"pd_randomised_{spread:g}" for spread in PD_RANGES}
     tried = [
-        Condition(each.condition(), seed, each, environments=(OUT_OF_FAMILY,))
+        Condition(name, seed, conditions.randomized_pd(config, spread), environments=(OUT_OF_FAMILY,))
         for seed in PD_RANGE_SEEDS[: config.seeds]
-        for each in motors.values()
+        for spread, name in names.items()
     ]
     selected_on = config.validation_fleet(robot) or OWN_MOTORS
     search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
     walks, found = walk_table(search, tried, progress), {}
-    for spread, each in motors.items():
-        own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, each.condition())]
+    for spread, name in names.items():
+        own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, name)]
         found[spread] = {measure: summary.estimate(own, measure).value for measure in summary.COMPARED}
     best = max(found, key=lambda spread: (found[spread]["upright"], found[spread]["speed"]))
     by_range = {f"{spread:g}": walked for spread, walked in found.items()}
@@ -146,7 +147,7 @@ def _train(config: Study, robot: Robot, condition: Condition, progress: Progress
     )  # fmt: skip
     if condition.name == "untrained":
         robot = commands.extend_range(robot)
-        nominal = condition.motors.nominal(robot)
+        nominal = simulated_motors(condition.motors, robot).nominal
         zero = Policy.of(robot, "trot", zero_policy(robot.num_joints), nominal.kp, nominal.kd, {})
         zero.save(walk.out / POLICY)
     else:

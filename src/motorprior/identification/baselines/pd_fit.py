@@ -17,7 +17,6 @@ import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.identification.baselines.replay_error import AtGains, closed_loop_error, unchanged
 from motorprior.logs.motor_log import MotorLog
@@ -68,11 +67,8 @@ class PdFit:
 
 
 def pd_motors(constants: Mapping[str, float], count: int) -> Actuator:
-    """``count`` equal motors; with friction if ``coulomb`` is among the constants."""
-    values = dict(constants)
-    coulomb = values.pop("coulomb", None)
-    pd = IdealPd.uniform(count, **values)
-    return pd if coulomb is None else FrictionPd(pd, np.full(count, coulomb))
+    """``count`` equal motors with these constants."""
+    return IdealPd.uniform(count, **constants)
 
 
 def fit_pd(

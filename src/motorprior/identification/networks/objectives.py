@@ -26,7 +26,7 @@ from motorprior.actuator.geared_motor_constants import (
     step_constants,
     with_logged_gains,
 )
-from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, initial_state, step
 from motorprior.actuator.latent import scaled_torque
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import next_velocity
@@ -85,15 +85,6 @@ def decode(
     return geared_motor_constants.decode(raw, jnp, terms, Conditions(warmth, supply, temperature_rise))
 
 
-def initial_state(target: jnp.ndarray, joint_pos: jnp.ndarray, joint_vel: jnp.ndarray, has_terms: bool) -> MotorState:
-    """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
-    zero = jnp.zeros_like(joint_pos)
-    state = MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero)
-    if not has_terms:
-        return state
-    return state._replace(reference=target, reference_vel=zero, integral=zero, current=zero, bristle=zero)
-
-
 def delayed(commands: jnp.ndarray, delay: jnp.ndarray, dt: float) -> jnp.ndarray:
     """(B,) position_target ``delay`` [s] ago, linearly interpolated in commands (B, K), newest first."""
     ages = jnp.arange(commands.shape[1])
@@ -136,7 +127,8 @@ def closed_loop(preset: Preset, scales: dict[str, float], bounded: bool, at_roto
     def start(first: jnp.ndarray) -> _Memory:
         error = _fill((first[:, channel.TARGET] - first[:, channel.POS]) / scales["error_scale"], kept)
         velocity = _fill(first[:, channel.VEL] / scales["velocity_scale"], kept)
-        state = initial_state(first[:, channel.TARGET], first[:, channel.POS], first[:, channel.VEL], bool(terms))
+        target, pos, vel = (first[:, row] for row in (channel.TARGET, channel.POS, channel.VEL))
+        state = initial_state(target, pos, vel, jnp.zeros_like(pos), bool(terms))
         return _Memory(error, velocity, _fill(first[:, channel.TARGET], kept), state)
 
     def actuate(parameters: Parameters, bias: Any, motor: Any, memory: _Memory, target: Any, q: Any, dq: Any):

@@ -15,7 +15,7 @@ import numpy as np
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import INITIAL, SIGNED
+from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, SIGNED
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -27,7 +27,7 @@ INITIAL_MOTOR = {
 # Constants that scale with the size of a motor
 TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
-    "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
+    *(name for name, constant in CONSTANTS.items() if constant.unit.startswith("N·m")),
 )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import NEGLIGIBLE, TERMS, in_order
+from motorprior.actuator.optional_terms import NEGLIGIBLE, TERMS, constants_of, in_order
 from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
 from motorprior.identification.physics.motor_fit import fit_motors
 from motorprior.identification.physics.motor_problem import centred, fixed_constants, weak_prior, window_losses
@@ -32,13 +32,12 @@ from motorprior.identification.search import NARROW, WIDE, Steps
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 60
-SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # usual in hobby servos
+SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
-CANDIDATES = tuple(TERMS)
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
 _DRAWS, _FINALISTS = 64, 3
@@ -69,7 +68,7 @@ def select_terms(
 ) -> Selection:
     """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
-    ``report`` is called for every term of CANDIDATES in the first round, then for every selected or removed term.
+    ``report`` is called for every term of TERMS in the first round, then for every selected or removed term.
     """
     motors = runs.num_motors
     parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
@@ -79,9 +78,9 @@ def select_terms(
         return Selection(given, {})
     trial = _Trial(network, runs, parts, seed)
     best, saved = trial.fitted(given), {}
-    groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
+    groups = [(name,) for name in TERMS if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
-    for round_number in range(len(CANDIDATES)):
+    for round_number in range(len(TERMS)):
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         tried = {group: trial.with_terms(best, group, _SCREEN) for group in [*left, *[together] * (len(together) > 1)]}
@@ -173,7 +172,7 @@ class _Trial:
         candidates = nested[:, None]
         if start is None:
             initial = initial_center(terms, self._runs)
-            new = np.isin(parameters_of(terms), [name for term in added for name in TERMS[term]])
+            new = np.isin(parameters_of(terms), constants_of(added))
             shape = (len(nested), _DRAWS, len(new))
             drawn = new & (rng.random(shape) < 0.7)
             candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), candidates)

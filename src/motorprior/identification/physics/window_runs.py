@@ -25,7 +25,7 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator, without_r
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import next_velocity
+from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data import windows as channel
@@ -39,7 +39,6 @@ HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on
 _ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
 # rows of its parameters
 _BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
-_next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 
 def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
@@ -62,6 +61,7 @@ def _free_runs(observer, free, motor, rows, dt, first, window, scales, at_rotor,
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
     inertia, torque, unused = rows[0, channel.INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
+    external, stiffness = np.zeros(lanes), np.zeros(lanes)
     q, dq, obs_q, obs_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
     reset_actuator(observer, target, pos)
     reset_actuator(free, target, pos)
@@ -69,37 +69,35 @@ def _free_runs(observer, free, motor, rows, dt, first, window, scales, at_rotor,
         index, within = (step - first) // window, (step - first) % window
         for lane in range(lanes):
             target[lane] = rows[step, channel.TARGET, motor[lane]]
+            external[lane] = rows[step, channel.EXTERNAL, motor[lane]]
+            stiffness[lane] = rows[step, channel.STIFFNESS, motor[lane]]
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
             q[:], dq[:] = obs_q, obs_dq
         free.clock[0] = observer.clock[0]
-        step_actuator(observer, dt, target, obs_q, obs_dq, unused)
+        if at_rotor:
+            step_joints(observer, dt, target, external, stiffness, inertia, obs_q, obs_dq, unused)
+        else:
+            step_actuator(observer, dt, target, obs_q, obs_dq, unused)
         if step >= first:
-            step_actuator(free, dt, target, q, dq, torque)
+            step_joints(free, dt, target, external, stiffness, inertia, q, dq, torque)
         for lane in range(lanes):
-            j, stiffness = motor[lane], rows[step, channel.STIFFNESS, motor[lane]]
+            j = motor[lane]
             next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
             if at_rotor:
-                damping = observer.damping[lane]
-                external = rows[step, channel.EXTERNAL, j] + stiffness * obs_q[lane]
-                obs_dq[lane] = _next_velocity(obs_dq[lane], unused[lane], external, inertia[lane], damping, dt)
-                obs_q[lane] += dt * obs_dq[lane]
                 observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
             else:
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
-            damping, external = free.damping[lane], rows[step, channel.EXTERNAL, j] + stiffness * q[lane]
-            dq[lane] = _next_velocity(dq[lane], torque[lane], external, inertia[lane], damping, dt)
-            q[lane] += dt * dq[lane]
             own_pos, own_vel = q[lane], dq[lane]
             if at_rotor:
                 own_pos, own_vel = free.memory[_ROTOR, lane], free.memory[_ROTOR_VEL, lane]
             out[lane, index, 0, within] = (own_pos - next_pos) / scales[0]
             out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
             if channels > 2:
-                applied = torque[lane] - damping * dq[lane]
+                applied = torque[lane] - free.damping[lane] * dq[lane]
                 out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / scales[2]
 
 
