@@ -32,7 +32,7 @@ from motorprior.studies.metrics import FIDELITY_METRICS
 from motorprior.studies.robot_fidelity import fidelity
 
 PRESETS = (
-    "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
+    "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
 PROGRESS = Lines(sys.stderr)
 MEMBERS = 3  # networks of the ensemble, of different seeds; it predicts the mean of their trajectories
@@ -56,7 +56,7 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
     """The prior of one preset; trained if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     folder = settings.out / "priors" / name
-    steps = settings.adam_steps if identification_preset(preset).trains else None
+    steps = settings.adam_steps if not identification_preset(preset).grey_boxes else None
     run_identify(Identify(bench, folder, preset, settings.seed + seed, steps, torque), PROGRESS)
     return folder / PRIOR
 

@@ -62,7 +62,7 @@ def test_a_constant_that_is_not_identifiable_keeps_its_prior(record_log, fleet):
     names = [each.name for each in problem.unknowns]
     known = dict(zip(names, map(Unknown.is_identifiable, problem.unknowns, found.error), strict=True))
     assert known == {"kd_over_kp": True, "armature": False}
-    assert found.center[1] == pytest.approx(problem.prior.mean[1], abs=0.5 * problem.prior.deviation[1])
+    assert found.center[1] == pytest.approx(problem.mean[1], abs=0.5 * problem.prior_std[1])
 
 
 def test_offsets_of_single_motors_are_recovered(record_log, fleet):
@@ -70,8 +70,8 @@ def test_offsets_of_single_motors_are_recovered(record_log, fleet):
     strong, weak = ROBOT.legs[0].joints[2], ROBOT.legs[3].joints[1]
     kp[strong], kp[weak] = 1.3 * kp[strong], 0.75 * kp[weak]
     problem = problem_of(with_uncertain(fleet, "kp"), record_log, actuator_of(fleet, kp=kp), logs=2)
-    problem = problem.with_residual_deviation(problem.prior.mean)
-    center = problem.prior.mean
+    problem = problem.with_residual_deviation(problem.mean)
+    center = problem.mean
     found, spread, left_out = single_motors(problem, center, dict.fromkeys(problem.replayers, center))
     offsets = dict(zip(problem.joints, found, strict=True))
     assert offsets.pop(strong) > 0.15 and offsets.pop(weak) < -0.15

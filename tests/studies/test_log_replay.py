@@ -80,7 +80,7 @@ def test_a_calibration_replays_at_logged_gains_and_fits_the_rest(log: MotorLog, 
 
     logged, unlogged = problem(with_gains(log, KP, KD)), problem(log)
     assert names(unlogged) - names(logged) == {"kp", "kd_over_kp"} == logged.logged
-    assert logged.rmse("log_0", logged.prior.mean) < 1e-3 < 0.004 < unlogged.rmse("log_0", unlogged.prior.mean)
+    assert logged.rmse("log_0", logged.mean) < 1e-3 < 0.004 < unlogged.rmse("log_0", unlogged.mean)
     assert "kp" not in {logged.unknowns[place].name for place in logged.differing}
     assert names(problem(with_gains(log, KP))) == names(unlogged) - {"kp"}
     assert names(problem(with_gains(log, KP, KD), log)) == names(unlogged), "the second log does not state them"

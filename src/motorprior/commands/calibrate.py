@@ -117,7 +117,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
     rows: list[Result] = []
     for name in problem.replayers:
         fits = {
-            "start": (problem.prior.mean, None),
+            "start": (problem.mean, None),
             "center": (found.center, None),
             "per_motor": (found.center, found.offsets),
         }

@@ -166,7 +166,7 @@ def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
 
     if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
         return []
-    deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
+    deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
     return [
         f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
         f"reproduces these motors, but the standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} "

@@ -25,17 +25,17 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
+from motorprior.identification.physics.initial_motor import bare_network, initial_center, with_motor
+from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
-from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
-from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
-from motorprior.identification.residual import without_residual
+from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns, grey_boxes
+from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
 from motorprior.logs.doctor.excitation import static_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
+from motorprior.signals import rms
 
 RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only
 MAX_ROUNDS = 24  # restarts per joint, at most
@@ -61,34 +61,41 @@ class FittedLoad:
     error: float  # root mean square of the residual position error [rad]
 
 
-class _LoadedRuns(WindowRuns):
-    """Free runs of one joint; the last latents are those of its load.
+class _LoadProblem(MotorProblem):
+    """Free runs of one joint; the last unknowns are those of its load.
 
     Attributes:
         start: (3,) J₀ [kg·m²], s₀ and c₀ [N·m].
         unit: g [N·m].
     """
 
-    def __init__(self, data: windows.TrainingData, preset: Preset):
-        super().__init__(data, preset)
-        self.start, self.unit = _regression(self), _SAG * float(self.gains[0, 0])
+    def __init__(self, network: LatentNetwork, runs: WindowRuns):
+        super().__init__(network, runs)
+        self.start, self.unit = _regression(runs), _SAG * float(runs.gains[0, 0])
 
-    def load(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of latents z (L, Z)."""
-        return self.start[0] * np.exp(z[:, -3]), self.unit * z[:, -2:].T
+    def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of unknowns x (L, K)."""
+        return self.start[0] * np.exp(x[:, -3]), self.unit * x[:, -2:].T
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
-        found = []
-        for first in range(0, len(motor), _LANES):
-            some = slice(first, first + _LANES)
-            rows = np.take(segment.rows, motor[some], axis=2)
-            inertia, gravity = self.load(z[some])
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(L, windows·channels·steps) scaled errors with unknowns x[l]."""
+        chunks = [x[first : first + _LANES] for first in range(0, len(x), _LANES)]
+        return np.concatenate(list(self.runs.threads.map(self._errors, chunks))).reshape(len(x), -1)
+
+    def _errors(self, x: np.ndarray) -> np.ndarray:
+        (inertia, gravity), lanes, found = self.load(x), np.arange(len(x)), []
+        for segment in self.runs.segments:
+            rows = np.repeat(segment.rows, len(x), axis=2)
             torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
             rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
             rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
-            lanes = np.arange(rows.shape[2])
-            found.append(super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows)))
-        return np.concatenate(found)
+            loaded = Segment(rows, segment.windows)
+            found.append(self.runs.run(grey_boxes(self.network)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
+        return np.concatenate(found, axis=1)
+
+    def rmse(self, x: np.ndarray) -> float:
+        """Root mean square error of positions [rad] with unknowns x (1, K)."""
+        return POSITION_SCALE * float(rms(self._errors(x)[:, :, 0].astype(np.float64)))
 
 
 def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -141,14 +148,15 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None)
     preset = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
     data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
-    runs = _LoadedRuns(data, preset)
+    runs = WindowRuns(data, preset)
     same = same_conditions(runs)
     terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
-    network = with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms)
+    network = with_motor(bare_network(data.scales, preset), initial_center(terms, runs), terms)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
-    mean = np.array([0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit])
+    problem = _LoadProblem(network, runs)
+    mean = np.array([0.0] * constants + [np.log(0.5), *problem.start[1:] / problem.unit])
     std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
-    search, prior = motor_search(network, runs), GaussianPrior(mean, std**-2.0)
+    search, prior = Search(problem), GaussianPrior(mean, std**-2.0)
     found = _searched(search, prior, fixed, report)
     if not found.loss[0] < _DIVERGED:
         raise LogError(
@@ -160,12 +168,10 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones(1))[0]
     covariance = scaled * prior_std * prior_std[:, None]
     deviation = np.sqrt(np.diagonal(covariance))
-    inertia, gravity = runs.load(found.x)
-    errors = runs.residuals(network, found.x, np.zeros(1, np.int64))[:, :, 0]
-    error = POSITION_SCALE * np.sqrt(np.mean(np.square(errors, dtype=np.float64)))
+    inertia, gravity = problem.load(found.x)
     return FittedLoad(
         float(inertia[0]), float(deviation[-_LOAD]), float(deviation[PARAMETERS.index("armature")]), gravity[:, 0],
-        runs.unit**2 * covariance[-2:, -2:], float(error),
+        problem.unit**2 * covariance[-2:, -2:], problem.rmse(found.x),
     )  # fmt: skip
 
 

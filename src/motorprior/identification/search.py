@@ -121,9 +121,9 @@ def select(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.nda
 
 
 class Problem(Protocol):
-    """M problems: ``residuals(x (L, K), which (L,))`` gives (L, R) of problem ``which[l]`` at x[l], float32.
+    """M problems: ``residuals(x (L, K), which (L,))`` gives (L, R) of problem ``which[l]`` at x[l].
 
-    A residual that is not finite counts as diverged.
+    Residuals of one observation are consecutive. One that is not finite counts as diverged.
     """
 
     count: int  # M
@@ -156,6 +156,11 @@ class Search:
             some = slice(first, first + _LANES)
             found[some] = self.loss_of(self._residuals(rows[some], lanes[some]))
         return found.reshape(shape)
+
+    def parts(self, x: np.ndarray) -> np.ndarray:
+        """(M, N) loss of every observation at x (M, K)."""
+        values = np.concatenate([self._residuals(x[[one]], np.array([one])) for one in self.everyone])
+        return self.loss_of(values.reshape(len(x), self.problem.observations, -1).astype(np.float64))
 
     def loss_of(self, residuals: np.ndarray) -> np.ndarray:
         """(...) loss of residuals (..., R)."""
@@ -191,7 +196,7 @@ class Search:
 
     def _descend(self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray) -> Fit:
         x, energy, loss = found.x, found.energy, found.loss
-        rows, damping = np.arange(len(which)), np.full(len(x), 1e-2)
+        rows, damping = np.arange(len(which)), np.full(len(which), 1e-2)
         slope, curvature = self._derivatives(x, diff_step, which)
         left = rows
         for step in range(steps):
@@ -201,12 +206,12 @@ class Search:
             losses[left] = self.losses(candidates[left], which[left])
             energies = losses + prior.energy(candidates)
             best = energies.argmin(axis=1)
-            found = energies[rows, best]
-            lower = found < energy
+            least = energies[rows, best]
+            lower = least < energy
             damping = np.clip(np.where(lower, tried[rows, best], 30.0 * damping), 1e-6, 1e4)
-            done = lower & (energy - found < _MIN_GAIN * energy)
+            done = lower & (energy - least < _MIN_GAIN * energy)
             x = np.where(lower[:, None], candidates[rows, best], x)
-            loss, energy = np.where(lower, losses[rows, best], loss), np.where(lower, found, energy)
+            loss, energy = np.where(lower, losses[rows, best], loss), np.where(lower, least, energy)
             left = left[~done[left]]
             if not len(left):
                 break

@@ -1,6 +1,7 @@
 """A fleet fitted to real logs: its centre with standard errors, several optima, and the spread between motors.
 
-Centre: Gauss-Newton from several starts, with the fleet as prior. Single motors: offsets y from the centre have the
+Centre: descents from several starts (`identification.search`), with the fleet as prior. Single motors: offsets y from
+the centre have the
 prior N(0, s²), s the spread between motors; about the centre the residuals are r + J·y. A wide prior overfits, so s is
 selected by leave-one-log-out: the multiple of the starting fleet's spread with the smallest mean replay error on the
 log left out, where centre and offsets are fitted to the other logs. The fitted spread is the root of the mean of
@@ -15,12 +16,60 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.identification.search import WIDE, GaussianPrior, Search
 from motorprior.progress import SILENT, Progress
 from motorprior.studies.fleet_problem import FleetProblem
-from motorprior.studies.gauss_newton import GaussianPrior, Optimum, Residuals, gauss_newton_step, jacobian, search
 
+_UNIT = 1.0 / (3.0 * WIDE)  # of an unknown of the search, in prior standard deviations: differences over a third of one
 _SPREAD_MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 _MIN_SPREAD = 0.01  # relative
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Result of a search.
+
+    Attributes:
+        x: (unknowns,) the centre.
+        cost: Σ r(x)² + Σ ((x - mean) / deviation)², approximately (`search.huber`).
+        covariance: (unknowns, unknowns) of x, by Laplace's method.
+    """
+
+    x: np.ndarray
+    cost: float
+    covariance: np.ndarray
+
+
+class _CentreProblem:
+    """Residuals of some logs, see `search.Problem`; unknowns are relative to the prior, in _UNIT.
+
+    mujoco.sysid is not used: it fits parameters of a model's own actuators within bounds, while these motors, with
+    delay, rotor and backlash, run outside the engine, and the fleet is a Gaussian prior.
+    """
+
+    count = observations = 1
+
+    def __init__(self, problem: FleetProblem, logs: Sequence[str]):
+        self._problem, self._logs = problem, logs
+        self.weight = float(len(problem.residuals(logs, problem.mean)))
+
+    def center(self, x: np.ndarray) -> np.ndarray:
+        """(unknowns,) of the problem."""
+        return self._problem.mean + _UNIT * self._problem.prior_std * x
+
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(L, N) at x (L, unknowns)."""
+        return np.stack([self._problem.residuals(self._logs, self.center(row)) for row in x])
+
+
+def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> Optimum:
+    centre, size = _CentreProblem(problem, logs), len(problem.mean)
+    search, prior = Search(centre), GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
+    first = (start - problem.mean) / (_UNIT * problem.prior_std)
+    found = search.descend(first[None], prior, ((iterations, WIDE),))
+    scale = _UNIT * problem.prior_std
+    covariance = np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision)) * scale * scale[:, None]
+    return Optimum(centre.center(found.x[0]), 2.0 * float(found.energy[0]), covariance)
 
 
 @dataclass(frozen=True)
@@ -59,24 +108,24 @@ def calibrate(
         seed: of the samples.
         progress: reports to the user.
     """
-    names, prior = list(problem.replayers), problem.prior
-    samples = prior.deviation * np.random.default_rng(seed).standard_normal((starts - 1, len(prior.mean)))
+    names, mean = list(problem.replayers), problem.mean
+    samples = problem.prior_std * np.random.default_rng(seed).standard_normal((starts - 1, len(mean)))
     logs_left_out = names if len(names) > 1 else []
     searches = 1 + starts + len(logs_left_out) + 1
     with progress.start(f"calibrate on {len(names)} real logs", searches) as task:
 
         def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> Optimum:
             task.advance()
-            return search(lambda x: problem.residuals(logs, x), start, prior, iterations)
+            return _optimum(problem, logs, start, iterations)
 
-        first = fit(problem, names, prior.mean).x
+        first = fit(problem, names, mean).x
         problem = problem.with_residual_deviation(first)
-        optima = [fit(problem, names, start) for start in (first, *(prior.mean + samples))]
+        optima = [fit(problem, names, start) for start in (first, *(mean + samples))]
         optima.sort(key=lambda each: each.cost)
-        left_out = {name: fit(problem, [log for log in names if log != name], prior.mean).x for name in logs_left_out}
+        left_out = {name: fit(problem, [log for log in names if log != name], mean).x for name in logs_left_out}
         offsets, spread, offsets_left_out = single_motors(problem, optima[0].x, left_out)
         task.advance()
-    error = np.sqrt(np.diag(optima[0].covariance(prior)))
+    error = np.sqrt(np.diag(optima[0].covariance))
     if left_out:
         # jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron & Stein 1981)
         without = np.array(list(left_out.values()))
@@ -135,11 +184,13 @@ def _linear(
     problem: FleetProblem, logs: Sequence[str], center: np.ndarray, spread: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residuals r (N,) of logs at a centre, and their Jacobian (N, offsets)."""
-    at_center = np.zeros_like(spread)
-    residuals: Residuals = lambda offsets: problem.residuals(logs, center, offsets)  # noqa: E731
-    return residuals(at_center), jacobian(residuals, at_center, spread)
+    columns = [
+        (problem.residuals(logs, center, away) - problem.residuals(logs, center, -away)) / (2.0 * away.max())
+        for away in np.diag(spread)
+    ]
+    return problem.residuals(logs, center, np.zeros_like(spread)), np.stack(columns, axis=1)
 
 
 def _offsets(residuals: np.ndarray, slope: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    start = np.zeros_like(spread)
-    return gauss_newton_step(slope, residuals, start, GaussianPrior(start, spread, spread))
+    """(offsets,) minimum of the sum of squares of r + J·y, with the prior N(0, spread²) of y."""
+    return -np.linalg.solve(slope.T @ slope + np.diag(spread**-2), slope.T @ residuals)

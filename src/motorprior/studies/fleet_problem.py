@@ -17,7 +17,6 @@ from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
-from motorprior.studies.gauss_newton import GaussianPrior
 from motorprior.studies.log_replay import Replayer, logged_constants, with_logged_gains
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
@@ -27,7 +26,6 @@ DEVIATION = 0.015  # [rad] residual deviation before the first fit
 _MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
 READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
 _PRIOR_SCALE = 2.0  # on the fleet's centre uncertainty, which may stem from similar logs
-_DIFFERENCE = 3.0  # central differences over a third of the prior deviation, wide enough for stiction
 
 
 @dataclass(frozen=True)
@@ -87,6 +85,8 @@ class FleetProblem:
         logged: constants in all logs, which are not fitted.
         unknowns: constants that are fitted.
         differing: indices of the unknowns that differ between motors.
+        mean: (unknowns,) prior mean of the centre.
+        prior_std: (unknowns,) its standard deviation.
         joints: indices of the excited joints of all logs.
 
     Raises:
@@ -105,8 +105,8 @@ class FleetProblem:
                 remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
                 "(docs/calibrate.md)",
             )  # fmt: skip
-        prior = np.array([each.deviation for each in self.unknowns])
-        self.prior = GaussianPrior(np.array([each.mean for each in self.unknowns]), prior, prior / _DIFFERENCE)
+        self.mean = np.array([each.mean for each in self.unknowns])
+        self.prior_std = np.array([each.deviation for each in self.unknowns])
         self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 

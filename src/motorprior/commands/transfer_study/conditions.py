@@ -16,6 +16,7 @@ from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.transfer_study.settings import Study
+from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_FRICTION, WITH_ROTOR, fit_pd
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import SILENT, Progress, Task, in_parallel
@@ -36,8 +37,6 @@ LONGEST_FIRST = (
     "untrained", "pd_randomised",
 )  # fmt: skip
 FIXED_MOTORS = frozenset({*FITTED_PDS, "pd_adapted", "prior_mean", "one_network"})  # equal in all training episodes
-# [kg·m²], [s]; each fit starts from all combinations: high inertia and a long delay have similar effects
-LAGS = {"armature": (0.001, 0.005), "delay": (0.002, 0.008)}
 LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
 LOG_STREAM = 0x20B2  # random stream of these logs
 FITS = "fits.json"
@@ -143,16 +142,7 @@ def fit_models(config: Study, threads: int, progress: Progress) -> None:
 
 
 def _fit_pds(config: Study, log: Path, folder: Path, names: tuple[str, ...], progress: Progress) -> None:
-    """Fit PDs to a log with known loads until they converge; FITS has constants, error and effort."""
-    from motorprior.identification.baselines.pd_fit import (  # here: it imports scipy
-        GAINS,
-        THOROUGH,
-        WITH_FRICTION,
-        WITH_ROTOR,
-        fit_pd,
-        starting_points,
-    )
-
+    """Fit PDs to a log with known loads; FITS has constants and error."""
     every: dict[str, tuple[str, ...]] = {
         "ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "pd_friction": WITH_FRICTION, "pd_adapted": WITH_FRICTION
     }  # fmt: skip
@@ -163,12 +153,9 @@ def _fit_pds(config: Study, log: Path, folder: Path, names: tuple[str, ...], pro
     wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):
         return
-    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * THOROUGH.total(4)) as task:
-        recorded, fits = read_parquet(log), {}
-        for name, free in kinds.items():
-            fits[name] = fit_pd(recorded, starting_points(start, free, LAGS), free, task.advance)
-            if not fits[name].converged:
-                progress.note(f"note: the fit of {name} did not converge within its evaluations")
+    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * RESTARTS) as task:
+        recorded = read_parquet(log)
+        fits = {name: fit_pd(recorded, free, start, task.advance) for name, free in kinds.items()}
         write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})
 
 

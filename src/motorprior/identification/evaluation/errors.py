@@ -17,15 +17,14 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.ideal_pd import GainScaledPd
+from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import run
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.exceptions import listed
-from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.baselines.response_models import ResponseMotors
 from motorprior.identification.evaluation.log_tables import capped, error_line
-from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
+from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns, whole_runs, with_gains_of
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
 from motorprior.logs.doctor.excitation import excited_joints, static_joints
@@ -52,28 +51,11 @@ def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
         LogError: it lacks a channel, has another sample period, or no segment is long enough.
     """
     window = round(SECONDS / preset.period)
-    short = replace(_with_gains_of(preset, log), objective="rollout", window=window)
+    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
     return {
         FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
         WHOLE_RUN: whole_runs(log, preset),
     }
-
-
-def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
-    """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`."""
-    preset = replace(_with_gains_of(preset, log), objective="rollout", window=1)
-    data = training_data(log, preset, log.source)
-    windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
-    return [
-        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
-        for part, window in windows
-        if window > 0
-    ]
-
-
-def _with_gains_of(preset: Preset, log: MotorLog) -> Preset:
-    """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
-    return replace(preset, gain_unit=log.gain_unit) if log.stated_kp is not None and not preset.gain_unit else preset
 
 
 def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
@@ -101,11 +83,27 @@ def replay_errors(motors: MotorModel, log: MotorLog, nominal: Mapping[str, float
     errors, velocities = [], []
     for rows in (parts[place] for place in places):
         part = log.rows(rows)
-        ((case, recorded),) = trials(part)
+        case, recorded = _trial(part), part.joint_pos
         simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)
         errors.append(recorded - (simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos))
         velocities.append(simulated.joint_vel)
     return np.concatenate(errors), np.concatenate(velocities)
+
+
+def _trial(segment: MotorLog) -> Trial:
+    """A segment of a log with known loads as a trial.
+
+    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
+    """
+    assert segment.external_torque is not None and segment.load_inertia is not None
+    trial = Trial(segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period)
+    if segment.load_stiffness is not None:
+        at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
+        trial = replace(trial, external_torque=at_zero, load_stiffness=segment.load_stiffness)
+    if segment.encoder == "joint":
+        velocity = None if segment.joint_vel is None else segment.joint_vel[0]
+        trial = replace(trial, joint_pos=segment.joint_pos[0], joint_vel=velocity)
+    return trial
 
 
 def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
@@ -191,12 +189,11 @@ class LogErrors:
 
 def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> MotorModel:
     """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
-    from motorprior.identification.baselines.pd_fit import TUNING, repeated, tuned_pd
-    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
+    from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd, with_scaled_gains
 
-    with progress.start("tune one PD", TUNING) as task:
-        found = tuned_pd(log, task.advance, scaled_gains(log))
-    return with_scaled_gains(repeated(found, num_motors or log.num_joints), log)
+    with progress.start("tune one PD", RESTARTS) as task:
+        found = fit_pd(log, WITH_ROTOR, report=task.advance)
+    return with_scaled_gains(IdealPd.uniform(num_motors or log.num_joints, **found.constants), log)
 
 
 def evaluate_replay(

@@ -10,7 +10,7 @@ from scipy.stats import t as student_t
 
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.identification.evaluation.errors import replay_errors
-from motorprior.identification.latents.latent_fit import window_losses
+from motorprior.identification.latents.latent_fit import latent_search
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
@@ -34,11 +34,11 @@ def reference_metrics(
     whose log has none. For a prior trained in closed loop, ``residual_p05_SPEED`` … ``residual_p95_SPEED`` are
     percentiles of `replay_errors` for every pool of SPEEDS of the simulated joint.
     """
-    metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
+    metrics = loss_metrics(latent_search(network, data, preset).parts(mean), preset, "")
     if preset.objective == "rollout":
         if data.measured.torque:
             without = replace(data, measured=replace(data.measured, torque=False))
-            metrics |= loss_metrics(window_losses(network, without, preset, mean), preset, metric_suffix(False))
+            metrics |= loss_metrics(latent_search(network, without, preset).parts(mean), preset, metric_suffix(False))
         metrics |= _residual_metrics(LatentActuator(network, mean), log, preset)
     return metrics
 

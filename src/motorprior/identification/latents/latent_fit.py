@@ -5,8 +5,7 @@
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
 observation (a generalised posterior with a Laplace approximation). The prior has m = 0 and d = 1; for a joint with the
-name of a training motor, m is that motor's mean and d SAME_JOINT_STD. U of a grey box is minimised by a random search
-and Gauss-Newton steps on compiled free runs, that of a network without physics by `network_fit`.
+name of a training motor, m is that motor's mean and d SAME_JOINT_STD.
 """
 
 from __future__ import annotations
@@ -16,15 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.network_fit import NetworkFit
-from motorprior.identification.physics.motor_problem import motor_search
-from motorprior.identification.physics.motor_problem import window_losses as physics_losses
+from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
-ADAM_STEPS = 300  # of a network without physics
 DRAWS, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # of a descent
 # assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
@@ -52,43 +48,44 @@ class Posterior:
     windows: int  # N, windows per motor
 
 
+def latent_search(network: LatentNetwork, data: TrainingData, preset: Preset) -> Search:
+    """The least-squares problems of the motors in ``data``, whose scales must be those of the network."""
+    if network.motor is not None:
+        return Search(MotorProblem(network, WindowRuns(data, preset)))
+    from motorprior.identification.networks.network_problem import NetworkProblem  # here: it imports JAX
+
+    return Search(NetworkProblem(network, data, preset))
+
+
 def fit_posterior(
     network: LatentNetwork,
     data: TrainingData,
     preset: Preset,
     temperature: float,
-    steps: int = ADAM_STEPS,
     start: np.ndarray | None = None,
     prior: LatentPrior | None = None,
 ) -> Posterior:
-    """Posterior of every motor in ``data``; its scales must be those of the network.
+    """The posterior of every motor in ``data``.
 
     Args:
         network: of the prior.
         data: logs of the new motors.
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
-        steps: of Adam, for a network without physics.
         start: (M, Z) initial latents; found by a random search if not given.
-        prior: of grey boxes; N(0, I) if not given.
+        prior: N(0, I) if not given.
     """
-    if network.motor is None:
-        fit = NetworkFit(network, data, preset, temperature)
-        mode = fit.mode(steps, start)
-        covariance = inverse_precision(fit.precision(mode), np.ones(len(mode)))
-        return Posterior(mode.astype(np.float64), covariance, fit.losses(mode), fit.count)
-    runs = WindowRuns(data, preset)
-    shape = (runs.num_motors, network.num_latents)
+    search = latent_search(network, data, preset)
+    shape, windows = (search.problem.count, network.num_latents), search.problem.observations
     prior = prior or LatentPrior(np.zeros(shape), np.ones(shape[0]))
-    precision = temperature / runs.windows / prior.std[:, None] ** 2
+    precision = temperature / windows / prior.std[:, None] ** 2
     gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))
-    search = motor_search(network, runs)
     found = _searched(search, gaussian, prior) if start is None else search.descend(start, gaussian, STEPS)
     likelihood = _precision(search, found.x, temperature)
     hidden = np.diagonal(likelihood, axis1=1, axis2=2) * prior.std[:, None] ** 2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
     found = found.better(search.at(np.where(hidden, prior.mean, found.x), gaussian))
-    return Posterior(found.x, inverse_precision(likelihood, prior.std), found.loss, runs.windows)
+    return Posterior(found.x, inverse_precision(likelihood, prior.std), found.loss, windows)
 
 
 def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
@@ -104,22 +101,9 @@ def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fi
     return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS)
 
 
-def laplace_covariance(
-    network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray, temperature: float
-) -> np.ndarray:
+def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
     """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
-    if network.motor is None:
-        precision = NetworkFit(network, data, preset, temperature).precision(z)
-    else:
-        precision = _precision(motor_search(network, WindowRuns(data, preset)), z, temperature)
-    return inverse_precision(precision, np.ones(len(z)))
-
-
-def window_losses(network: LatentNetwork, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
-    """(M, N) loss of each of the non-overlapping windows, with the motors at latents z (M, Z)."""
-    if network.motor is None:
-        return NetworkFit(network, data, preset, 1.0).window_losses(z)
-    return physics_losses(network, WindowRuns(data, preset), z)
+    return inverse_precision(_precision(search, z, temperature), np.ones(len(z)))
 
 
 def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ import numpy as np
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import laplace_covariance, window_losses
+from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
@@ -86,8 +86,8 @@ def standard_posterior(
     network, mean = standardised(network, mean, assumed)
     if mean.size == 0:
         return network, mean, np.zeros_like(mean)
-    temperature = float(window_losses(network, data, preset, mean).mean())
-    covariance = laplace_covariance(network, data, preset, mean, temperature)
+    search = latent_search(network, data, preset)
+    covariance = laplace_covariance(search, mean, float(search.losses(mean).mean()))
     return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
 
 

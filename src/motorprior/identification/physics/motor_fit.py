@@ -27,6 +27,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.optional_terms import constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
@@ -36,6 +37,7 @@ from motorprior.identification.physics.motor_problem import (
     rigid_motor,
     sized_center,
     weak_prior,
+    with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.identification.presets import Preset
@@ -78,6 +80,7 @@ def fit_motors(
     chosen: np.ndarray | None = None,
     report: Callable[[], None] = lambda: None,
     part: WindowRuns | None = None,
+    nested: FleetFit | None = None,
 ) -> FleetFit:
     """Fit all motors of the logs.
 
@@ -90,19 +93,26 @@ def fit_motors(
         chosen: (N,) mask of the windows that count; all if not given.
         report: called STAGES times.
         part: runs of a part of the rows, for all but the last descents; ``runs`` if not given.
+        nested: a fit with fewer terms to start from; a rigid gear is fitted if not given.
     """
     part = part or runs
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
     initial = sized_center(network, part, terms, chosen)
     rigid, lacks = rigid_motor(initial, terms, runs)
     center = np.where(lacks, 0.5 * (rigid + initial), initial)
-    search = centred(network, center, terms, part, chosen)
-    nested = _rigid_fit(search, rng, rigid - center, lacks | fixed)
+    if nested is None:
+        search = centred(network, center, terms, part, chosen)
+        start = center + _rigid_fit(search, rng, rigid - center, lacks | fixed).x
+    else:
+        start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
+        lacks = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms))) & ~fixed
+        center = np.where(lacks, 0.5 * (start[0] + initial), center)
+        rigid = start[0]
     report()
-    middle = np.where(lacks | fixed, 0.0, 0.5 * (nested.x.min(axis=0) + nested.x.max(axis=0)))
-    center, nested = center + middle, replace(nested, x=nested.x - middle)
+    center = np.where(lacks | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
     search = centred(network, center, terms, part, chosen)
-    found = _alone(search, rng, nested, initial - center, rigid - center, lacks, fixed, report)
+    simplest = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
+    found = _alone(search, rng, simplest, initial - center, rigid - center, lacks, fixed, report)
     if part is not runs:
         search = centred(network, center, terms, runs, chosen)
         found = search.descend(found.x, weak_prior(found.x).fixing(fixed), STEPS)
@@ -131,26 +141,31 @@ def _rigid_fit(search: Search, rng: np.random.Generator, start: np.ndarray, fixe
 def _alone(
     search: Search,
     rng: np.random.Generator,
-    nested: Fit,
+    simplest: np.ndarray,
     initial: np.ndarray,
     rigid: np.ndarray,
     lacks: np.ndarray,
     fixed: np.ndarray,
     report: Callable[[], None],
 ) -> Fit:
-    """Every motor by itself; ``initial`` and ``rigid`` (K,) are central motors, ``lacks`` and ``fixed`` (K,) masks."""
+    """Every motor by itself.
+
+    ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and ``rigid``
+    (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
+    """
     prior = weak_prior(np.where(lacks, rigid, 0.0))
     filtered = np.arange(len(fixed)) == PARAMETERS.index("velocity_filter")
-    precision = np.where(filtered, nested.loss[:, None] / search.problem.observations / FILTER_STD**2, prior.precision)
+    size = search.losses(simplest)[:, None] / search.problem.observations / FILTER_STD**2
+    precision = np.where(filtered, size, prior.precision)
     prior = GaussianPrior(np.where(filtered, initial, prior.mean), precision).fixing(fixed)
-    shape, gear = (*nested.x.shape[:1], DRAWS, nested.x.shape[1]), PARAMETERS.index("gear_stiffness")
+    shape, gear = (len(simplest), DRAWS, simplest.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         noise, kind = rng.standard_normal(shape), restart % 3
-        if kind == 0:  # the nested motor, with constants that it lacks, and every second time with a compliant gear
-            around = nested.x[:, None] + 0.2 * noise * ~lacks
+        if kind == 0:  # the simplest motor, with constants that it lacks, and every second time with a compliant gear
+            around = simplest[:, None] + 0.2 * noise * ~lacks
             candidates = np.where(lacks & (rng.random(shape) < 0.5), initial + 1.5 * noise, around)
-            if restart % 2 == 0:
+            if restart % 2 == 0 and lacks[gear]:
                 candidates[..., gear] = 2.0 * initial[gear] - rigid[gear] + 0.5 * noise[..., gear]
         elif kind == 1:  # the best motor, with other constants, or another motor's
             candidates = np.where(rng.random(shape) < 0.5, best.x[:, None] + 0.5 * noise, best.x[:, None])
@@ -159,7 +174,7 @@ def _alone(
             candidates = np.where(rng.random(shape) < 0.8, 1.5 * noise, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    found = search.descend(nested.x, prior, STEPS[:1])
+    found = search.descend(simplest, prior, STEPS[:1])
     lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
     found = search.until_found_again(found, prior, draw, RESTARTS, STEPS, report, lead)
     if len(rest := np.setdiff1d(search.everyone, lead)):

@@ -10,7 +10,7 @@ from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import NEGLIGIBLE
 from motorprior.identification.physics.initial_motor import TORQUES, encoded, initial_center, logs_kd, with_motor
-from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns
+from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
 from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -41,7 +41,8 @@ class MotorProblem:
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, windows·channels·steps) scaled errors of motor ``which[l]`` with constants x[l]."""
-        return self.runs.residuals(self.network, x, which)[:, self._chosen].reshape(len(which), -1)
+        found = self.runs.residuals(grey_boxes(self.network), x, which)
+        return found[:, self._chosen].reshape(len(which), -1)
 
 
 def motor_search(
@@ -49,15 +50,6 @@ def motor_search(
 ) -> Search:
     """Search for the motors of these logs."""
     return Search(MotorProblem(network, runs, chosen), lower)
-
-
-def window_losses(
-    network: LatentNetwork, runs: WindowRuns, x: np.ndarray, chosen: np.ndarray | None = None
-) -> np.ndarray:
-    """(M, N) loss of each window at x (M, K)."""
-    problem, search = MotorProblem(network, runs, chosen), motor_search(network, runs, chosen)
-    values = np.concatenate([problem.residuals(x[[motor]], np.array([motor])) for motor in search.everyone])
-    return search.loss_of(values.reshape(len(x), problem.observations, -1).astype(np.float64))
 
 
 def centred(
@@ -97,6 +89,19 @@ def rigid_motor(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) ->
     fixed = fixed_constants(terms, runs)
     lacks = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
     return np.where(fixed, center, raw), lacks
+
+
+def with_more_terms(raw: np.ndarray, before: tuple[str, ...], terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(M, K) decoder outputs with these terms, of motors with outputs ``raw`` and the terms ``before``.
+
+    Constants of terms that are new have no effect.
+    """
+    neutral = encoded(NEGLIGIBLE | runs.preset.logged_values, terms)
+    found, names = np.tile(neutral, (len(raw), 1)), parameters_of(terms)
+    for row, name in enumerate(parameters_of(before)):
+        if name in names:
+            found[:, names.index(name)] = raw[:, row]
+    return found
 
 
 def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:

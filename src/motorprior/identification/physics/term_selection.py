@@ -22,13 +22,20 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import NEGLIGIBLE, TERMS, constants_of, in_order
-from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
+from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
+from motorprior.identification.physics.initial_motor import initial_center, with_motor
 from motorprior.identification.physics.motor_fit import fit_motors
-from motorprior.identification.physics.motor_problem import centred, fixed_constants, weak_prior, window_losses
+from motorprior.identification.physics.motor_problem import (
+    centred,
+    fixed_constants,
+    motor_search,
+    weak_prior,
+    with_more_terms,
+)
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.search import NARROW, WIDE, Steps
 
+CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 60
@@ -68,7 +75,7 @@ def select_terms(
 ) -> Selection:
     """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
-    ``report`` is called for every term of TERMS in the first round, then for every selected or removed term.
+    ``report`` is called for every candidate in the first round, then for every selected or removed term.
     """
     motors = runs.num_motors
     parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
@@ -78,9 +85,9 @@ def select_terms(
         return Selection(given, {})
     trial = _Trial(network, runs, parts, seed)
     best, saved = trial.fitted(given), {}
-    groups = [(name,) for name in TERMS if name not in (*given, *off)]
+    groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
-    for round_number in range(len(TERMS)):
+    for round_number in range(len(CANDIDATES)):
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         tried = {group: trial.with_terms(best, group, _SCREEN) for group in [*left, *[together] * (len(together) > 1)]}
@@ -168,7 +175,7 @@ class _Trial:
         """The fits ``before`` with more terms: the best candidate refined, or ``start``."""
         terms = in_order((*before.terms, *added))
         rng = np.random.default_rng([self._seed, *map(list(TERMS).index, added)])
-        nested = self._raw(before, terms)
+        nested = with_more_terms(before.raw, before.terms, terms, self._runs)
         candidates = nested[:, None]
         if start is None:
             initial = initial_center(terms, self._runs)
@@ -184,16 +191,7 @@ class _Trial:
     def without(self, before: _State, name: str) -> _State:
         """The fits ``before`` without a term, refined."""
         terms = tuple(other for other in before.terms if other != name)
-        return self._refined(terms, self._raw(before, terms)[:, None], _STEPS)
-
-    def _raw(self, before: _State, terms: tuple[str, ...]) -> np.ndarray:
-        """(m, K) outputs ``before`` in the order of these terms; constants of new terms have no effect."""
-        neutral = encoded(NEGLIGIBLE | self._runs.preset.logged_values, terms)
-        raw = np.tile(neutral, (len(before.raw), 1))
-        for row, name in enumerate(parameters_of(before.terms)):
-            if name in parameters_of(terms):
-                raw[:, parameters_of(terms).index(name)] = before.raw[:, row]
-        return raw
+        return self._refined(terms, with_more_terms(before.raw, before.terms, terms, self._runs)[:, None], _STEPS)
 
     def _refined(self, terms: tuple[str, ...], candidates: np.ndarray, steps: Steps) -> _State:
         """The best of the candidates (m, C, K) of every motor after descents."""
@@ -208,7 +206,7 @@ class _Trial:
 
     def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
-        losses = window_losses(with_motor(self._network, center, terms), self._runs, raw - center)
+        losses = motor_search(with_motor(self._network, center, terms), self._runs).parts(raw - center)
         held_out, groups = losses[:, self._test], self._parts[self._test]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
         return _State(terms, raw, losses[:, self._train].mean(axis=1), held_out.mean(axis=1), parts)
