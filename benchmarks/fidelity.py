@@ -56,7 +56,7 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
     """The prior of one preset; trained if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     folder = settings.out / "priors" / name
-    steps = settings.adam_steps if not identification_preset(preset).grey_boxes else None
+    steps = None if identification_preset(preset).grey_boxes else settings.adam_steps
     run_identify(Identify(bench, folder, preset, settings.seed + seed, steps, torque), PROGRESS)
     return folder / PRIOR
 

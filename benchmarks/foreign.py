@@ -61,7 +61,7 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
     for preset in PRESETS:
-        steps = settings.adam_steps if not identification_preset(preset).grey_boxes else None
+        steps = None if identification_preset(preset).grey_boxes else settings.adam_steps
         run_identify(Identify(bench, priors / preset, preset, settings.seed, steps), PROGRESS)
     return {name: priors / name / PRIOR for name in PRESETS}
 
