@@ -29,8 +29,7 @@ RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "back
 TRAINED, NEW = 10, 5  # motors per constant
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(
-    identification_preset("rollout"), taps=(0, 1), num_neurons=4, warm_up=40, window=32, batch=96,
-    steps=300, learning_rate=3e-2, noisy=False, kl_weight=1e-3,
+    identification_preset("rollout"), warm_up=40, window=32, tries_terms=False
 )  # fmt: skip
 
 
@@ -63,7 +62,7 @@ def posterior(log: MotorLog, prior: Identified) -> Posterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
-    return fit_posterior(prior.network, data, RECIPE, float(prior.losses[-1]), steps=60)
+    return fit_posterior(prior.network, data, RECIPE, float(prior.losses[-1]))
 
 
 def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
+from motorprior.logs.motor_log import MotorLog
 
 
 def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: Any, dt: Any) -> Any:
@@ -61,6 +62,22 @@ class Trial:
     joint_pos: np.ndarray | None = None  # (n,) initial angles [rad]; the first target if not given
     joint_vel: np.ndarray | None = None  # (n,) initial velocities [rad/s]; 0 if not given
     load_stiffness: np.ndarray | None = None  # (steps, n) external torque per joint angle [N·m/rad]; 0 if not given
+
+
+def trial_of(segment: MotorLog) -> Trial:
+    """A segment of a log with known loads as a trial.
+
+    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
+    """
+    assert segment.external_torque is not None and segment.load_inertia is not None
+    trial = Trial(segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period)
+    if segment.load_stiffness is not None:
+        at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
+        trial = replace(trial, external_torque=at_zero, load_stiffness=segment.load_stiffness)
+    if segment.encoder == "joint":
+        velocity = None if segment.joint_vel is None else segment.joint_vel[0]
+        trial = replace(trial, joint_pos=segment.joint_pos[0], joint_vel=velocity)
+    return trial
 
 
 @dataclass(frozen=True)

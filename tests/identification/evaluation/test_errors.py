@@ -10,10 +10,9 @@ from swinging_load import swinging_load
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import run
+from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
@@ -95,7 +94,7 @@ def test_motors_with_heat_are_replayed_at_the_temperature_of_each_segment(
     network = grey_network(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
     motors, angles = LatentActuator(network, np.zeros((MOTORS, network.num_latents))), []
     for part in log.segments():
-        ((case, _),) = trials(part)
+        case = trial_of(part)
         warmth = network.warmth(motors.z, float(np.median(part.time - log.time[0])))
         response = run(replace(motors, conditions=Conditions(warmth)), case)
         angles.append(response.encoder_pos if log.encoder == "rotor" else response.joint_pos)
@@ -108,7 +107,7 @@ def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
     logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
     made = [
         run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
-        for gain, (case, _) in zip((1.0, 6.0), trials(logged), strict=True)
+        for gain, case in zip((1.0, 6.0), map(trial_of, logged.segments()), strict=True)
     ]
     logged = replace(logged, joint_pos=np.concatenate(made), joint_vel=None)
     plain = replace(logged, stated_kp=None, stated_kd=None)

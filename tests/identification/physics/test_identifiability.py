@@ -12,10 +12,9 @@ from motorprior.identification.physics.identifiability import (
     unidentifiable_limits,
     unknown_torque_scale,
 )
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, with_motor
+from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, bare_network, encoded, with_motor
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import POS, VEL, Measured, TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -25,7 +24,7 @@ PRESET = replace(PRESETS["per_motor"], warm_up=60)
 
 def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., TrainingData]):
     center = encoded(INITIAL_MOTOR | {"torque_limit": 100.0, "backlash": 1e-7}, ())
-    network = with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    network = with_motor(bare_network(SCALES, PRESET), center, ())
     z = np.zeros((1, len(center)))
     data = decoder_data(network, z, segments=5, rows=400)
     series = data.series.copy()
@@ -47,7 +46,7 @@ def test_the_scale_of_torques_is_unknown_where_noise_hides_the_effect_of_the_loa
 ):
     motor = INITIAL_MOTOR | {name: size * INITIAL_MOTOR[name] for name in TORQUES if name in INITIAL_MOTOR}
     center = encoded(motor, ())
-    network = with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    network = with_motor(bare_network(SCALES, PRESET), center, ())
     z = np.zeros((1, len(center)))
     data = replace(decoder_data(network, z, segments=5, rows=400), measured=Measured(False))
     series = data.series.copy()

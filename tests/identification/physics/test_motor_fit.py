@@ -9,11 +9,10 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.initial_motor import initial_center, with_motor
+from motorprior.identification.physics.initial_motor import bare_network, initial_center, with_motor
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import TrainingData
 
 Data = Callable[..., TrainingData]
@@ -35,7 +34,7 @@ def truth(terms: tuple[str, ...] = ()) -> np.ndarray:
 def bare(terms: tuple[str, ...] = ()) -> LatentNetwork:
     """The initial motor's decoder, one latent per constant."""
     center = initial_center(terms)
-    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, terms)
+    return with_motor(bare_network(SCALES, PRESET), center, terms)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +94,7 @@ def test_a_logged_register_is_not_fitted(decoder_data: Data):
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
     results = []
     for threads in (1, 3):
-        monkeypatch.setattr(runs, "_threads", ThreadPoolExecutor(threads))
+        monkeypatch.setattr(runs, "threads", ThreadPoolExecutor(threads))
         one = fit_motors(bare(), runs, (), True, 5)
         results.append(b"".join(part.tobytes() for part in (one.center, one.offsets, one.loss)))
     assert results[0] == results[1]

@@ -8,12 +8,11 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.initial_motor import initial_center, with_motor
+from motorprior.identification.physics.initial_motor import bare_network, initial_center, with_motor
 from motorprior.identification.physics.motor_fit import longer_runs, refined
 from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import Measured, TrainingData
 
 Data = Callable[..., TrainingData]
@@ -25,7 +24,7 @@ KP, LOAD_FRICTION = PARAMETERS.index("kp"), PARAMETERS.index("load_friction")
 @pytest.fixture(scope="module")
 def network() -> LatentNetwork:
     center = initial_center(())
-    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    return with_motor(bare_network(SCALES, PRESET), center, ())
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,10 @@ import pytest
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import INITIAL
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.initial_motor import encoded, initial_center, with_motor
+from motorprior.identification.physics.initial_motor import bare_network, encoded, initial_center, with_motor
 from motorprior.identification.physics.term_selection import CANDIDATES, MIN_SAVING, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import POS, TORQUE, VEL, TrainingData
 
 Data = Callable[..., TrainingData]
@@ -38,7 +37,7 @@ def logs(
 
 
 def bare(center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
-    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, terms)
+    return with_motor(bare_network(SCALES, PRESET), center, terms)
 
 
 CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "none"])

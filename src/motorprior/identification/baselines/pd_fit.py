@@ -1,4 +1,4 @@
-"""Fit of a PD, the same for all motors of a log, by the search and the loss of the motors' own fit.
+"""Fit of a PD, the same for all motors of a log, by the search of the motors' own fit.
 
 Unknowns are the logarithms of the constants relative to TYPICAL, of kd that of kd/kp, and the delay in units of 10 ms.
 Where a log has gains, those of the PD scale with them. Random candidates are drawn around TYPICAL, with and without a
@@ -26,8 +26,9 @@ WITH_FRICTION = (*WITH_ROTOR, "coulomb")
 TYPICAL = {"kp": 10.0, "kd": 0.6, "torque_limit": 4.0, "armature": 0.004, "delay": 0.01, "coulomb": 0.05}
 SPREAD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1.5, "coulomb": 1.2}
 NO_LIMIT = 1000.0  # [N·m]
+SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
 RESTARTS = 16  # at most
-_DRAWS, _STEPS = 192, ((12, WIDE), (8, NARROW))
+_DRAWS, _STEPS = 128, ((10, WIDE), (6, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _WARM_UP = 0.1  # [s] of a segment, until the delayed commands are known
 _MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # of the part of a log on which the search runs
@@ -70,7 +71,7 @@ class _PdProblem:
         return np.array([values.get(name, constants["delay"] / TYPICAL["delay"]) for name in self._free])
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, rows·motors) errors of angles over the loss's scale."""
+        """(L, rows·motors) errors of angles over SCALE."""
         chunks = range(0, len(x), _LANES)
         return np.concatenate([self._errors(x[first : first + _LANES]) for first in chunks])
 
@@ -78,7 +79,7 @@ class _PdProblem:
         motors, found = self._runs[0].num_motors, []
         every, lanes = np.tile(np.arange(motors), len(x)), np.repeat(x, motors, axis=0)
         for runs in self._runs:
-            errors = runs.residuals(self._motors, lanes, every)[:, :, 0]
+            errors = POSITION_SCALE / SCALE * runs.residuals(self._motors, lanes, every)[:, :, 0]
             found.append(errors.reshape(len(x), motors, -1))
         return np.concatenate(found, axis=2).reshape(len(x), -1)
 
@@ -92,7 +93,7 @@ class _PdProblem:
 
     def rmse(self, x: np.ndarray) -> float:
         """Root mean square error [rad] of unknowns x (1, K)."""
-        return POSITION_SCALE * float(rms(self._errors(x).astype(np.float64)))
+        return SCALE * float(rms(self._errors(x).astype(np.float64)))
 
 
 def fit_pd(
@@ -109,9 +110,8 @@ def fit_pd(
     fixed = {name: 0.0 for name in WITH_FRICTION if name not in free}
     search = Search(few := _PdProblem(_part(log), free, fixed))
     rng, spread = np.random.default_rng(_STREAM), np.array([SPREAD[name] for name in free])
-    prior = GaussianPrior(np.zeros(len(free)), np.full(len(free), _WEAK))
-    limit = np.array(free) == "torque_limit"
-    unlimited = np.log(NO_LIMIT / TYPICAL["torque_limit"])
+    limit, unlimited = np.array(free) == "torque_limit", np.log(NO_LIMIT / TYPICAL["torque_limit"])
+    prior = GaussianPrior(np.where(limit, unlimited, 0.0), np.full(len(free), _WEAK))
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         shape = (1, _DRAWS, len(free))

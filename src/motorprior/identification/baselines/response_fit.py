@@ -1,4 +1,4 @@
-"""Fit of the response models to logs, joint by joint, by the search and the loss of the motors' own fit.
+"""Fit of the response models to logs, joint by joint, by the search of the motors' own fit.
 
 Unknowns are logarithms of positive constants within BOUNDS, and others in UNITS around their neutral values. Every
 model starts at the optimum of the simpler one. An optional part of servo_limits is dropped if it saves less than
@@ -16,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from motorprior.identification.baselines.response_models import CONSTANTS, GRAVITY, MODELS, JointRuns, ResponseMotors
-from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, select
 
 # in SI units, of candidates of constants that are searched as logarithms
@@ -30,8 +30,9 @@ REACHABLE = 3.0
 OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())  # dropped in this order
 # constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
 REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
-MIN_SAVING = 0.02  # share of the loss that an optional part must save
+MIN_SAVING = 0.04  # share of the loss that an optional part must save
 MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
+SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
 RESTARTS = 16  # at most, of each model
 _DRAWS, _STEPS = 256, ((12, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
@@ -100,11 +101,11 @@ class _ResponseProblem:
         return np.stack(columns, axis=1)
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, samples) errors of angles over the loss's scale."""
+        """(L, samples) errors of angles over SCALE."""
 
         def errors(constants: np.ndarray, joint: int) -> np.ndarray:
             found = [runs.errors(constants).ravel() for runs in self._joints[joint]]
-            return (np.concatenate(found)[:: self._every] / POSITION_SCALE).astype(np.float32)
+            return (np.concatenate(found)[:: self._every] / SCALE).astype(np.float32)
 
         return np.stack(list(self._threads.map(errors, self.constants(x, which), which)))
 

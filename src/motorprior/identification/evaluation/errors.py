@@ -20,7 +20,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.response_models import ResponseMotors
 from motorprior.identification.evaluation.log_tables import capped, error_line
@@ -83,27 +83,11 @@ def replay_errors(motors: MotorModel, log: MotorLog, nominal: Mapping[str, float
     errors, velocities = [], []
     for rows in (parts[place] for place in places):
         part = log.rows(rows)
-        case, recorded = _trial(part), part.joint_pos
+        case, recorded = trial_of(part), part.joint_pos
         simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)
         errors.append(recorded - (simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos))
         velocities.append(simulated.joint_vel)
     return np.concatenate(errors), np.concatenate(velocities)
-
-
-def _trial(segment: MotorLog) -> Trial:
-    """A segment of a log with known loads as a trial.
-
-    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
-    """
-    assert segment.external_torque is not None and segment.load_inertia is not None
-    trial = Trial(segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period)
-    if segment.load_stiffness is not None:
-        at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
-        trial = replace(trial, external_torque=at_zero, load_stiffness=segment.load_stiffness)
-    if segment.encoder == "joint":
-        velocity = None if segment.joint_vel is None else segment.joint_vel[0]
-        trial = replace(trial, joint_pos=segment.joint_pos[0], joint_vel=velocity)
-    return trial
 
 
 def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
