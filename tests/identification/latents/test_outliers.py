@@ -13,27 +13,25 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
 from motorprior.identification.latents.standardise import standardised
+from motorprior.identification.search import Search
 
 TRAINED, NEW, SIZE = 12, 6, len(PARAMETERS)
 NOTHING: Any = None
 
 
-class LinearRuns:
-    """In place of `WindowRuns`: residuals of motors whose latents are ``truth`` (NEW, SIZE)."""
+class LinearProblem:
+    """Motors whose residuals are linear in their latents, ``truth`` (NEW, SIZE); see `search.Problem`."""
 
-    windows, channels, num_motors = 20, 2, NEW
+    count, weight, observations = NEW, 2.0, 20
 
-    def __init__(self, truth: np.ndarray, hidden: int = 0):
+    def __init__(self, network: LatentNetwork, truth: np.ndarray):
         rng = np.random.default_rng(7)
-        self.truth, self.shape = truth, (self.windows, self.channels, 8)
-        rows = int(np.prod(self.shape))
-        self.slopes = rng.standard_normal((SIZE, rows))
-        self.slopes[:hidden] = 0.0
-        self.noise = 0.1 * rng.standard_normal((NEW, rows))
+        self.network, self.truth = network, truth
+        self.slopes = rng.standard_normal((SIZE, 16 * self.observations))
+        self.noise = 0.1 * rng.standard_normal((NEW, 16 * self.observations))
 
-    def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        found = (network.decoder_latents(z) - self.truth[motor]) @ self.slopes + self.noise[motor]
-        return found.reshape(len(z), *self.shape).astype(np.float32)
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        return (self.network.decoder_latents(x) - self.truth[which]) @ self.slopes + self.noise[which]
 
 
 def found_outliers(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: int, shift: float = 0.0) -> Outliers:
@@ -44,7 +42,7 @@ def found_outliers(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: in
     truth[2, PARAMETERS.index("viscous_damping")] += shift
     network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
     network, z = standardised(network, mean)
-    monkeypatch.setattr(latent_fit, "WindowRuns", lambda *_: LinearRuns(truth))
+    monkeypatch.setattr(latent_fit, "latent_search", lambda network, *_: Search(LinearProblem(network, truth)))
     found = latent_fit.fit_posterior(network, NOTHING, NOTHING, 0.05).mean
     found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
     return outliers(network, z, found, NOTHING, NOTHING, 0.05)
