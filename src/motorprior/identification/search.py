@@ -197,7 +197,8 @@ class Search:
     def _descend(self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray) -> Fit:
         x, energy, loss = found.x, found.energy, found.loss
         rows, damping = np.arange(len(which)), np.full(len(which), 1e-2)
-        slope, curvature = self._derivatives(x, diff_step, which)
+        free = np.flatnonzero(np.any(prior.precision < FIXED, axis=tuple(range(prior.precision.ndim - 1))))
+        slope, curvature = self._derivatives(x, diff_step, which, free)
         left = rows
         for step in range(steps):
             tried = damping[:, None] * DAMPINGS
@@ -216,7 +217,7 @@ class Search:
             if not len(left):
                 break
             if step + 1 < steps and len(moved := left[lower[left]]):
-                slope[moved], curvature[moved] = self._derivatives(x[moved], diff_step, which[moved])
+                slope[moved], curvature[moved] = self._derivatives(x[moved], diff_step, which[moved], free)
         return Fit(x, energy, loss)
 
     def until_found_again(
@@ -255,18 +256,20 @@ class Search:
 
     def curvatures(self, x: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
         """(M, K, K) Gauss-Newton matrices of the loss: weight·mean of huber''(r)·∇r·∇rᵀ."""
-        return self._derivatives(x, diff_step, self.everyone, huber_curvature)[1]
+        return self._derivatives(x, diff_step, self.everyone, np.arange(x.shape[1]), huber_curvature)[1]
 
     def _derivatives(
-        self, x: np.ndarray, diff_step: float, which: np.ndarray, bend: Callable = huber_weight
+        self, x: np.ndarray, diff_step: float, which: np.ndarray, free: np.ndarray, bend: Callable = huber_weight
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (m, K) and Gauss-Newton matrix (m, K, K) of the loss of problems ``which`` (m,).
 
-        The matrix has ``bend`` in place of the second derivative: with `huber_weight` it is an upper bound.
+        They are 0 for unknowns that are not ``free`` (indices). The matrix has ``bend`` in place of the second
+        derivative: with `huber_weight` it is an upper bound.
         """
         size = x.shape[1]
         slope, curvature = np.zeros((len(which), size)), np.zeros((len(which), size, size))
-        shifts = diff_step * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
+        away, count = np.eye(size)[free], len(free)
+        shifts = diff_step * np.concatenate([np.zeros((1, size)), away, -away])
         together = max(1, _LANES // len(shifts))
         for first in range(0, len(which), together):
             some = slice(first, first + together)
@@ -275,12 +278,15 @@ class Search:
             found = values.reshape(-1, len(shifts), values.shape[1])
             for row, values in enumerate(found, first):
                 with np.errstate(over="ignore", invalid="ignore"):
-                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * diff_step)
+                    here, slopes = (
+                        values[0],
+                        (values[1 : count + 1] - values[count + 1 :]) / np.float32(2.0 * diff_step),
+                    )
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
                 here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
                 gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
                 factor = self.problem.weight / len(here)
-                slope[row], curvature[row] = factor * gradient, factor * matrix
+                slope[row, free], curvature[row][np.ix_(free, free)] = factor * gradient, factor * matrix
         return slope, curvature
 
 

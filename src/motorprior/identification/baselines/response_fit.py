@@ -117,10 +117,11 @@ def _searched(
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         anywhere = rng.uniform(low, high, shape)
-        near = best.x[:, None] + 0.3 * rng.standard_normal(shape)
-        some = rng.random(shape)
-        mixed = np.where(some < 0.3, anywhere, np.where(some < 0.6, near, best.x[:, None]))
-        return np.clip(anywhere if restart % 3 == 0 else mixed, low, high)
+        return (
+            anywhere
+            if restart % 3 == 0
+            else np.where(rng.random(shape) < 0.5, anywhere, np.clip(best.x[:, None], low, high))
+        )
 
     search, prior = Search(problem), GaussianPrior(start, np.full(start.shape, _WEAK))
     found = search.descend(start, prior, _STEPS)

@@ -69,6 +69,7 @@ class FleetFit:
     offsets: np.ndarray
     loss: np.ndarray
     terms: tuple[str, ...]
+    is_rigid: bool = False
 
 
 def fit_motors(
@@ -81,6 +82,7 @@ def fit_motors(
     report: Callable[[], None] = lambda: None,
     part: WindowRuns | None = None,
     nested: FleetFit | None = None,
+    restarts: int = RESTARTS,
 ) -> FleetFit:
     """Fit all motors of the logs.
 
@@ -93,26 +95,23 @@ def fit_motors(
         chosen: (N,) mask of the windows that count; all if not given.
         report: called STAGES times.
         part: runs of a part of the rows, for all but the last descents; ``runs`` if not given.
-        nested: a fit with fewer terms to start from; a rigid gear is fitted if not given.
+        nested: a fit of simpler motors to start from; `fit_rigid_motors` if not given.
+        restarts: maximum number.
     """
     part = part or runs
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
+    nested = nested or fit_rigid_motors(network, part, terms, seed, chosen)
+    start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
     initial = sized_center(network, part, terms, chosen)
-    rigid, lacks = rigid_motor(initial, terms, runs)
-    center = np.where(lacks, 0.5 * (rigid + initial), initial)
-    if nested is None:
-        search = centred(network, center, terms, part, chosen)
-        start = center + _rigid_fit(search, rng, rigid - center, lacks | fixed).x
-    else:
-        start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
-        lacks = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms))) & ~fixed
-        center = np.where(lacks, 0.5 * (start[0] + initial), center)
-        rigid = start[0]
+    neutral, lacks = rigid_motor(initial, terms, runs)
+    is_new = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms)))
+    lacks &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
+    center = np.where(lacks, 0.5 * (neutral + initial), initial)
     report()
     center = np.where(lacks | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
     search = centred(network, center, terms, part, chosen)
     simplest = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
-    found = _alone(search, rng, simplest, initial - center, rigid - center, lacks, fixed, report)
+    found = _alone(search, rng, simplest, initial - center, neutral - center, lacks, fixed, restarts, report)
     if part is not runs:
         search = centred(network, center, terms, runs, chosen)
         found = search.descend(found.x, weak_prior(found.x).fixing(fixed), STEPS)
@@ -125,17 +124,24 @@ def fit_motors(
     return FleetFit(center, x, centred(network, center, terms, runs, chosen).losses(x), terms)
 
 
-def _rigid_fit(search: Search, rng: np.random.Generator, start: np.ndarray, fixed: np.ndarray) -> Fit:
-    """The simplest motors: the best of RIGID_STARTS random searches around ``start`` (K,), refined."""
-    count, size = search.problem.count, len(start)
-    prior = GaussianPrior(start, np.where(fixed, FIXED, WEAK))
-    found = search.at(np.tile(start, (count, 1)), prior)
+def fit_rigid_motors(
+    network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], seed: int, chosen: np.ndarray | None = None
+) -> FleetFit:
+    """The simplest motors: the best of RIGID_STARTS random searches, refined; arguments as for `fit_motors`."""
+    rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
+    initial = sized_center(network, runs, terms, chosen)
+    rigid, lacks = rigid_motor(initial, terms, runs)
+    search, held = centred(network, rigid, terms, runs, chosen), lacks | fixed
+    shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
+    prior = weak_prior(np.zeros(len(rigid))).fixing(held)
+    found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
     for _ in range(RIGID_STARTS):
-        away = RIGID_RADIUS * rng.standard_normal((count, RIGID_DRAWS, size)) * ~fixed
+        away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
         away[:, 0] = 0.0
-        best = search.best_of(np.clip(start + away, -LOG_REACH, LOG_REACH), prior)
+        best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
         found = found.better(search.descend(best, prior, STEPS[:1]))
-    return search.descend(found.x, prior, STEPS[1:])
+    found = search.descend(found.x, prior, STEPS[1:])
+    return FleetFit(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
 
 
 def _alone(
@@ -143,17 +149,18 @@ def _alone(
     rng: np.random.Generator,
     simplest: np.ndarray,
     initial: np.ndarray,
-    rigid: np.ndarray,
+    neutral: np.ndarray,
     lacks: np.ndarray,
     fixed: np.ndarray,
+    restarts: int,
     report: Callable[[], None],
 ) -> Fit:
     """Every motor by itself.
 
-    ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and ``rigid``
-    (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
+    ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and
+    ``neutral`` (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
     """
-    prior = weak_prior(np.where(lacks, rigid, 0.0))
+    prior = weak_prior(np.where(lacks, neutral, 0.0))
     filtered = np.arange(len(fixed)) == PARAMETERS.index("velocity_filter")
     size = search.losses(simplest)[:, None] / search.problem.observations / FILTER_STD**2
     precision = np.where(filtered, size, prior.precision)
@@ -166,7 +173,7 @@ def _alone(
             around = simplest[:, None] + 0.2 * noise * ~lacks
             candidates = np.where(lacks & (rng.random(shape) < 0.5), initial + 1.5 * noise, around)
             if restart % 2 == 0 and lacks[gear]:
-                candidates[..., gear] = 2.0 * initial[gear] - rigid[gear] + 0.5 * noise[..., gear]
+                candidates[..., gear] = 2.0 * initial[gear] - neutral[gear] + 0.5 * noise[..., gear]
         elif kind == 1:  # the best motor, with other constants, or another motor's
             candidates = np.where(rng.random(shape) < 0.5, best.x[:, None] + 0.5 * noise, best.x[:, None])
             _add_others(rng, candidates, best.x)
@@ -176,7 +183,7 @@ def _alone(
 
     found = search.descend(simplest, prior, STEPS[:1])
     lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
-    found = search.until_found_again(found, prior, draw, RESTARTS, STEPS, report, lead)
+    found = search.until_found_again(found, prior, draw, restarts, STEPS, report, lead)
     if len(rest := np.setdiff1d(search.everyone, lead)):
 
         def draw_near(restart: int, best: Fit) -> np.ndarray:
@@ -185,7 +192,7 @@ def _alone(
             near = known + 0.3 * rng.standard_normal(shape) * (rng.random(shape) < 0.5)
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
-        found = search.until_found_again(found, prior, draw_near, RESTARTS // 3, STEPS, which=rest)
+        found = search.until_found_again(found, prior, draw_near, restarts // 3, STEPS, which=rest)
     return search.descend(found.x, prior, ((10, FINEST),))
 
 

@@ -2,8 +2,10 @@
 
 Some motors are fitted to every second segment of their logs and tested on the others. Each term that is not yet
 selected is added to the best fit so far, with its constants drawn around the initial motor, so that a motor with more
-terms never fits worse than one with fewer. The terms of SERVO are also added together, since some help only with
-another. Of the candidates that lower the loss most, the one that saves most of the held-out loss is selected, if
+terms never fits worse than one with fewer. Each is also added to the simplest motor, with a rigid gear, where the
+effects of other constants cannot hide it; the best there starts a search of its own. The terms of SERVO are also added
+together, since some help only with another. Of the candidates that lower the loss most, the one that saves most of the
+held-out loss is selected, if
 
     median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 5 %
 
@@ -20,20 +22,21 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import wilcoxon
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
 from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import fit_motors
+from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     centred,
     fixed_constants,
     motor_search,
+    rigid_motor,
     weak_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.search import NARROW, WIDE, Steps
+from motorprior.identification.search import NARROW, WIDE, Fit, Steps
 
 CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
@@ -47,7 +50,7 @@ MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
-_DRAWS, _FINALISTS = 64, 3
+_DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 128, 2, 8, 4
 _SCREEN, _STEPS = ((4, WIDE),), ((10, WIDE), (6, NARROW))  # descents of all candidates, and of the finalists
 
 
@@ -84,23 +87,32 @@ def select_terms(
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
     trial = _Trial(network, runs, parts, seed)
-    best, saved = trial.fitted(given), {}
+    rigid = trial.rigid(given)
+    best, saved = trial.enriched(rigid), {}
     groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
     for round_number in range(len(CANDIDATES)):
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
-        tried = {group: trial.with_terms(best, group, _SCREEN) for group in [*left, *[together] * (len(together) > 1)]}
+        left += [together] * (len(together) > 1)
+        tried = {group: trial.screened(best, group) for group in left}
         for group, more in tried.items() if round_number == 0 else ():
             if len(group) == 1:
                 report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
         finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
-        polished = {group: trial.with_terms(best, group, _STEPS, tried[group]) for group in finalists}
+        polished = {group: trial.polished(tried[group], group) for group in finalists}
+        if left:
+            simple = {group: trial.simple(rigid, group) for group in left}
+            first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
+            other = trial.enriched(simple[first])
+            if first not in polished or other.fitted.mean() < polished[first].fitted.mean():
+                polished[first] = other
         saved |= {group[0]: _saved(best, more) for group, more in (tried | polished).items() if len(group) == 1}
-        passed = [more for more in polished.values() if _saves_enough(best, more, _STRICT_LEVEL)]
+        passed = {group: more for group, more in polished.items() if _saves_enough(best, more, _STRICT_LEVEL)}
         if not passed:
             break
-        best = max(passed, key=lambda more: _saved(best, more))
+        chosen = max(passed, key=lambda group: _saved(best, passed[group]))
+        best, rigid = passed[chosen], trial.simple(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
     return Selection(*_without_spare(trial, best, given, saved, report))
 
@@ -160,49 +172,80 @@ class _Trial:
         self._network, self._runs, self._parts, self._seed = network, runs, parts, seed
         self._train, self._test = parts % 2 == 0, parts % 2 == 1
 
-    def fitted(self, terms: tuple[str, ...]) -> _State:
-        """A new search."""
-        found = fit_motors(self._network, self._runs, terms, False, self._seed, self._train)
+    def rigid(self, terms: tuple[str, ...]) -> _State:
+        """The simplest motors, with a rigid gear."""
+        found = fit_rigid_motors(self._network, self._runs, terms, self._seed, self._train)
         return self._state(terms, found.center + found.offsets)
 
-    def with_terms(
-        self,
-        before: _State,
-        added: tuple[str, ...],
-        steps: Steps,
-        start: _State | None = None,
-    ) -> _State:
-        """The fits ``before`` with more terms: the best candidate refined, or ``start``."""
+    def enriched(self, rigid: _State) -> _State:
+        """A search from simplest motors, with all constants."""
+        center, terms = rigid.raw.mean(axis=0), rigid.terms
+        nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
+        found = fit_motors(
+            self._network, self._runs, terms, False, self._seed, self._train, nested=nested, restarts=_RESTARTS
+        )
+        return self._state(terms, found.center + found.offsets)
+
+    def simple(self, rigid: _State, added: tuple[str, ...]) -> _State:
+        """The simplest motors with more terms."""
+        terms = in_order((*rigid.terms, *added))
+        nested = with_more_terms(rigid.raw, rigid.terms, terms, self._runs)
+        _, lacks = rigid_motor(nested[0], terms, self._runs)
+        held = lacks & np.isin(parameters_of(terms), (*PARAMETERS, *constants_of(set(TERMS) - set(terms))))
+        return self._searched(terms, nested, constants_of(added), _SIMPLE_RESTARTS, _SCREEN, held)
+
+    def screened(self, before: _State, added: tuple[str, ...]) -> _State:
+        """The fits ``before`` with more terms, after a short search."""
         terms = in_order((*before.terms, *added))
-        rng = np.random.default_rng([self._seed, *map(list(TERMS).index, added)])
         nested = with_more_terms(before.raw, before.terms, terms, self._runs)
-        candidates = nested[:, None]
-        if start is None:
-            initial = initial_center(terms, self._runs)
-            new = np.isin(parameters_of(terms), constants_of(added))
-            shape = (len(nested), _DRAWS, len(new))
-            drawn = new & (rng.random(shape) < 0.7)
-            candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), candidates)
-            candidates[:, 0] = nested
-        else:
-            candidates = start.raw[:, None]
-        return self._refined(terms, candidates, steps)
+        return self._searched(terms, nested, constants_of(added), 0, _SCREEN)
+
+    def polished(self, screened: _State, added: tuple[str, ...]) -> _State:
+        """The same after a longer search."""
+        return self._searched(screened.terms, screened.raw, constants_of(added), _RESTARTS, _STEPS)
 
     def without(self, before: _State, name: str) -> _State:
-        """The fits ``before`` without a term, refined."""
+        """The fits ``before`` without a term, after a longer search."""
         terms = tuple(other for other in before.terms if other != name)
-        return self._refined(terms, with_more_terms(before.raw, before.terms, terms, self._runs)[:, None], _STEPS)
+        return self._searched(terms, with_more_terms(before.raw, before.terms, terms, self._runs), (), 0, _STEPS)
 
-    def _refined(self, terms: tuple[str, ...], candidates: np.ndarray, steps: Steps) -> _State:
-        """The best of the candidates (m, C, K) of every motor after descents."""
-        low, high = candidates[:, 0].min(axis=0), candidates[:, 0].max(axis=0)
-        center, fixed = 0.5 * (low + high), fixed_constants(terms, self._runs)
-        center = np.where(fixed, candidates[0, 0], center)
+    def _searched(
+        self,
+        terms: tuple[str, ...],
+        raw: np.ndarray,
+        new: tuple[str, ...],
+        restarts: int,
+        steps: Steps,
+        held: np.ndarray | bool = False,
+    ) -> _State:
+        """Descents from ``raw`` (m, K), with ``new`` constants drawn around the initial motor's, and half of others.
+
+        Constants that are ``held`` (K,) do not change.
+        """
+        rng, fixed = (
+            np.random.default_rng([self._seed, *map(list(TERMS).index, terms)]),
+            fixed_constants(terms, self._runs),
+        )
+        center = np.where(held | fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
+        initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
         search = centred(self._network, center, terms, self._runs, self._train)
-        prior = weak_prior(np.zeros(len(center))).fixing(fixed)
-        x = search.best_of(np.clip(np.where(fixed, 0.0, candidates - center), -LOG_REACH, LOG_REACH), prior)
-        x = search.descend(x, prior, steps).x
-        return self._state(terms, center + np.where(fixed, 0.0, np.clip(x, -LOG_REACH, LOG_REACH)))
+        held = held | fixed
+        prior = weak_prior(np.zeros(len(center))).fixing(held)
+
+        def draw(restart: int, best: Fit) -> np.ndarray:
+            shape = (len(raw), _DRAWS, len(center))
+            others = (rng.random(shape) < 0.5) & (np.arange(_DRAWS)[:, None] % 2 == 1)
+            drawn = np.where(is_new, rng.random(shape) < 0.7, others)
+            candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None])
+            candidates[:, 0] = best.x
+            return np.clip(np.where(held, 0.0, candidates), -LOG_REACH, LOG_REACH)
+
+        found = search.at(np.clip(raw - center, -LOG_REACH, LOG_REACH), prior)
+        if new:
+            found = search.at(search.best_of(draw(0, found), prior), prior)
+        found = search.descend(found.x, prior, steps)
+        found = search.until_found_again(found, prior, draw, restarts, steps)
+        return self._state(terms, center + np.where(held, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH)))
 
     def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
