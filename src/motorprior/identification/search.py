@@ -10,7 +10,9 @@ lanes of a compiled simulation; a problem that is done drops out.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -21,9 +23,10 @@ from motorprior.compiled import njit
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
 MAX_STEP = 0.5  # of an unknown, in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-SAME, TIMES = 3e-3, 3  # relative difference of U up to which two optima are the same; see `Search.until_found_again`
+SAME, TIMES = 3e-3, 2  # relative difference of U up to which two optima are the same; see `Search.until_found_again`
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
+_TOGETHER = 8  # descents at a time: of the last problems, several restarts
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 FIXED = 1e6  # precision of a fixed unknown
 Steps: TypeAlias = tuple[tuple[int, float], ...]
@@ -144,7 +147,7 @@ class Search:
     """
 
     def __init__(self, problem: Problem, lower: np.ndarray | None = None):
-        self.problem, self._lower = problem, lower
+        self.problem, self._lower, self._threads = problem, lower, ThreadPoolExecutor(os.cpu_count() or 1)
         self.everyone = np.arange(problem.count)
 
     def losses(self, x: np.ndarray, which: np.ndarray | None = None) -> np.ndarray:
@@ -154,7 +157,8 @@ class Search:
         rows, found = x.reshape(-1, x.shape[-1]), np.empty(len(lanes))
         for first in range(0, len(lanes), _LANES):
             some = slice(first, first + _LANES)
-            found[some] = self.loss_of(self._residuals(rows[some], lanes[some]))
+            values = np.array_split(self._residuals(rows[some], lanes[some]), os.cpu_count() or 1)
+            found[some] = np.concatenate(list(self._threads.map(self.loss_of, values)))
         return found.reshape(shape)
 
     def parts(self, x: np.ndarray) -> np.ndarray:
@@ -241,16 +245,21 @@ class Search:
             report: called ``restarts`` times.
             which: problems (m,) that are restarted; all if not given.
         """
-        times = np.full(len(found.x), TIMES)
+        times, done = np.full(len(found.x), TIMES), 0
         times[self.everyone if which is None else which] = 0
-        for restart in range(restarts):
-            left = np.flatnonzero(times < TIMES)
-            if len(left):
-                fit = self.descend(self.best_of(draw(restart, found)[left], prior, left), prior, steps, left)
-                before = found.energy[left]
+        while done < restarts and len(left := np.flatnonzero(times < TIMES)):
+            batch = min(restarts - done, max(1, _TOGETHER // len(left)))
+            starts = [self.best_of(draw(done + k, found)[left], prior, left) for k in range(batch)]
+            fits = self.descend(np.concatenate(starts), prior, steps, np.tile(left, batch))
+            for k in range(batch):
+                fit, before = fits.of(np.arange(len(left)) + k * len(left)), found.energy[left]
                 same = np.abs(fit.energy - before) <= SAME * before
-                times[left] = np.where(fit.energy < (1.0 - SAME) * before, 0, times[left] + same)
+                again = np.where(fit.energy < (1.0 - SAME) * before, 0, times[left] + same)
+                times[left] = np.where(times[left] < TIMES, again, TIMES)
                 found = found.replaced(left, found.of(left).better(fit))
+                report()
+            done += batch
+        for _ in range(restarts - done):
             report()
         return found
 
@@ -276,7 +285,8 @@ class Search:
             lanes = (x[some][:, None] + shifts).reshape(-1, size)
             values = self._residuals(lanes, np.repeat(which[some], len(shifts)))
             found = values.reshape(-1, len(shifts), values.shape[1])
-            for row, values in enumerate(found, first):
+
+            def of_one(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 with np.errstate(over="ignore", invalid="ignore"):
                     here, slopes = (
                         values[0],
@@ -284,8 +294,10 @@ class Search:
                     )
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
                 here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
-                gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
-                factor = self.problem.weight / len(here)
+                return _sums(slopes, huber_weight(here) * here, bend(here))
+
+            factor = self.problem.weight / found.shape[2]
+            for row, (gradient, matrix) in enumerate(self._threads.map(of_one, found), first):
                 slope[row, free], curvature[row][np.ix_(free, free)] = factor * gradient, factor * matrix
         return slope, curvature
 

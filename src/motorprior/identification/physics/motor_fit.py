@@ -4,7 +4,7 @@ Unknowns are the logarithms of the constants (linear where they may be negative)
 latent is one output. Alone, the simplest motor is fitted first, a rigid gear with Coulomb and viscous friction. Every
 further search starts from this optimum, with the constants that it lacks drawn around the initial motor, from the best
 motor so far with a random half of its constants redrawn, and from other motors' constants, until the best optimum of
-each motor was found four times: a motor never fits worse than one that is nested in it. Together, a Gaussian over the
+each motor was found three times: a motor never fits worse than one that is nested in it. Together, a Gaussian over the
 motors is estimated by empirical Bayes: first from the separate fits (random effects, DerSimonian and Laird, 1986), then
 in turns of
 
@@ -46,7 +46,7 @@ from motorprior.identification.training_data.windows import TrainingData
 
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
 RESTARTS, DRAWS = 24, 256  # at most, and candidates of each
-LEADERS = 8  # motors of a fleet that are searched fully; others also start from these
+LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
 STEPS = ((12, WIDE), (6, NARROW))  # of a descent
 FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes

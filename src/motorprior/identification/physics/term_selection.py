@@ -41,7 +41,7 @@ from motorprior.identification.search import NARROW, WIDE, Fit, Steps
 CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
-MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 60
+MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 60
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
@@ -50,7 +50,7 @@ MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
-_DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 128, 2, 8, 4
+_DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
 _SCREEN, _STEPS = ((4, WIDE),), ((10, WIDE), (6, NARROW))  # descents of all candidates, and of the finalists
 
 

@@ -37,7 +37,7 @@ from motorprior.logs.motor_log import MotorLog
 # errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-LANES_PER_TASK = 256  # motors that one thread simulates at a time; their state then stays in a core's cache
+LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
 _ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
 # rows of its parameters
@@ -192,13 +192,14 @@ class WindowRuns:
 
     def residuals(self, motors_of: MotorsOf, x: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], for L pairs; float32."""
-        lanes = len(motor)
+        lanes, parts = len(motor), max(1, -(-(os.cpu_count() or 1) // len(self.segments)))
+        together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
         out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
         tasks, done = [], 0
         for segment in self.segments:
             inside = slice(done, done + segment.windows)
-            for first in range(0, lanes, LANES_PER_TASK):
-                tasks.append((slice(first, min(first + LANES_PER_TASK, lanes)), inside, segment))
+            for first in range(0, lanes, together):
+                tasks.append((slice(first, min(first + together, lanes)), inside, segment))
             done += segment.windows
 
         def simulate(task: tuple[slice, slice, Segment]) -> None:
