@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -69,7 +68,7 @@ def measure(path: Path) -> Results:
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
             found = adapt_to(prior, log)
             p_value = outlier_test(prior, log, found).p_value
-            model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
+            model = {"model": lambda index, z=found.mean: prior.model.motors(z[index])}
             error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
             detected, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
             rows.append(Result("noticed", "1", detected, part=name, seconds=seconds))

@@ -31,11 +31,10 @@ def bullet():
 
 
 @pytest.fixture(scope="module")
-def prior(tmp_path_factory: pytest.TempPathFactory, grey_network) -> Path:
+def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     """The file of a grey box's prior, of twelve motors around a small servo."""
     path, motors = tmp_path_factory.mktemp("prior") / "prior.safetensors", np.zeros((12, 3))
-    network = grey_network(spread=0.2, network=0.05)
-    MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, "servo", {}, {}).save(path)
+    MotorPrior(grey_box(), motors, motors, "rollout", spec.ROBOT_NAME, "servo", {}, {}).save(path)
     return path
 
 

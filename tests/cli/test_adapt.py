@@ -40,7 +40,7 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert first.code == 0 and "motor_011" in first.out
     known = MotorPrior.load(prior)
     found = MotorPosterior.load(out / "posterior.safetensors", known)
-    assert found.mean.shape == (12, known.network.num_latents) and known.network.num_latents >= 5
+    assert found.mean.shape == (12, known.model.num_latents) and known.model.num_latents >= 5
     assert found.seconds == pytest.approx(2.4, abs=0.01)
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0

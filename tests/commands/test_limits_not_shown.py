@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior, unidentified_limits
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.ars import ArsConfig
@@ -34,11 +35,16 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     assert "(pupper_v2 has at most 1.26)" in notes.getvalue()
 
 
+def torque_limits(prior: MotorPrior) -> np.ndarray:
+    assert isinstance(prior.model, GreyBox)
+    return prior.model.constants(prior.mean)["torque_limit"]
+
+
 def test_impacts_identify_limits_unless_the_log_is_too_short():
     short, long = (fitted("rollout", io.StringIO(), steps) for steps in (750, 1500))
-    limits, noted = short.network.constants(short.mean)["torque_limit"], unidentified_limits(short.metrics)
+    limits, noted = torque_limits(short), unidentified_limits(short.metrics)
     assert limits.max() > 5.0 and noted["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
-    limits, noted = long.network.constants(long.mean)["torque_limit"], unidentified_limits(long.metrics)
+    limits, noted = torque_limits(long), unidentified_limits(long.metrics)
     assert np.median(limits) == pytest.approx(1.26, rel=0.1)
     # the search finds another optimum for one of the motors on some processors
     assert noted.get("torque_limit", 0.0) == (pytest.approx(limits.max(), rel=0.2) if np.any(limits > 2.0) else 0.0)

@@ -7,9 +7,10 @@ import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import MotorParameters
 from motorprior.actuator.true_motors import PhysicalActuator
@@ -19,7 +20,6 @@ from motorprior.exceptions import ConfigError
 
 DT = 0.001
 LIMIT = 1.3
-RESIDUAL = 0.1  # torque limit of a grey box's network [N·m]
 
 
 def ideal_pd(n):
@@ -68,7 +68,7 @@ def latent(n):
         torque_limit=LIMIT,
         has_armature=True,
     )
-    return LatentActuator(network, rng.standard_normal((n, 3)))
+    return NetworkActuator(network, rng.standard_normal((n, 3)))
 
 
 def grey_box(n):
@@ -79,8 +79,7 @@ def grey_box(n):
     slope = 0.2 * rng.standard_normal((3, len(PARAMETERS)))
     slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
     motor = GearedMotor(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope)
-    network = replace(latent(1).network, torque_limit=RESIDUAL, motor=motor, has_armature=False)
-    return LatentActuator(network, rng.standard_normal((n, 3)))
+    return GreyBoxActuator(GreyBox(motor, 0.002), rng.standard_normal((n, 3)))
 
 
 MAKERS = {
@@ -100,7 +99,7 @@ def make(request):
 
 def only(actuator, motor):
     """One motor of several."""
-    if isinstance(actuator, LatentActuator):
+    if isinstance(actuator, GreyBoxActuator | NetworkActuator):
         return replace(actuator, z=actuator.z[[motor]])
     if isinstance(actuator, PhysicalActuator):
         return actuator.motors.take(np.array([motor])).actuator()
@@ -179,7 +178,7 @@ def test_at_rest_on_its_target_a_pd_motor_gives_nothing(make):
         actuator = PhysicalActuator(actuator.motors.scaled({"encoder_zero": 0.0}))
     inputs = np.stack([pose, pose, np.zeros(12)])[:, None].repeat(30, axis=1)
     torque = torques(actuator, inputs)
-    if isinstance(actuator, LatentActuator):
+    if isinstance(actuator, NetworkActuator):
         np.testing.assert_array_equal(torque, np.broadcast_to(torque[0], torque.shape))  # at rest in its own way
     else:
         np.testing.assert_array_equal(torque, 0.0)
@@ -189,20 +188,19 @@ def static_band(actuator):
     """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
 
     Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
-    LIMIT - F <= torque <= LIMIT + F. A grey box's network adds up to RESIDUAL.
+    LIMIT - F <= torque <= LIMIT + F.
     """
     motors = getattr(actuator, "motors", None)
     if isinstance(motors, MotorParameters):
-        residual, dry, load_friction = 0.0, motors.coulomb + motors.stribeck_torque, motors.load_friction
+        dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
     elif isinstance(motors, OutOfFamilyMotors):
-        residual = 0.0
         dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
-    elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
-        values, residual = actuator.network.constants(actuator.z), RESIDUAL
+    elif isinstance(actuator, GreyBoxActuator):
+        values = actuator.constants()
         dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]
     else:
         return LIMIT, LIMIT
-    return (LIMIT - dry) / (1 + load_friction) - residual, (LIMIT + dry) / (1 - load_friction) + residual
+    return (LIMIT - dry) / (1 + load_friction), (LIMIT + dry) / (1 - load_friction)
 
 
 @pytest.mark.parametrize("size", [1e2, -1e6])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.backend import Backend, BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
@@ -29,18 +29,18 @@ def of_fleet(name: str):
     return lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator()
 
 
-def of_grey_boxes(grey_network):
+def of_grey_boxes(grey_box):
     """Motors drawn around a small servo."""
-    network = grey_network(spread=0.05)
-    return lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3)))
+    box = grey_box(spread=0.05)
+    return lambda rng: GreyBoxActuator(box, rng.standard_normal((spec.NUM_JOINTS, 3)))
 
 
 def mujoco(_: object) -> Backend:
     return backend_of(of_fleet("pupper_v2"))
 
 
-def mujoco_of_grey_boxes(grey_network) -> Backend:
-    return backend_of(of_grey_boxes(grey_network))
+def mujoco_of_grey_boxes(grey_box) -> Backend:
+    return backend_of(of_grey_boxes(grey_box))
 
 
 def mujoco_randomized(_: object) -> Backend:
@@ -51,8 +51,8 @@ def pybullet(_: object) -> Backend:
     return backend_of(of_fleet("pupper_v2"), BULLET)
 
 
-def pybullet_of_grey_boxes(grey_network) -> Backend:
-    return backend_of(of_grey_boxes(grey_network), BULLET)
+def pybullet_of_grey_boxes(grey_box) -> Backend:
+    return backend_of(of_grey_boxes(grey_box), BULLET)
 
 
 def pybullet_randomized(_: object) -> Backend:
@@ -69,8 +69,8 @@ BACKENDS = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
-def backend(request: pytest.FixtureRequest, grey_network):
-    made = request.param(grey_network)
+def backend(request: pytest.FixtureRequest, grey_box):
+    made = request.param(grey_box)
     yield made
     made.close()
 

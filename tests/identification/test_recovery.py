@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
@@ -62,13 +63,13 @@ def posterior(log: MotorLog, prior: Identified) -> Posterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
-    return fit_posterior(prior.network, data, RECIPE, float(prior.losses[-1]))
+    return fit_posterior(prior.model, data, RECIPE, float(prior.losses[-1]))
 
 
 def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:
     """Spearman's of decoded against true constant, over the motors where it varies."""
-    assert prior.network.motor is not None
-    decoded, count = prior.network.constants(z), len(motors) // len(RANGES)
+    assert isinstance(prior.model, GreyBox)
+    decoded, count = prior.model.constants(z), len(motors) // len(RANGES)
     found = {}
     for group, name in enumerate(RANGES):
         rows = slice(group * count, (group + 1) * count)
@@ -91,8 +92,8 @@ def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: P
 
     After 5 s a motor with the largest backlash may end at a third of it, with less energy than the truth has.
     """
-    assert prior.network.motor is not None
-    truth, decoded, found = fleets(NEW, 2), prior.network.constants(posterior.mean), {}
+    assert isinstance(prior.model, GreyBox)
+    truth, decoded, found = fleets(NEW, 2), prior.model.constants(posterior.mean), {}
     for group, name in enumerate(RANGES):
         own = slice(group * NEW, (group + 1) * NEW)
         found[name] = float(np.sqrt(np.mean(np.log(decoded[name][own] / getattr(truth, name)[own]) ** 2)))
@@ -101,8 +102,8 @@ def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: P
 
 
 def test_bands_have_about_their_nominal_coverage(log: MotorLog, prior: Identified, posterior: Posterior):
-    metrics = reference_metrics(prior.network, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
-    known: Any = SimpleNamespace(network=prior.network, metrics=metrics)
+    metrics = reference_metrics(prior.model, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
+    known: Any = SimpleNamespace(model=prior.model, metrics=metrics)
     found = bench_coverage(known, posterior, fleets(NEW, 2), 0)
     # rather wide after a short training: the pools of residuals include the worst motors
     half, most = (found.value(quantity=name, part=None) for name in ("coverage50", "coverage90"))

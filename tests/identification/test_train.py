@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
@@ -68,7 +69,7 @@ def test_a_rollout_recovers_the_armature():
         PRESETS["one_network"], taps=(0,), num_neurons=16, steps=400, batch=64, window=20, learning_rate=5e-2
     )
     found = identify(training_data(log, preset, "log"), preset, seed=0)
-    assert found.network.armature(np.zeros((1, 0)))[0] == pytest.approx(armature, rel=0.1)
+    assert found.model.armature(np.zeros((1, 0)))[0] == pytest.approx(armature, rel=0.1)
 
 
 def test_same_seed_same_bytes(small_data):
@@ -91,14 +92,14 @@ MOTORS = replace(PRESETS["rollout"], warm_up=40, window=32)
 
 
 @pytest.fixture
-def two_motors(grey_network, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
-    """Logs of motors without a network; one term is tried."""
+def two_motors(grey_box, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
+    """Logs of two grey boxes; one term is tried."""
     monkeypatch.setattr(term_selection, "CANDIDATES", ("output_encoder",))
-    return decoder_data(grey_network(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
+    return decoder_data(grey_box(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
 
 
 def leaves(result) -> bytes:
-    every = [*jax.tree.leaves(asdict(result.network)), result.mean, result.log_var, result.losses]
+    every = [*jax.tree.leaves(asdict(result.model)), result.mean, result.log_var, result.losses]
     return b"".join(np.asarray(leaf).tobytes() for leaf in every)
 
 
@@ -121,8 +122,8 @@ class Interrupted(Exception):
 
 def test_motors_are_fitted_without_a_term_that_they_do_not_have(two_motors):
     found = identify(two_motors, MOTORS, 0)
-    assert found.preset.terms == () and found.network.motor is not None and found.network.motor.terms == ()
-    assert found.preset.num_latents == found.network.num_latents == found.mean.shape[1] == 14
+    assert found.preset.terms == () and isinstance(found.model, GreyBox) and found.model.motor.terms == ()
+    assert found.preset.num_latents == found.model.num_latents == found.mean.shape[1] == 14
     assert "saved_output_encoder" in found.metrics
     assert np.all(np.isfinite(found.log_var))
     assert found.losses[-1] < 0.05

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from policies import random_policy
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
@@ -89,9 +89,9 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
     assert total == pytest.approx(np.sum(done**2)) and np.max(np.abs(done - law)) > 1e-3
 
 
-def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
+def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
     world, target = World(PUPPER_V2, suspended=True), spec.NOMINAL_POSE + 0.2
-    motors = world.reset(LatentActuator(grey_network(), np.zeros((12, 3))))
+    motors = world.reset(GreyBoxActuator(grey_box(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):
         physics_step(world.arrays, motors, target)

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
@@ -143,7 +144,7 @@ def _held_out(
         models = baselines | adapted_models(priors, adapted, len(motors))
         task.advance()
         results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=FIDELITY_METRICS)
-        of_physics = [name for name, prior in priors.items() if name in adapted and prior.network.motor is not None]
+        of_physics = [name for name, prior in priors.items() if name in adapted and isinstance(prior.model, GreyBox)]
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
             seconds, seed = config.adapt_seconds, config.seed

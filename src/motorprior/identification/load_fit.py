@@ -21,11 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.initial_motor import bare_network, initial_center, with_motor
+from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns, grey_boxes
@@ -69,8 +69,8 @@ class _LoadProblem(MotorProblem):
         unit: g [N·m].
     """
 
-    def __init__(self, network: LatentNetwork, runs: WindowRuns):
-        super().__init__(network, runs)
+    def __init__(self, model: GreyBox, runs: WindowRuns):
+        super().__init__(model, runs)
         self.start, self.unit = _regression(runs), _SAG * float(runs.gains[0, 0])
 
     def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ class _LoadProblem(MotorProblem):
             rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
             rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
             loaded = Segment(rows, segment.windows)
-            found.append(self.runs.run(grey_boxes(self.network)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
+            found.append(self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
         return np.concatenate(found, axis=1)
 
     def rmse(self, x: np.ndarray) -> float:
@@ -151,9 +151,8 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     runs = WindowRuns(data, preset)
     same = same_conditions(runs)
     terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
-    network = with_motor(bare_network(data.scales, preset), initial_center(terms, runs), terms)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
-    problem = _LoadProblem(network, runs)
+    problem = _LoadProblem(grey_box(initial_center(terms, runs), terms, preset), runs)
     mean = np.array([0.0] * constants + [np.log(0.5), *problem.start[1:] / problem.unit])
     std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
     search, prior = Search(problem), GaussianPrior(mean, std**-2.0)

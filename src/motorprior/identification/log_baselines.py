@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motorprior.actuator.latent import LatentActuator
 from motorprior.identification import presets
 from motorprior.identification.evaluation.errors import MotorModel, fitted_tuned_pd
 from motorprior.identification.fit_prior import fit_recipe
@@ -54,7 +53,7 @@ def fitted_baselines(
         if name == "pooled_network" and adam_steps is not None:
             recipe = replace(recipe, steps=adam_steps)
         fitted = fit_recipe(log, named, recipe, seed, folder / name, WithoutNotes(progress), tuned=tuned)
-        models[name] = LatentActuator(fitted.network, fitted.mean)
+        models[name] = fitted.model.motors(fitted.mean)
     return models | {"tuned_pd": tuned}
 
 

@@ -14,15 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
-from motorprior.identification.physics.initial_motor import bare_network, with_motor
+from motorprior.identification.physics.initial_motor import grey_box
 from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined
 from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
@@ -34,14 +35,15 @@ if TYPE_CHECKING:
     from motorprior.identification.networks.descent import Checkpoints, Report
 
 WORK = 100  # of every stage of a fit of grey boxes, in Adam steps
+SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # of each motor in all but the last descents; rows, or windows if more
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A trained network with the posteriors of the training motors."""
+    """A decoder with the posteriors of the training motors."""
 
-    network: LatentNetwork  # of the prior
+    model: Decoder  # of the prior
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
@@ -88,11 +90,11 @@ def identify(
     else:
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
-        network, mean, log_var, losses = train_network(data, preset, seed, report, checkpoints)
-        found = Identified(network, mean, log_var, preset, losses, {}, ())
+        model, mean, log_var, losses = train_network(data, preset, seed, report, checkpoints)
+        found = Identified(model, mean, log_var, preset, losses, {}, ())
     if preset.standardise:
-        network, mean, log_var = standard_posterior(found.network, data, found.preset, found.mean, assumed)
-        found = replace(found, network=network, mean=mean, log_var=log_var)
+        model, mean, log_var = standard_posterior(found.model, data, found.preset, found.mean, assumed)
+        found = replace(found, model=model, mean=mean, log_var=log_var)
     return found
 
 
@@ -105,17 +107,17 @@ def _grey_boxes(
     found = fitted.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in fitted.saved.items()}
-    network = with_motor(bare_network(data.scales, preset), found.center, found.terms)
+    model = grey_box(found.center, found.terms, preset)
     report(0, "refining constants")
     longer = longer_runs(data, preset, runs)
     z = found.offsets
     if longer is not runs:
-        z = refined(network, z, longer, preset.grey_boxes == "together")
+        z = refined(model, z, longer, preset.grey_boxes == "together")
     notes = _notes_on_terms(fitted, preset)
-    notes += _notes_on_identifiability(network, z, longer, data.joint_names, metrics)
-    losses = motor_search(network, runs).losses(z).mean(keepdims=True)
+    notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
+    losses = motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
-    return Identified(network, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
+    return Identified(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
 @dataclass(frozen=True)
@@ -148,11 +150,11 @@ def _fitted(
     if kept is not None:
         report(WORK * (len(TERMS) + STAGES), "constants already fitted")
         return _Fitted.from_arrays(kept)
-    bare = bare_network(data.scales, preset)
     part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
-    chosen = _selected(bare, part, preset, seed, report)
-    few = runs if part is data else WindowRuns(part, preset, heartbeat=runs.heartbeat)
-    fit = partial(fit_motors, bare, runs, together=preset.grey_boxes == "together", seed=seed, part=few)
+    chosen = _selected(part, preset, seed, report)
+    some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
+    few = runs if some is data else WindowRuns(some, preset, heartbeat=runs.heartbeat)
+    fit = partial(fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=few)
     found = fit(preset.logged_terms, report=lambda: report(WORK, "constants"))
     if set(chosen.terms) - set(preset.logged_terms):
         more = fit(chosen.terms, report=lambda: report(0, f"with {', '.join(chosen.terms)}"), nested=found)
@@ -168,7 +170,7 @@ def _fitted(
     return fitted
 
 
-def _selected(bare: LatentNetwork, part: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+def _selected(part: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     if not preset.tries_terms:
         report(WORK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
@@ -176,7 +178,7 @@ def _selected(bare: LatentNetwork, part: TrainingData, preset: Preset, seed: int
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
     few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
     work = chain(repeat(WORK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
-    chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
+    chosen = select_terms(few, seed, lambda text: report(next(work), text))
     report(sum(iter(work.__next__, 0)), "terms selected")
     return chosen
 
@@ -194,7 +196,7 @@ def _notes_on_terms(fitted: _Fitted, preset: Preset) -> list[str]:
 
 
 def _notes_on_identifiability(
-    network: LatentNetwork, z: np.ndarray, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
+    model: GreyBox, z: np.ndarray, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
 ) -> list[str]:
     """Notes on limits and on a scale of torques that the logs do not identify, also added to ``metrics``."""
 
@@ -202,12 +204,16 @@ def _notes_on_identifiability(
         named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
         return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
-    notes = []
-    for name, hidden in unidentifiable_limits(network, runs, z).items():
-        value = float(network.constants(z)[name][hidden].max())
+    notes, free = [], ~fixed_constants(model.motor.terms, runs)
+    reached = (np.abs(z) > 0.99 * LOG_REACH) & free
+    for name, motors in zip(parameters_of(model.motor.terms), reached.T, strict=True):
+        if motors.any():
+            notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")
+    for name, hidden in unidentifiable_limits(model, runs, z).items():
+        value = float(model.constants(z)[name][hidden].max())
         metrics[f"{UNIDENTIFIED}{name}"] = value
         notes.append(f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it")
-    hidden = unknown_torque_scale(network, runs, z)
+    hidden = unknown_torque_scale(model, runs, z)
     if hidden.any():
         metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())
         notes.append(

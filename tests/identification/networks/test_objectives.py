@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from series import complete
 
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.latent import NetworkActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.networks.objectives import (
@@ -45,7 +45,7 @@ def recorded(given: Parameters, preset=NETWORK):
         np.array([0.001, 0.004, 0.02]),
         preset.period,
     )
-    response = run(LatentActuator(export(given, preset, SCALES), Z), trial)
+    response = run(NetworkActuator(export(given, preset, SCALES), Z), trial)
     load = np.broadcast_to(trial.load_inertia, trial.position_target.shape)
     channels = (
         trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque,

@@ -8,9 +8,9 @@ from series import complete
 
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.identification.physics.initial_motor import bare_network, initial_center, with_motor
+from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -26,9 +26,9 @@ HIDDEN = ("backlash", "encoder_zero")
 
 
 @pytest.fixture(scope="module")
-def network() -> LatentNetwork:
+def box() -> GreyBox:
     """The initial motor, one latent per constant."""
-    return with_motor(bare_network(SCALES, PRESET), initial_center(()), ())
+    return grey_box(initial_center(()), (), PRESET)
 
 
 @pytest.fixture(scope="module")
@@ -40,19 +40,18 @@ def z() -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def series(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
+def series(box: GreyBox, z: np.ndarray) -> np.ndarray:
     """(MOTORS, rows, channels) readings of the rotors' encoders, each motor under a load."""
     rng, rows = np.random.default_rng(1), PRESET.history + PRESET.window + 1
     targets = np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0)
     external = np.cumsum(rng.normal(0.0, 0.01, (rows, MOTORS)), axis=0)
-    arrays = LatentActuator(network, z).arrays(DT)
-    zero = network.constants(z)["encoder_zero"]
+    arrays = GreyBoxActuator(box, z).arrays(DT)
+    zero = box.constants(z)["encoder_zero"]
     assert np.abs(zero).max() > 0.005, "zeros that would be seen"
     q, dq, torque, seen = targets[0] - zero, np.zeros(MOTORS), np.zeros(MOTORS), []
     reset_actuator(arrays, targets[0], q)
     for row in range(rows):
-        motor = arrays.memory[1:]
-        seen.append((motor[ROTOR_POS] + zero, motor[ROTOR_VEL].copy()))
+        seen.append((arrays.memory[ROTOR_POS] + zero, arrays.memory[ROTOR_VEL].copy()))
         step_actuator(arrays, DT, targets[row], q, dq, torque)
         dq = (dq + DT * (torque + external[row]) / INERTIA) / (1.0 + DT * arrays.damping / INERTIA)
         q = q + DT * dq
@@ -61,20 +60,20 @@ def series(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
     return complete(np.stack(channels, axis=-1).transpose(1, 0, 2)).astype(np.float32)
 
 
-def loss(network: LatentNetwork, series: np.ndarray, z: np.ndarray, measured: Measured) -> float:
+def loss(box: GreyBox, series: np.ndarray, z: np.ndarray, measured: Measured) -> float:
     rows = series.shape[1]
     data = TrainingData(series, np.arange(1), (slice(0, rows),), SCALES, measured)
-    return float(motor_search(network, WindowRuns(data, PRESET)).losses(z).mean())
+    return float(motor_search(box, WindowRuns(data, PRESET)).losses(z).mean())
 
 
-def test_a_perfect_model_replays_the_rotors(network, series, z):
-    assert loss(network, series, z, AT_ROTOR) < 1e-5
-    assert loss(network, series, z, AT_JOINT) > 1e-3
+def test_a_perfect_model_replays_the_rotors(box, series, z):
+    assert loss(box, series, z, AT_ROTOR) < 1e-5
+    assert loss(box, series, z, AT_JOINT) > 1e-3
 
 
 @pytest.mark.parametrize("name", [*HIDDEN, "kp", "coulomb", "armature"])
-def test_rotor_encoders_identify_all_constants_but_zero_and_backlash(network, series, z, name: str):
+def test_rotor_encoders_identify_all_constants_but_zero_and_backlash(box, series, z, name: str):
     moved = z.copy()
     moved[:, PARAMETERS.index(name)] += 0.5
-    before, after = (loss(network, series, one, AT_ROTOR) for one in (z, moved))
+    before, after = (loss(box, series, one, AT_ROTOR) for one in (z, moved))
     assert (after == before) if name in HIDDEN else (after > before)

@@ -17,8 +17,8 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
@@ -37,6 +37,7 @@ from motorprior.signals import rms
 # models of a log's motors: on its loads, at the gains of its segments, or responses that need no loads
 MotorModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors
 PRIOR, TUNED_PD = "prior", "tuned_pd"
+SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck")
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 SECONDS = 1.0  # of a FREE_RUN
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
@@ -96,10 +97,10 @@ def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float]
     gains = part.gains
     if isinstance(motors, GainScaledPd):
         return motors.pd if gains is None else motors.at(gains)
-    if not isinstance(motors, LatentActuator):
+    if not isinstance(motors, GreyBoxActuator):
         return motors
-    conditions = Conditions(motors.network.warmth(motors.z, seconds), *relative_conditions(part, nominal))
-    return replace(motors, conditions=conditions, gains=gains if motors.network.gain_unit else motors.gains)
+    conditions = Conditions(motors.model.warmth(motors.z, seconds), *relative_conditions(part, nominal))
+    return replace(motors, conditions=conditions, gains=gains if motors.model.gain_unit else motors.gains)
 
 
 @dataclass(frozen=True)
@@ -157,17 +158,25 @@ class LogErrors:
         return np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0)) / np.maximum(baseline, 1e-9)
 
     def warnings(self, model: str) -> list[str]:
-        """A warning that names the joints for which too much of the tuned PD's error remains."""
+        """Warnings of simpler models with less error, and of joints where too much of the tuned PD's error remains."""
+        mean = {name: float(np.nanmean(values)) for name, values in self.models.items()}
+        lines = [
+            f"warning: {name} replays {', '.join(self.logs)} better than {model}: {1e3 * mean[name]:.2f} instead of "
+            f"{1e3 * mean[model]:.2f} mrad -> do not use this model; try preset long_runs, another seed or longer logs"
+            for name in SIMPLER
+            if mean.get(name, np.inf) < mean[model]
+        ]
         share = self.unexplained(model)
         large = np.flatnonzero(share > MAX_UNEXPLAINED)
         if not large.size:
-            return []
+            return lines
         named = listed([f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10)
         return [
+            *lines,
             f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
             f"{', '.join(self.logs)}: {named}. The model lacks physics of these motors, they differ from the prior's, "
             "or the fit did not converge -> do not interpret their constants; try preset long_runs, another seed or "
-            "longer logs"
+            "longer logs",
         ]
 
 

@@ -1,4 +1,4 @@
-"""The posterior of z for new motors, from seconds of log; the network's weights stay fixed.
+"""The posterior of z for new motors, from seconds of log; the model's weights stay fixed.
 
     minimise  U(z) = N·loss(z)/T + ½|z - m|²/d²,     covariance = (I/d² + N·G(z)/T)⁻¹
 
@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -48,17 +49,17 @@ class Posterior:
     windows: int  # N, windows per motor
 
 
-def latent_search(network: LatentNetwork, data: TrainingData, preset: Preset) -> Search:
-    """The least-squares problems of the motors in ``data``, whose scales must be those of the network."""
-    if network.motor is not None:
-        return Search(MotorProblem(network, WindowRuns(data, preset)))
+def latent_search(model: Decoder, data: TrainingData, preset: Preset) -> Search:
+    """The least-squares problems of the motors in ``data``, whose scales must be those of the model."""
+    if isinstance(model, GreyBox):
+        return Search(MotorProblem(model, WindowRuns(data, preset)))
     from motorprior.identification.networks.network_problem import NetworkProblem  # here: it imports JAX
 
-    return Search(NetworkProblem(network, data, preset))
+    return Search(NetworkProblem(model, data, preset))
 
 
 def fit_posterior(
-    network: LatentNetwork,
+    model: Decoder,
     data: TrainingData,
     preset: Preset,
     temperature: float,
@@ -68,15 +69,15 @@ def fit_posterior(
     """The posterior of every motor in ``data``.
 
     Args:
-        network: of the prior.
+        model: of the prior.
         data: logs of the new motors.
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         start: (M, Z) initial latents; found by a random search if not given.
         prior: N(0, I) if not given.
     """
-    search = latent_search(network, data, preset)
-    shape, windows = (search.problem.count, network.num_latents), search.problem.observations
+    search = latent_search(model, data, preset)
+    shape, windows = (search.problem.count, model.num_latents), search.problem.observations
     prior = prior or LatentPrior(np.zeros(shape), np.ones(shape[0]))
     precision = temperature / windows / prior.std[:, None] ** 2
     gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))

@@ -8,14 +8,12 @@ alone, are tried on the logs, and the fit starts from the best if its loss is le
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, SIGNED
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -73,18 +71,6 @@ def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
     ])  # fmt: skip
 
 
-def bare_network(scales: Mapping[str, float], preset: Preset) -> LatentNetwork:
-    """A network without neurons, to which `with_motor` adds a motor."""
-    zeros, numbers = np.zeros, cast(Any, scales)
-    return LatentNetwork(
-        w1=zeros((2, 0)), v1=zeros((0, 0)), b1=zeros(0), w2=zeros((0, 0)), b2=zeros(0), w3=zeros(0), b3=zeros(()),
-        log_armature=zeros(()), armature_slope=zeros(0), taps=(0,), period=preset.period, **numbers,
-        has_armature=False, gain_unit=preset.gain_unit,
-    )  # fmt: skip
-
-
-def with_motor(network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
-    """A network with this central motor, and one latent per constant; its own weights ignore the latents."""
-    size = len(center)
-    motor = GearedMotor(center, np.eye(size), terms)
-    return replace(network, motor=motor, v1=np.zeros((size, 0)), armature_slope=np.zeros(size), copula=None)
+def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> GreyBox:
+    """The decoder around a central motor (P,), with one latent per constant."""
+    return GreyBox(GearedMotor(center, np.eye(len(center)), terms), preset.period, gain_unit=preset.gain_unit)

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
@@ -73,7 +73,6 @@ class FleetFit:
 
 
 def fit_motors(
-    network: LatentNetwork,
     runs: WindowRuns,
     terms: tuple[str, ...],
     together: bool,
@@ -87,7 +86,6 @@ def fit_motors(
     """Fit all motors of the logs.
 
     Args:
-        network: its residual does not change.
         runs: the logs.
         terms: optional terms of the motors (`optional_terms`).
         together: estimate a Gaussian over the motors.
@@ -100,20 +98,20 @@ def fit_motors(
     """
     part = part or runs
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
-    nested = nested or fit_rigid_motors(network, part, terms, seed, chosen)
+    nested = nested or fit_rigid_motors(part, terms, seed, chosen)
     start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
-    initial = sized_center(network, part, terms, chosen)
+    initial = sized_center(part, terms, chosen)
     neutral, lacks = rigid_motor(initial, terms, runs)
     is_new = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms)))
     lacks &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
     center = np.where(lacks, 0.5 * (neutral + initial), initial)
     report()
     center = np.where(lacks | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
-    search = centred(network, center, terms, part, chosen)
+    search = centred(center, terms, part, chosen)
     simplest = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
     found = _alone(search, rng, simplest, initial - center, neutral - center, lacks, fixed, restarts, report)
     if part is not runs:
-        search = centred(network, center, terms, runs, chosen)
+        search = centred(center, terms, runs, chosen)
         found = search.descend(found.x, weak_prior(found.x).fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, report)
@@ -121,17 +119,15 @@ def fit_motors(
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
     center, x = center + middle, x - middle
-    return FleetFit(center, x, centred(network, center, terms, runs, chosen).losses(x), terms)
+    return FleetFit(center, x, centred(center, terms, runs, chosen).losses(x), terms)
 
 
-def fit_rigid_motors(
-    network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], seed: int, chosen: np.ndarray | None = None
-) -> FleetFit:
+def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, chosen: np.ndarray | None = None) -> FleetFit:
     """The simplest motors: the best of RIGID_STARTS random searches, refined; arguments as for `fit_motors`."""
     rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
-    initial = sized_center(network, runs, terms, chosen)
+    initial = sized_center(runs, terms, chosen)
     rigid, lacks = rigid_motor(initial, terms, runs)
-    search, held = centred(network, rigid, terms, runs, chosen), lacks | fixed
+    search, held = centred(rigid, terms, runs, chosen), lacks | fixed
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
     prior = weak_prior(np.zeros(len(rigid))).fixing(held)
     found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
@@ -299,15 +295,13 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
 
 
 def refined(
-    network: LatentNetwork, x: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
+    model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
 ) -> np.ndarray:
     """(M, K) latents after Gauss-Newton steps from ``x`` on ``runs``, longer than those of the fit.
 
     The prior is the fleet's if ``together``, estimated at x; otherwise it is weak, around x.
     """
-    motor = network.motor
-    assert motor is not None
-    search, fixed = motor_search(network, runs, chosen), fixed_constants(motor.terms, runs)
+    search, fixed = motor_search(model, runs, chosen), fixed_constants(model.motor.terms, runs)
     prior, windows = weak_prior(x).fixing(fixed), search.problem.observations
     if together and len(x) > 1:
         found = search.at(x, prior)

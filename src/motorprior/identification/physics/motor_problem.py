@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import NEGLIGIBLE
-from motorprior.identification.physics.initial_motor import TORQUES, encoded, initial_center, logs_kd, with_motor
+from motorprior.identification.physics.initial_motor import TORQUES, encoded, grey_box, initial_center, logs_kd
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
 from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -29,39 +29,35 @@ class MotorProblem:
     """Residuals of free runs, see `search.Problem`.
 
     Args:
-        network: decoder from x to motors.
+        model: decoder from x to motors.
         runs: the logs.
         chosen: (N,) mask of the windows that count; all if not given.
     """
 
-    def __init__(self, network: LatentNetwork, runs: WindowRuns, chosen: np.ndarray | None = None):
-        self.network, self.runs, self.count, self.weight = network, runs, runs.num_motors, float(runs.channels)
+    def __init__(self, model: GreyBox, runs: WindowRuns, chosen: np.ndarray | None = None):
+        self.model, self.runs, self.count, self.weight = model, runs, runs.num_motors, float(runs.channels)
         self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
         self.observations = len(np.arange(runs.windows)[self._chosen])  # windows of each motor that count
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, windows·channels·steps) scaled errors of motor ``which[l]`` with constants x[l]."""
-        found = self.runs.residuals(grey_boxes(self.network), x, which)
+        found = self.runs.residuals(grey_boxes(self.model), x, which)
         return found[:, self._chosen].reshape(len(which), -1)
 
 
 def motor_search(
-    network: LatentNetwork, runs: WindowRuns, chosen: np.ndarray | None = None, lower: np.ndarray | None = None
+    model: GreyBox, runs: WindowRuns, chosen: np.ndarray | None = None, lower: np.ndarray | None = None
 ) -> Search:
     """Search for the motors of these logs."""
-    return Search(MotorProblem(network, runs, chosen), lower)
+    return Search(MotorProblem(model, runs, chosen), lower)
 
 
-def centred(
-    network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, chosen: np.ndarray | None
-) -> Search:
+def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, chosen: np.ndarray | None) -> Search:
     """Search around a central motor (K,)."""
-    return motor_search(with_motor(network, center, terms), runs, chosen, lower_bounds(center, terms, runs))
+    return motor_search(grey_box(center, terms, runs.preset), runs, chosen, lower_bounds(center, terms, runs))
 
 
-def sized_center(
-    network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
-) -> np.ndarray:
+def sized_center(runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None) -> np.ndarray:
     """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
     if runs.gain_unit == PHYSICAL_GAINS:
@@ -70,7 +66,7 @@ def sized_center(
     torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
     sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
     z = np.zeros((runs.num_motors, len(names)))
-    losses = [motor_search(with_motor(network, size, terms), runs, chosen).losses(z) for size in sizes]
+    losses = [motor_search(grey_box(size, terms, runs.preset), runs, chosen).losses(z) for size in sizes]
     middle = np.median(losses, axis=1)
     best = int(np.argmin(middle))
     return sizes[best] if middle[best] < 0.5 * middle[0] else center

@@ -23,9 +23,8 @@ import numpy as np
 from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
-from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.initial_motor import initial_center, with_motor
+from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     centred,
@@ -41,7 +40,7 @@ from motorprior.identification.search import NARROW, WIDE, Fit, Steps
 CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
-MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 60
+MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
@@ -73,9 +72,7 @@ class _State:
     parts: np.ndarray  # (m, s) held-out loss by part
 
 
-def select_terms(
-    network: LatentNetwork, runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None
-) -> Selection:
+def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None) -> Selection:
     """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
     ``report`` is called for every candidate in the first round, then for every selected or removed term.
@@ -86,7 +83,7 @@ def select_terms(
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    trial = _Trial(network, runs, parts, seed)
+    trial = _Trial(runs, parts, seed)
     rigid = trial.rigid(given)
     best, saved = trial.enriched(rigid), {}
     groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
@@ -168,22 +165,20 @@ def _logarithm(loss: np.ndarray) -> np.ndarray:
 class _Trial:
     """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
 
-    def __init__(self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int):
-        self._network, self._runs, self._parts, self._seed = network, runs, parts, seed
+    def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int):
+        self._runs, self._parts, self._seed = runs, parts, seed
         self._train, self._test = parts % 2 == 0, parts % 2 == 1
 
     def rigid(self, terms: tuple[str, ...]) -> _State:
         """The simplest motors, with a rigid gear."""
-        found = fit_rigid_motors(self._network, self._runs, terms, self._seed, self._train)
+        found = fit_rigid_motors(self._runs, terms, self._seed, self._train)
         return self._state(terms, found.center + found.offsets)
 
     def enriched(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
         center, terms = rigid.raw.mean(axis=0), rigid.terms
         nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
-        found = fit_motors(
-            self._network, self._runs, terms, False, self._seed, self._train, nested=nested, restarts=_RESTARTS
-        )
+        found = fit_motors(self._runs, terms, False, self._seed, self._train, nested=nested, restarts=_RESTARTS)
         return self._state(terms, found.center + found.offsets)
 
     def simple(self, rigid: _State, added: tuple[str, ...]) -> _State:
@@ -228,7 +223,7 @@ class _Trial:
         )
         center = np.where(held | fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
         initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
-        search = centred(self._network, center, terms, self._runs, self._train)
+        search = centred(center, terms, self._runs, self._train)
         held = held | fixed
         prior = weak_prior(np.zeros(len(center))).fixing(held)
 
@@ -249,7 +244,7 @@ class _Trial:
 
     def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
-        losses = motor_search(with_motor(self._network, center, terms), self._runs).parts(raw - center)
+        losses = motor_search(grey_box(center, terms, self._runs.preset), self._runs).parts(raw - center)
         held_out, groups = losses[:, self._test], self._parts[self._test]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
         return _State(terms, raw, losses[:, self._train].mean(axis=1), held_out.mean(axis=1), parts)

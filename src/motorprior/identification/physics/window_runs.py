@@ -21,11 +21,9 @@ from scipy.ndimage import minimum_filter1d
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.learned_kernels import GREY_BOX
-from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
@@ -39,9 +37,8 @@ POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
 LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
-_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
-# rows of its parameters
-_BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
+# rows of a grey box's parameters
+_BACKLASH, _ZERO = (StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 
 
 def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
@@ -90,14 +87,14 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales,
             j = motor[lane]
             next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
             if at_rotor:
-                observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
+                observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = next_pos, next_vel
             else:
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
             own_pos, own_vel = q[lane], dq[lane]
             if at_rotor:
-                own_pos, own_vel = free.memory[_ROTOR, lane], free.memory[_ROTOR_VEL, lane]
+                own_pos, own_vel = free.memory[ROTOR_POS, lane], free.memory[ROTOR_VEL, lane]
             out[lane, index, 0, within] = (own_pos - next_pos) / scales[0]
             out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
             if channels > 2:
@@ -231,20 +228,19 @@ class WindowRuns:
         def errors(segment: Segment) -> np.ndarray:
             if isinstance(motors, GainScaledPd):
                 return self.run(motors.at(segment.gains), everyone, segment)
-            if isinstance(motors, LatentActuator) and motors.network.motor is not None:
-                return self.run(grey_boxes(motors.network)(motors.z, everyone, segment), everyone, segment)
+            if isinstance(motors, GreyBoxActuator):
+                return self.run(grey_boxes(motors.model)(motors.z, everyone, segment), everyone, segment)
             return self.run(motors, everyone, segment)
 
         return np.concatenate(list(self.threads.map(errors, self.segments)), axis=1)
 
     def run(self, motors: Actuator, motor: np.ndarray, segment: Segment) -> np.ndarray:
         """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""
-        preset, at_rotor = self.preset, self.at_rotor and motors.kind is GREY_BOX
+        preset, at_rotor = self.preset, False
         observer, free = motors.arrays(preset.period), motors.arrays(preset.period)
-        if at_rotor:
-            assert isinstance(motors, LatentActuator)
-            mean = np.zeros((1, motors.z.shape[1]))
-            central = LatentActuator(motors.network, mean, gains=segment.gains[:, :1]).arrays(preset.period)
+        if self.at_rotor and isinstance(motors, GreyBoxActuator):
+            at_rotor, mean = True, np.zeros((1, motors.z.shape[1]))
+            central = motors.model.motors(mean, gains=segment.gains[:, :1]).arrays(preset.period)
             for arrays in (observer, free):
                 arrays.parameters[_BACKLASH], arrays.parameters[_ZERO] = central.parameters[_BACKLASH, 0], 0.0
         out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
@@ -255,13 +251,13 @@ class WindowRuns:
         return out
 
 
-def grey_boxes(network: LatentNetwork) -> MotorsOf:
+def grey_boxes(model: GreyBox) -> MotorsOf:
     """Motors of latents, at the gains and under the conditions of the segment."""
 
-    def motors(z: np.ndarray, motor: np.ndarray, segment: Segment) -> LatentActuator:
-        gains = segment.gains[:, motor] if network.gain_unit else None
-        conditions = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
-        return LatentActuator(network, z, conditions, gains)
+    def motors(z: np.ndarray, motor: np.ndarray, segment: Segment) -> GreyBoxActuator:
+        gains = segment.gains[:, motor] if model.gain_unit else None
+        conditions = Conditions(model.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        return model.motors(z, conditions, gains)
 
     return motors
 
