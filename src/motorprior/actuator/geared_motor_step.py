@@ -29,7 +29,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motorprior.actuator.geared_motor_constants import StepConstants, Values
-from motorprior.actuator.optional_terms import REFERENCE, STATE_ROWS, profiled, within_voltage
+from motorprior.actuator.optional_terms import REFERENCE, STATE_ROWS, TERMS, profiled, within_voltage
 
 EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
@@ -136,6 +136,9 @@ def step(
             integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
         )
         push = push + state.integral
+    for law_of_term in (TERMS[name].law for name in terms):
+        if law_of_term is not None:
+            push = law_of_term(p, push, v, arithmetic)
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
     old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the law
     if "current" in terms:

@@ -23,13 +23,14 @@ All quantities are at the output shaft; h is the step. In the order in which the
                    bridge (most hobby servos), 0 if it commands the current.
     temperature    torques of the law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
-Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of TERMS
-and a line of `geared_motor_step.step`, or of `at_conditions` if it changes other constants.
+Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of
+TERMS: with ``law`` it changes the torque of the law; others have a line in `geared_motor_step.step` or
+`at_conditions`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
@@ -63,6 +64,8 @@ class Term(NamedTuple):
     constants: tuple[Constant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
     is_usual: bool = False  # in hobby servos
+    # (constants, torque of the law [N·m], rotor velocity [rad/s], arithmetic) -> another torque of the law
+    law: Callable[[Any, Any, Any, Any], Any] | None = None
 
 
 REFERENCE = "reference"
