@@ -59,7 +59,7 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
     monkeypatch.setattr(term_selection, "CANDIDATES", ("profile",))  # the others take a minute
-    monkeypatch.setattr(response_fit, "GENERATIONS", 5)
+    monkeypatch.setattr(response_fit, "RESTARTS", 5)
     done = motorprior("validate-log", prior, held_out, "--adam-steps", 20, "--out", out)
     assert done.code == 0 and "tuned_pd" in done.out and "whole log, mean" in done.out
     found = read_results(out)

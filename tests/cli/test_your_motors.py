@@ -75,7 +75,7 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for name in ("STARTS", "FIRST_ROUNDS", "ROUNDS"):
         monkeypatch.setattr(load_fit, name, 1)
     monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
-    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    monkeypatch.setattr(response_fit, "RESTARTS", 4)
     monkeypatch.setattr(demo, "run_bench", begun)
     return tmp_path
 

@@ -233,8 +233,9 @@ class Search:
         steps: Steps,
         report: Callable[[], None] = lambda: None,
         which: np.ndarray | None = None,
+        again: int = TIMES,
     ) -> Fit:
-        """Restart every problem until its best optimum was found TIMES more, at most ``restarts`` times.
+        """Restart every problem until its best optimum was found ``again`` times more, at most ``restarts`` times.
 
         Args:
             found: the best so far.
@@ -244,18 +245,19 @@ class Search:
             steps: descents from the best candidate.
             report: called ``restarts`` times.
             which: problems (m,) that are restarted; all if not given.
+            again: see above.
         """
-        times, done = np.full(len(found.x), TIMES), 0
+        times, done = np.full(len(found.x), again), 0
         times[self.everyone if which is None else which] = 0
-        while done < restarts and len(left := np.flatnonzero(times < TIMES)):
+        while done < restarts and len(left := np.flatnonzero(times < again)):
             batch = min(restarts - done, max(1, _TOGETHER // len(left)))
             starts = [self.best_of(draw(done + k, found)[left], prior, left) for k in range(batch)]
             fits = self.descend(np.concatenate(starts), prior, steps, np.tile(left, batch))
             for k in range(batch):
                 fit, before = fits.of(np.arange(len(left)) + k * len(left)), found.energy[left]
                 same = np.abs(fit.energy - before) <= SAME * before
-                again = np.where(fit.energy < (1.0 - SAME) * before, 0, times[left] + same)
-                times[left] = np.where(times[left] < TIMES, again, TIMES)
+                counted = np.where(fit.energy < (1.0 - SAME) * before, 0, times[left] + same)
+                times[left] = np.where(times[left] < again, counted, again)
                 found = found.replaced(left, found.of(left).better(fit))
                 report()
             done += batch

@@ -34,7 +34,7 @@ MIN_SAVING = 0.04  # share of the loss that an optional part must save
 MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
 SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
 RESTARTS = 16  # at most, of each model
-_DRAWS, _STEPS = 256, ((12, WIDE), (8, NARROW))
+_DRAWS, _STEPS = 256, ((10, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _STREAM = 73
 

@@ -99,7 +99,7 @@ def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fi
 
     mean = search.at(prior.mean, gaussian)
     first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, STEPS)
-    return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS)
+    return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS, again=4)
 
 
 def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:

@@ -47,7 +47,7 @@ from motorprior.identification.training_data.windows import TrainingData
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
 RESTARTS, DRAWS = 24, 256  # at most, and candidates of each
 LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
-STEPS = ((12, WIDE), (6, NARROW))  # of a descent
+STEPS = ((10, WIDE), (6, NARROW))  # of a descent
 FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
@@ -164,7 +164,7 @@ def _alone(
     shape, gear = (len(simplest), DRAWS, simplest.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        noise, kind = rng.standard_normal(shape), restart % 3
+        noise, kind = rng.standard_normal(shape), restart % 4
         if kind == 0:  # the simplest motor, with constants that it lacks, and every second time with a compliant gear
             around = simplest[:, None] + 0.2 * noise * ~lacks
             candidates = np.where(lacks & (rng.random(shape) < 0.5), initial + 1.5 * noise, around)
@@ -173,11 +173,15 @@ def _alone(
         elif kind == 1:  # the best motor, with other constants, or another motor's
             candidates = np.where(rng.random(shape) < 0.5, best.x[:, None] + 0.5 * noise, best.x[:, None])
             _add_others(rng, candidates, best.x)
+        elif kind == 2:  # the simplest motor, with the initial motor's values of what it lacks
+            candidates = np.where(lacks, initial + 0.5 * noise, simplest[:, None] + 0.3 * noise)
         else:  # any motor
-            candidates = np.where(rng.random(shape) < 0.8, 1.5 * noise, best.x[:, None])
+            candidates = np.where(rng.random(shape) < 0.8, initial + 0.7 * noise, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
     found = search.descend(simplest, prior, STEPS[:1])
+    complete = np.where(lacks, np.clip(initial, -LOG_REACH, LOG_REACH), simplest)
+    found = found.better(search.descend(complete, prior, STEPS[:1]))
     lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
     found = search.until_found_again(found, prior, draw, restarts, STEPS, report, lead)
     if len(rest := np.setdiff1d(search.everyone, lead)):
