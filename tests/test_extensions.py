@@ -28,9 +28,6 @@ from motorprior.simulation.motors import simulated_motors
 robot = mp.load_robot("pupper_v2")
 assert simulated_motors("soft:kp=2", robot).condition == "soft"
 assert parse(["walk", "--motors", "soft:kp=2", "--out", "x"]).motors == "soft:kp=2"
-env = mp.make_env(robot, motors="soft:kp=2", episode_steps=3)
-env.reset(seed=0)
-env.step(env.action_space.sample() * 0)
 """
 TERM = """    "weak": Term(
         (Constant("weakness", "1", 0.1, 1e-6, 0.0),), law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness)
