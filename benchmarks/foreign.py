@@ -31,7 +31,7 @@ from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit
 from motorprior.identification.evaluation.bench_truth import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.held_out import adapt_all, adapted_models, distribution, held_out_motors
-from motorprior.identification.presets import identification_preset
+from motorprior.identification.presets import network_steps
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -61,8 +61,10 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
     for preset in PRESETS:
-        steps = None if identification_preset(preset).grey_boxes else settings.adam_steps
-        run_identify(Identify(bench, priors / preset, preset, settings.seed, steps), PROGRESS)
+        run_identify(
+            Identify(bench, priors / preset, preset, settings.seed, network_steps(preset, settings.adam_steps)),
+            PROGRESS,
+        )
     return {name: priors / name / PRIOR for name in PRESETS}
 
 

@@ -24,7 +24,7 @@ from motorprior.logs.readers.ros_bag import CLOCK
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
 """Of each table, header included: four seconds of the Go2."""
-WITH_STEPS = {"identify": ("--steps", "4"), "validate-log": ("--adam-steps", "4")}
+WITH_STEPS = {"validate-log": ("--adam-steps", "4")}
 
 
 class Begun(Exception):
@@ -85,8 +85,8 @@ def begun(*args: object) -> None:
 
 
 def with_steps(words: list[str]) -> list[str]:
-    """With few steps where a network is trained: the preset that a page names beside identify trains none."""
-    return words if words[0] == "identify" and "--preset" in words else [*words, *WITH_STEPS.get(words[0], ())]
+    """With few Adam steps where a network is trained."""
+    return [*words, *WITH_STEPS.get(words[0], ())]
 
 
 def expanded(words: list[str]) -> list[str]:

@@ -18,7 +18,6 @@ PAGE = (ROOT / "docs" / "your-robot.md").read_text("utf-8")
 SMALL = {
     "walk": "--iterations 2 --episode-steps 40 --search.num-directions 4 --search.num-top-directions 2 --workers 1",
     "bench": "--motors 12 --steps 1500",
-    "identify": "--steps 2",
     "simulate": "--seconds 2",
     "adapt": "--anyway",
     "replay": "--draws 2",

@@ -21,6 +21,7 @@ from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import SEEDS_APART
 from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
+from motorprior.identification.presets import network_steps
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress, in_parallel
@@ -174,7 +175,9 @@ def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
         run_bench(bench, progress)
     folders = {preset: config.out / "priors" / preset for preset in PRESETS}
     fits = [
-        Identify(benches.get(preset, benches["rollout"]), out, preset, config.seed, config.adam_steps)
+        Identify(
+            benches.get(preset, benches["rollout"]), out, preset, config.seed, network_steps(preset, config.adam_steps)
+        )
         for preset, out in folders.items()
     ]
     in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)

@@ -131,6 +131,11 @@ def identification_preset(name: str, steps: int | None = None) -> Preset:
     return replace(PRESETS[name], steps=steps)
 
 
+def network_steps(name: str, steps: int | None) -> int | None:
+    """``steps`` if this preset trains a network, otherwise None."""
+    return None if PRESETS[name].grey_boxes else steps
+
+
 def recipe_of(prior: MotorPrior) -> Preset:
     """The recipe that a prior was trained with; raises `ArtifactError` if it is missing, or of another version."""
     try:

@@ -18,6 +18,7 @@ from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.transfer_study.settings import Study
 from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_FRICTION, WITH_ROTOR, fit_pd
 from motorprior.identification.fit_prior import PRIOR
+from motorprior.identification.presets import network_steps
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import SILENT, Progress, Task, in_parallel
 from motorprior.robots.load import load_robot
@@ -132,7 +133,9 @@ def fit_models(config: Study, threads: int, progress: Progress) -> None:
         bench = Bench(out, config.fleet, out.name, config.motors, config.bench_steps, config.seed, config.robot)
         run_bench(bench, progress)
     fits = [
-        Identify(bench, prior_path(config, preset).parent, preset, config.seed, config.adam_steps)
+        Identify(
+            bench, prior_path(config, preset).parent, preset, config.seed, network_steps(preset, config.adam_steps)
+        )
         for preset, bench in benches.items()
     ]
     works = [partial(run_identify, fit) for fit in fits]
