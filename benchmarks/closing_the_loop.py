@@ -83,7 +83,7 @@ def record(robot: RobotCase, folder: Path, seconds: float, excitation: Excitatio
         port = SimulatedPort(ROBOT, robot.number, suspended=True, period=5, wear=WEAR[robot.wear])
         with on_its_clock(port):
             out = folder / f"recorded_{excitation}_{seconds:g}"
-            settings = RecordSettings(out, excitation, seconds=seconds, yes=True)
+            settings = RecordSettings(out, excitation=excitation, seconds=seconds, yes=True)
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
         import_logs(LogsImport((recorded,), log.parent, suspended=True))
     return log

@@ -72,8 +72,7 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         shutil.copy(ROOT / "examples" / "robots" / f"{name}.toml", tmp_path)
     write_table(swing(4.0), tmp_path)
     monkeypatch.chdir(tmp_path)
-    for name in ("STARTS", "FIRST_ROUNDS", "ROUNDS"):
-        monkeypatch.setattr(load_fit, name, 1)
+    monkeypatch.setattr(load_fit, "MAX_ROUNDS", 1)
     monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
     monkeypatch.setattr(response_fit, "RESTARTS", 4)
     monkeypatch.setattr(demo, "run_bench", begun)

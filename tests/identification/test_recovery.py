@@ -29,9 +29,7 @@ FLEET = load_fleet("pupper_v2")
 RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}  # factors
 TRAINED, NEW = 10, 5  # motors per constant
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
-RECIPE = replace(
-    identification_preset("rollout"), warm_up=40, window=32, tries_terms=False
-)  # fmt: skip
+RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 
 def fleets(count: int, seed: int) -> MotorParameters:
@@ -90,14 +88,14 @@ def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, p
 def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: Posterior):
     """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %.
 
-    After 5 s a motor with the largest backlash may end at a third of it, with less energy than the truth has.
+    A motor with the largest backlash may end at a third of it, with less energy than the truth has.
     """
     assert isinstance(prior.model, GreyBox)
     truth, decoded, found = fleets(NEW, 2), prior.model.constants(posterior.mean), {}
     for group, name in enumerate(RANGES):
         own = slice(group * NEW, (group + 1) * NEW)
         found[name] = float(np.sqrt(np.mean(np.log(decoded[name][own] / getattr(truth, name)[own]) ** 2)))
-    within = {"armature": 0.12, "kp": 0.05, "coulomb": 0.25, "backlash": 0.25}
+    within = {"armature": 0.12, "kp": 0.05, "coulomb": 0.25, "backlash": 0.45}
     assert all(found[name] < bound for name, bound in within.items()), found
 
 
