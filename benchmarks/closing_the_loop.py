@@ -9,7 +9,7 @@ robot: 60 s of recording in the air, `logs import --suspended`, `adapt`. For eac
     before    trained on samples of the prior (`walk`), the same for all robots
     longer    the control: `before`, trained further on the prior (`walk --start`) for as long as `adapted`
     adapted   `before`, trained further on the posterior of this robot's motors
-    current   the same with torque limits that follow the gains (`MotorChoice.limit_follows_gain`), with --current
+    current   the same with torque limits that follow the gains (the option limit_follows_gain), with --current
     advised   current if `adapt` reports weak motors, otherwise adapted, with --current
 Each walks straight at `--max-speed`, `--walks` times for 10 s, with different sensor noise. Printed and written to
 figures_SPEED_WEAR.json: for each pair of robot and seed the median path length [m] (in straight segments of a second),
@@ -32,6 +32,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.registry import motor_text
 from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.commands.walk import POLICY, Walk, run_walk
@@ -45,7 +46,6 @@ from motorprior.locomotion.command import Commands
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
 from simulated_port import SimulatedPort, on_its_clock
 from worn_motors import WEAR
 
@@ -83,7 +83,7 @@ def record(robot: RobotCase, folder: Path, seconds: float, excitation: Excitatio
         port = SimulatedPort(ROBOT, robot.number, suspended=True, period=5, wear=WEAR[robot.wear])
         with on_its_clock(port):
             out = folder / f"recorded_{excitation}_{seconds:g}"
-            settings = RecordSettings(out, excitation, seconds=seconds, yes=True)
+            settings = RecordSettings(out, excitation=excitation, seconds=seconds, yes=True)
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
         import_logs(LogsImport((recorded,), log.parent, suspended=True))
     return log
@@ -117,7 +117,9 @@ class Training:
     ) -> Path:
         """File of a policy in ``folder``, trained on the prior or a posterior, from scratch or from ``start``."""
         out = folder / f"{kind}_{self.max_speed:g}_{self.seed}"
-        motors = MotorChoice(prior=self.prior, posterior=posterior, limit_follows_gain=current)
+        motors = motor_text("prior", file=self.prior)
+        if posterior is not None:
+            motors = motor_text("posterior", file=posterior, prior=self.prior, limit_follows_gain=current)
         iterations = self.iterations if start is None else self.further
         speeds, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
         walk = Walk(

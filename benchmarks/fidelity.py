@@ -22,7 +22,7 @@ from motorprior.commands.validate import Validate, load_priors, run_validate
 from motorprior.identification.evaluation.bench_truth import PredictorOfMotors
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.held_out import held_out_motors
-from motorprior.identification.presets import identification_preset
+from motorprior.identification.presets import network_steps
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -32,7 +32,7 @@ from motorprior.studies.metrics import FIDELITY_METRICS
 from motorprior.studies.robot_fidelity import fidelity
 
 PRESETS = (
-    "rollout", "per_motor", "one_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
+    "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
 PROGRESS = Lines(sys.stderr)
 MEMBERS = 3  # networks of the ensemble, of different seeds; it predicts the mean of their trajectories
@@ -56,8 +56,10 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
     """The prior of one preset; trained if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     folder = settings.out / "priors" / name
-    steps = settings.adam_steps if identification_preset(preset).trains else None
-    run_identify(Identify(bench, folder, preset, settings.seed + seed, steps, torque), PROGRESS)
+    run_identify(
+        Identify(bench, folder, preset, settings.seed + seed, network_steps(preset, settings.adam_steps), torque),
+        PROGRESS,
+    )
     return folder / PRIOR
 
 

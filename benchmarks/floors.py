@@ -22,8 +22,9 @@ import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
@@ -38,43 +39,37 @@ from motorprior.simulation.world import World
 from motorprior.studies.robot_fidelity import STEPS, compare, trot_targets
 
 DAMPING_RATIOS = (1.0, 1.5, 2.0, 3.0)
-TROTS, POPULATION, NEURONS, MIN_CONSTANT = 12, 256, 4, 1e-6
+TROTS, POPULATION, MIN_CONSTANT = 12, 256, 1e-6
 NUM_FITTED, SETS = (32, 128), 7
 
 
-def true_grey_box(motors: MotorParameters) -> LatentActuator:
-    """Grey boxes with these constants, one latent per constant, and a network that gives 0 N·m."""
+def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
+    """Grey boxes with these constants, one latent per constant."""
     values = {name: getattr(motors, name) for name in PARAMETERS if name != "kd_over_kp"}
     values["kd_over_kp"] = motors.kd / motors.kp
     raw = np.stack([np.log(np.maximum(values[name], MIN_CONSTANT)) for name in PARAMETERS], axis=1)
     raw[:, -1] = motors.encoder_zero / ZERO_SCALE
-    size, zeros = len(PARAMETERS), np.zeros
-    network = LatentNetwork(
-        w1=zeros((2, NEURONS)), v1=zeros((size, NEURONS)), b1=zeros(NEURONS), w2=zeros((NEURONS, NEURONS)),
-        b2=zeros(NEURONS), w3=zeros(NEURONS), b3=zeros(()), log_armature=zeros(()),
-        armature_slope=zeros(size), taps=(0,), period=spec.PHYSICS_DT, error_scale=1.0, velocity_scale=1.0,
-        torque_scale=1.0, torque_limit=1.0, has_armature=False, motor=GearedMotor(raw.mean(axis=0), np.eye(size)),
-    )  # fmt: skip
-    return LatentActuator(network, raw - raw.mean(axis=0))
+    box = GreyBox(GearedMotor(raw.mean(axis=0), np.eye(len(PARAMETERS))), spec.PHYSICS_DT)
+    return GreyBoxActuator(box, raw - raw.mean(axis=0))
 
 
-def gaussian(given: LatentActuator, rng: np.random.Generator) -> LatentActuator:
+def gaussian(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
     """Samples of a Gaussian with mean and covariance of the given motors."""
     z = rng.multivariate_normal(given.z.mean(axis=0), np.cov(given.z.T), POPULATION)
-    return LatentActuator(given.network, z)
+    return GreyBoxActuator(given.model, z)
 
 
-def copula(given: LatentActuator, rng: np.random.Generator) -> LatentActuator:
+def copula(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
     """Samples of the copula that a prior fits to the given motors."""
-    network, _ = standardised(given.network, given.z)
-    return LatentActuator(network, rng.standard_normal((POPULATION, len(PARAMETERS))))
+    box, _ = standardised(given.model, given.z)
+    return GreyBoxActuator(box, rng.standard_normal((POPULATION, len(PARAMETERS))))
 
 
 def bench_aucs(fleet_name: str) -> dict[str, float]:
     """Two-sample AUC between motors of the fleet and grey boxes on the standard bench."""
     fleet, rng = load_fleet(fleet_name), np.random.default_rng(1)
 
-    def auc(boxes: LatentActuator) -> float:
+    def auc(boxes: GreyBoxActuator) -> float:
         physical = fleet.sample(POPULATION, rng).actuator()
         return two_sample_auc(behaviours(boxes).values, behaviours(physical).values, 0)
 

@@ -20,16 +20,18 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
+from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.held_out import adapt_all, adapted_models, distribution, held_out_motors
-from motorprior.identification.presets import identification_preset
+from motorprior.identification.presets import network_steps
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -59,8 +61,10 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
     for preset in PRESETS:
-        steps = settings.adam_steps if identification_preset(preset).trains else None
-        run_identify(Identify(bench, priors / preset, preset, settings.seed, steps), PROGRESS)
+        run_identify(
+            Identify(bench, priors / preset, preset, settings.seed, network_steps(preset, settings.adam_steps)),
+            PROGRESS,
+        )
     return {name: priors / name / PRIOR for name in PRESETS}
 
 
@@ -101,12 +105,10 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
 
 def tuned_pd(settings: Settings, family: str) -> dict[str, ModelOfMotors]:
     """One PD for all motors, fitted to the bench log."""
-    from motorprior.identification.baselines import pd_fit
-
     log = read_bench(settings.out / family / "bench")[0]
-    with PROGRESS.start(f"{family}: tune the PD", pd_fit.TUNING) as task:
-        tuned = pd_fit.tuned_pd(log, task.advance)
-    return {"tuned_pd": lambda index: pd_fit.repeated(tuned, len(index))}
+    with PROGRESS.start(f"{family}: tune the PD", RESTARTS) as task:
+        tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
+    return {"tuned_pd": lambda index: IdealPd.uniform(len(index), **tuned)}
 
 
 def errors(

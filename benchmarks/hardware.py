@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -30,15 +30,16 @@ import numpy as np
 
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import Timing, clock_results
+from motorprior.hardware.control_loop import Timing, clock_figures
 from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import StopRequest
+from motorprior.hardware.session import Session
 from motorprior.hardware.telemetry_stream import Measurement
+from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -105,13 +106,14 @@ def walking(folder: Path, policy: Policy, seconds: float) -> dict[str, float]:
             RobotLink(robot, SerialLink(robot, port), recorder=Recorder(robot, log)) as link,
         ):
             try:
-                gains, stop = gains_for(robot, policy), StopRequest()
-                walk(link, policy, gains, stop, command=(SPEED, 0.0), seconds=rest, timing=timing)
+                gains = gains_for(robot, policy)
+                steering = nullcontext(Teleop(None, None, robot.require_legs(), (SPEED, 0.0)))
+                walk(Session(link, gains, timing=timing), policy, steering, rest)
             except RobotFault as fault:
                 print(fault, file=sys.stderr)
                 faults += 1
         runs.append(timing)
-    return clock_results(runs, policy.control_dt).to_figures() | {"faults": float(faults)}
+    return clock_figures(runs, policy.control_dt) | {"faults": float(faults)}
 
 
 def inference(policy: Policy, count: int = 5000) -> dict[str, float]:

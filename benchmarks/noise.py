@@ -21,6 +21,7 @@ import os
 import tempfile
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -33,7 +34,8 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.deploy import gains_for, walk
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import StopRequest
+from motorprior.hardware.session import Session
+from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -62,7 +64,8 @@ def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> N
     port = SimulatedPort(robot, noise_seed % ROBOTS, noise_seed, drop=share, corrupt=share)
     with on_its_clock(port), RobotLink(robot, port) as link:
         try:
-            walk(link, loaded, gains, StopRequest(), command=(SPEED, 0.0), seconds=seconds, timing=timing)
+            steering = nullcontext(Teleop(None, None, robot.require_legs(), (SPEED, 0.0)))
+            walk(Session(link, gains, timing=timing), loaded, steering, seconds)
         except RobotFault as error:
             fault = error.kind
     sent = np.array([gains.kp, gains.kd, gains.max_current], dtype=np.float32)

@@ -20,8 +20,6 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.physical import scaled
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -65,12 +63,12 @@ def measure(path: Path) -> Results:
     rows: list[Result] = []
     for seconds in SECONDS:
         for name, change in CHANGES.items():
-            motors = scaled(own, change)
+            motors = own.scaled(change)
             preset = bench_preset("adapt")
             log = record(motors, preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
             found = adapt_to(prior, log)
             p_value = outlier_test(prior, log, found).p_value
-            model = {"model": lambda index, z=found.mean: LatentActuator(prior.network, z[index])}
+            model = {"model": lambda index, z=found.mean: prior.model.motors(z[index])}
             error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
             detected, rmse = float(np.mean(p_value < FALSE_ALARMS)), 1e3 * float(np.median(error))
             rows.append(Result("noticed", "1", detected, part=name, seconds=seconds))

@@ -30,7 +30,6 @@ from typing import TypeAlias
 import numpy as np
 import tyro
 
-from motorprior.actuator.latent import LatentActuator
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
@@ -129,13 +128,13 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
     preset = recipe_of(prior)
     models = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
-    models["prior"] = LatentActuator(prior.network, prior.expected(train.joint_names))
+    models["prior"] = prior.model.motors(prior.expected(train.joint_names))
     found: list[Figures] = []
     for path in fold.test:
         log = read_parquet(path)
         first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
         posterior = adapt_to(prior, first)
-        adapted = {"adapted": LatentActuator(prior.network, posterior.mean)}
+        adapted = {"adapted": prior.model.motors(posterior.mean)}
         covered = log_coverage(prior, posterior, whole_runs(rest, preset))
         found.append({
             "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
@@ -206,9 +205,9 @@ def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: 
     per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
     posterior = adapt_to(prior, first)
     models: dict[str, MotorModel] = {
-        "per_motor": LatentActuator(per_motor.network, per_motor.mean),
-        "prior": LatentActuator(prior.network, prior.expected(rest.joint_names)),
-        "adapted": LatentActuator(prior.network, posterior.mean),
+        "per_motor": per_motor.model.motors(per_motor.mean),
+        "prior": prior.model.motors(prior.expected(rest.joint_names)),
+        "adapted": prior.model.motors(posterior.mean),
         "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
     }
     runs = whole_runs(rest, recipe_of(prior))

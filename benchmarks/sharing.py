@@ -3,10 +3,9 @@
     python benchmarks/sharing.py --out runs/sharing
 
 Presets rollout and per_motor have the same model and search. In rollout a Gaussian over the fleet is estimated with the
-motors; in per_motor each motor is fitted separately. A residual network, which rollout may have, is dropped where it
-does not reduce the held-out error. figures.json contains the median error over motors [rad] on held-out excitation as
-EXCITATION/CASE/PRESET, and the correlation of armature and Coulomb friction with the truth over motors as
-CONSTANT/CASE/PRESET. Finished stages are reused. Twenty minutes on two cores.
+motors; in per_motor each motor is fitted separately. figures.json contains the median error over motors [rad] on
+held-out excitation as EXCITATION/CASE/PRESET, and the correlation of armature and Coulomb friction with the truth over
+motors as CONSTANT/CASE/PRESET. Finished stages are reused. Twenty minutes on two cores.
 """
 
 from __future__ import annotations
@@ -95,7 +94,7 @@ def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], bench
         f"{kind}/{case.name}/{name}": float(np.median(errors[kind][name])) for kind in EXCITATIONS for name in PRESETS
     }
     for name, prior in priors.items():
-        fitted, true = prior.network.constants(prior.mean), require_geared(motors)
+        fitted, true = prior.model.constants(prior.mean), require_geared(motors)
         for constant in CONSTANTS:
             value = float(np.corrcoef(fitted[constant], getattr(true, constant))[0, 1])
             found[f"{constant}/{case.name}/{name}"] = value

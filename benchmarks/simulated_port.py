@@ -18,7 +18,7 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
 from motorprior.commands.twin_body import TwinBody, draw_motors
 from motorprior.hardware import commands, robot_link, session
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig, RobotBody
@@ -109,7 +109,7 @@ class SimulatedPort(SerialLink):
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
-        self._reader = telemetry_reader(self._joints)
+        self._reader = FrameReader(Telemetry, self._joints)
         self.path, self._last_position = 0.0, self.body.simulated.position()
 
     def firmware_body(self, body: TwinBody) -> RobotBody:
@@ -138,7 +138,7 @@ class SimulatedPort(SerialLink):
     def send(self, command: Command) -> float:
         """See `SerialLink.send`."""
         self._advance()
-        self._to_robot.put(command_frame(command, self._joints), self.now)
+        self._to_robot.put(framed(command, self._joints), self.now)
         return self.now
 
     def discard_unsent(self) -> None:

@@ -46,12 +46,13 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice, motor_sampler
+from motorprior.simulation.motors import motor_sampler
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.rollout import Episode, WalkSimulator
 from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.studies.compare import EVALUATION_SEED
+from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import gait_quality, quality_results
-from motorprior.studies.twin import EVALUATION_SEED, HARD, NOISY, twin_of
 from turning import TURNS, command_cases, command_errors, command_results
 
 PROGRESS = Lines(sys.stderr)
@@ -100,11 +101,13 @@ class Environments:
     workers: int
 
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
-        """Simulator of one environment."""
+        """Simulator of one environment, or of the twin's motors as in training ("oracle")."""
         if place == "sampled":
             draw, physics_dt = motor_sampler(MotorPrior.load(self.prior), self.robot)
             return WalkSimulator(Scene(self.robot, draw, walk, physics_dt))
-        return twin_of(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
+        if place != "oracle":
+            walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
+        return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
 
     def episodes(
         self, place: str, policy: PolicyArrays, commands: Commands | Timetable, draws: int, steps: int
@@ -121,7 +124,7 @@ class Environments:
         steps = round(seconds / self.robot.control_dt)
         episodes = self.episodes(place, policy, Commands.steady(forward), draws, steps)
         qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
-        return Results.of(row for each in qualities for row in quality_results(each, self.robot, "walk", place))
+        return Results.of(row for each in qualities for row in quality_results(each, "walk", place))
 
     def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
         """How a policy follows the commands of `turning`."""
@@ -162,10 +165,9 @@ def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
 def trained(settings: Settings, prior: Path, seed: int) -> Path:
     """The policy of a seed; trained if the file does not exist."""
     folder = settings.out / f"seed_{seed}"
-    motors = MotorChoice("prior", prior=prior)
     run_walk(
         Walk(
-            out=folder, motors=motors, iterations=settings.iterations, search=ArsConfig(seed=seed),
+            out=folder, motors=f"prior:{prior}", iterations=settings.iterations, search=ArsConfig(seed=seed),
             workers=settings.workers,
             robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
             hidden_units=settings.hidden_units,
@@ -220,7 +222,7 @@ def top_speeds(settings: Settings, environments: Environments) -> list[Result]:
     robot = environments.robot.with_speed_range((slowest, TOP * usual))
     environments = replace(environments, robot=robot)
     walk = WalkConfig(Walk.episode_steps, commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
-    oracle = fast_policy(settings, environments, lambda: twin_of(robot, environments.fleet, walk))
+    oracle = fast_policy(settings, environments, partial(environments.simulator, "oracle", walk))
     sampled = fast_policy(settings, environments, partial(environments.simulator, "sampled", walk))
     tested = (("oracle", "twin", oracle), ("sampled", "sampled", sampled), ("twin", "twin", sampled))
     return [

@@ -23,15 +23,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.latent import LatentNetwork, NetworkActuator
+from motorprior.actuator.motor_prior import Decoder
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.artifacts import write_json, write_text
-from motorprior.bench.bench_folder import training_motors
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import BenchPreset, bench_preset, record
+from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
 from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
@@ -89,9 +91,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class EngineAssisted:
-    """Learned motors (`Actuator`) with given armature and damping in the engine."""
+    """Motors of a network (`Actuator`) with given armature and damping in the engine."""
 
-    learned: LatentActuator
+    learned: NetworkActuator
     armature: np.ndarray  # (n,) [kg·m²]
     damping: np.ndarray  # (n,) [N·m·s/rad]
 
@@ -112,17 +114,19 @@ class EngineAssisted:
 
 @dataclass(frozen=True)
 class Learned:
-    """A trained variant: the network, and z, armature and damping of the training motors in the engine."""
+    """A trained variant: the decoder, and z, armature and damping of the training motors in the engine."""
 
-    network: LatentNetwork
+    model: Decoder
     mean: np.ndarray
     armature: np.ndarray
     damping: np.ndarray
 
-    def motors(self, index: np.ndarray) -> LatentActuator | EngineAssisted:
+    def motors(self, index: np.ndarray) -> GreyBoxActuator | EngineAssisted:
         """The training motors at ``index``."""
-        own = LatentActuator(self.network, self.mean[index])
-        return own if self.network.motor is not None else EngineAssisted(own, self.armature[index], self.damping[index])
+        own = self.model.motors(self.mean[index])
+        if isinstance(own, GreyBoxActuator):
+            return own
+        return EngineAssisted(own, self.armature[index], self.damping[index])
 
 
 def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
@@ -153,8 +157,8 @@ def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tupl
     armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
     found = identify(training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed)
     if preset.has_armature:
-        armature = found.network.armature(found.mean)
-    return Learned(found.network, found.mean, armature, damping), log
+        armature = found.model.armature(found.mean)
+    return Learned(found.model, found.mean, armature, damping), log
 
 
 def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -173,13 +177,13 @@ def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) 
     return slopes
 
 
-def growth(learned: Learned, slopes: np.ndarray, load: float) -> tuple[float, float]:
+def growth(network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: float) -> tuple[float, float]:
     """Median over motors and states of the largest |eigenvalue| per 2 ms, and its median frequency [Hz].
 
     State: errors and velocities of the last taps[-1] + 1 steps. With inertia J = load + armature,
     dq' = (dq + period·torque/J) / (1 + period·damping/J),  error' = error - period·dq'.
     """
-    network, inertia = learned.network, load + learned.armature
+    inertia = load + learned.armature
     length, period, taps = network.taps[-1] + 1, network.period, np.array(network.taps)
     count = slopes.shape[0] * slopes.shape[1]
     gain = period * slopes / inertia[:, None, None]
@@ -232,9 +236,9 @@ def measure(settings: Settings) -> dict[str, Any]:
         own = learned.motors(every)
         chatters = [chatter(own, load, settings.seed) for load in LOADS]
         found[name], variants[name] = learned, {"armature_in_engine": float(own.armature.mean()), "chatter": chatters}
-        if learned.network.motor is None:  # a grey box has other state than its inputs
-            slopes = sensitivities(learned.network, learned.mean, recorded_inputs(learned.network, log))
-            loops = [growth(learned, slopes, load) for load in LOADS]
+        if isinstance(learned.model, LatentNetwork):  # a grey box has other state than its inputs
+            slopes = sensitivities(learned.model, learned.mean, recorded_inputs(learned.model, log))
+            loops = [growth(learned.model, learned, slopes, load) for load in LOADS]
             variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
         print(f"trained: {name}", flush=True)
     physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from motorprior.actuator.physical import MotorParameters, scaled
+from motorprior.actuator.physical import MotorParameters
 
 WEAK, DAMAGED = 0.75, 0.4  # remaining torque of weak motors and of a damaged motor [-]
 PLAY, FRICTION = 3.0, 1.5  # factors on backlash and friction of worn gears [-]
@@ -20,7 +20,7 @@ def weak(motors: MotorParameters, number: int) -> MotorParameters:
 
 def worn(motors: MotorParameters, number: int) -> MotorParameters:
     """Gears with more backlash and friction."""
-    return scaled(motors, {"backlash": PLAY, "coulomb": FRICTION, "load_friction": FRICTION})
+    return motors.scaled({"backlash": PLAY, "coulomb": FRICTION, "load_friction": FRICTION})
 
 
 def damaged(motors: MotorParameters, number: int) -> MotorParameters:
@@ -31,7 +31,7 @@ def damaged(motors: MotorParameters, number: int) -> MotorParameters:
 
 
 def _of_strength(motors: MotorParameters, strength: np.ndarray) -> MotorParameters:
-    return scaled(motors, dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), strength))
+    return motors.scaled(dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), strength))
 
 
 # functions of the motors of a virtual robot and its number

@@ -29,7 +29,7 @@ for log in logs:
     for finding in mp.check_log(log).findings:
         print(f"{log.source}: {finding.severity}: {finding.message}")
 prior = mp.fit_prior(logs, args.preset, steps=args.steps, out=args.out, progress=mp.Lines(sys.stderr))
-print(f"{len(prior.mean)} motors, latents {prior.network.num_latents}, loss {prior.metrics['final_loss']:.4f}")
+print(f"{len(prior.mean)} motors, latents {prior.model.num_latents}, loss {prior.metrics['final_loss']:.4f}")
 
 rest = np.zeros(5)
 motors = mp.Motors(prior.sample(5, seed=0), dt=0.002, joint_pos=rest)

@@ -17,7 +17,7 @@ if len(sys.argv) != 3:
     sys.exit("usage: python examples/train_ppo.py PRIOR STEPS")
 torch.set_num_threads(1)
 # As `motorprior walk`, but 5 s per episode: each has new motors, floor, load and pushes.
-robot = {"actuator": "prior", "prior": sys.argv[1], "episode_steps": 500, "randomization": ROBUST}
+robot = {"motors": f"prior:{sys.argv[1]}", "episode_steps": 500, "randomization": ROBUST}
 envs = VecNormalize(make_vec_env(ENV_ID, n_envs=8, seed=0, env_kwargs=robot))
 model = PPO("MlpPolicy", envs, n_steps=512, batch_size=512, gamma=0.98, policy_kwargs={"log_std_init": -1.5}, seed=0)
 model.learn(int(sys.argv[2]))

@@ -26,7 +26,7 @@ import pytest  # noqa: E402
 
 from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_constants import parameters_of  # noqa: E402
-from motorprior.actuator.latent import LatentNetwork  # noqa: E402
+from motorprior.actuator.grey_box import GreyBox  # noqa: E402
 from motorprior.actuator.optional_terms import INITIAL, SIGNED  # noqa: E402
 
 SMALL_SERVO = {
@@ -41,7 +41,7 @@ LONGEST_FIRST = (
     "commands/test_demo.py", "cli/test_adapt.py",
     "identification/test_train.py", "cli/test_your_robot.py", "identification/test_recovery.py",
     "identification/evaluation/test_reference.py", "identification/latents/test_latent_fit.py",
-    "identification/physics/test_fleet_fit.py", "contracts/test_executors.py",
+    "identification/physics/test_motor_fit.py", "contracts/test_executors.py",
     "identification/networks/test_objectives.py", "cli/test_resume.py", "cli/test_walk_engines.py",
 )  # fmt: skip
 """A worker that begins one of these last keeps the others waiting."""
@@ -73,41 +73,24 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def grey_network() -> Callable[..., LatentNetwork]:
-    """Make a grey box: `grey_network(spread=…, network=…, coulomb=…, …)`.
+def grey_box() -> Callable[..., GreyBox]:
+    """Make a grey box: `grey_box(spread=…, coulomb=…, …)`.
 
-    ``spread`` is the standard deviation of the logarithms of the constants per latent, ``network`` that of the weights
-    (0: silent), and constants by name are those of the central motor, in SI units; 0 gives the smallest number there is
-    room for, e^-50. Constants of ``terms`` that are not named are those at which a search begins.
+    ``spread`` is the standard deviation of the logarithms of the constants per latent, and constants by name are those
+    of the central motor, in SI units; 0 gives the smallest number there is room for, e^-50. Constants of ``terms`` that
+    are not named are those at which a search begins.
     """
 
     def make(
-        spread: float = 0.2,
-        network: float = 0.0,
-        latents: int = 3,
-        seed: int = 0,
-        torque_limit: float = 3.0,
-        terms: tuple[str, ...] = (),
-        **constants: float,
-    ) -> LatentNetwork:
-        rng, neurons, taps = np.random.default_rng(seed), 8, (0, 2, 5)
+        spread: float = 0.2, latents: int = 3, seed: int = 0, terms: tuple[str, ...] = (), **constants: float
+    ) -> GreyBox:
+        rng = np.random.default_rng(seed)
         values, names = {"encoder_zero": 0.0} | SMALL_SERVO | INITIAL | constants, parameters_of(terms)
         center = np.array([
             values[name] / SIGNED[name] if name in SIGNED else np.log(max(values[name], np.exp(-50.0)))
             for name in names
         ])  # fmt: skip
-        slope = spread * rng.standard_normal((latents, len(names)))
-
-        def weights(*shape: int) -> np.ndarray:
-            return network * rng.standard_normal(shape)
-
-        return LatentNetwork(
-            w1=weights(2 * len(taps), neurons), v1=weights(latents, neurons), b1=weights(neurons),
-            w2=weights(neurons, neurons), b2=weights(neurons), w3=weights(neurons), b3=weights()[()] * np.ones(()),
-            log_armature=np.array(-6.0), armature_slope=np.zeros(latents), taps=taps, period=0.002, error_scale=0.1,
-            velocity_scale=2.0, torque_scale=0.3, torque_limit=torque_limit, has_armature=False,
-            motor=GearedMotor(center, slope, terms),
-        )  # fmt: skip
+        return GreyBox(GearedMotor(center, spread * rng.standard_normal((latents, len(names))), terms), 0.002)
 
     return make
 
@@ -116,8 +99,7 @@ def grey_network() -> Callable[..., LatentNetwork]:
 def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a walk, the gait itself."""
     from motorprior.commands.walk import Walk, run_walk
-    from motorprior.simulation.motor_choice import MotorChoice
 
     folder = tmp_path_factory.mktemp("walks") / "gait_0"
-    run_walk(Walk(out=folder, motors=MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
     return folder

@@ -31,18 +31,17 @@ def bullet():
 
 
 @pytest.fixture(scope="module")
-def prior(tmp_path_factory: pytest.TempPathFactory, grey_network) -> Path:
+def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     """The file of a grey box's prior, of twelve motors around a small servo."""
     path, motors = tmp_path_factory.mktemp("prior") / "prior.safetensors", np.zeros((12, 3))
-    network = grey_network(spread=0.2, network=0.05)
-    MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, "servo", {}, {}).save(path)
+    MotorPrior(grey_box(), motors, motors, "rollout", spec.ROBOT_NAME, "servo", {}, {}).save(path)
     return path
 
 
 @pytest.fixture(params=["pd", "prior", "fleet"])
 def motors(request: pytest.FixtureRequest, prior: Path) -> dict[str, Any]:
-    """The keywords that say which motors."""
-    return {"actuator": request.param} | ({"prior": prior} if request.param == "prior" else {})
+    """The keyword of the motors."""
+    return {"motors": f"prior:{prior}" if request.param == "prior" else request.param}
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
@@ -59,7 +58,7 @@ def test_check_env_is_clean(engine, motors):
 
 
 def test_every_seed_samples_other_motors_of_the_prior(prior):
-    env = gymnasium.make(ID, actuator="prior", prior=str(prior))
+    env = gymnasium.make(ID, motors=f"prior:{prior}")
     action = np.random.default_rng(0).uniform(-1.0, 1.0, ACTIONS)
     measured = []
     for seed in (1, 1, 2):
@@ -96,7 +95,7 @@ def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
 
 
 def test_commands_beyond_the_robots_usual_range_are_followed():
-    env = make_env(actuator="pd", commands=Commands.steady(0.8))
+    env = make_env(motors="pd", commands=Commands.steady(0.8))
     env.reset(seed=0)
     speeds = [env.step(np.zeros(ACTIONS))[0][-4] for _ in range(60)]
     assert speeds[-1] == pytest.approx(0.8) and speeds[10] < 0.4, "it speeds up in half a second"

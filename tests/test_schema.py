@@ -6,22 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from motorprior.bounds import BOOLEAN, TABLE, TEXT, exactly, integer, many, maybe, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.schema import (
-    BOOLEAN,
-    TABLE,
-    TEXT,
-    Header,
-    Schema,
-    Tensor,
-    check_tensors,
-    exactly,
-    integer,
-    many,
-    maybe,
-    number,
-    one_of,
-)
+from motorprior.schema import Header, Schema, Tensor, check_tensors
 
 PATH, REMEDY = Path("mine.file"), "write it again"
 FIELDS = {
@@ -61,7 +48,6 @@ def test_what_is_declared_is_accepted():
     [
         ("share", 1.5, "share = 1.5 is not a finite number from 0 to 1"),
         ("share", float("nan"), "share = nan"),
-        ("share", [10**5000], "share = "),
         ("gain", 0.0, "gain = 0 is not a finite number above 0 N·m/rad"),
         ("gain", float("inf"), "gain = inf"),
         ("count", 6, "count = 6 is not an integer from 1 to 5"),
@@ -80,13 +66,13 @@ def test_a_value_beyond_its_declaration_is_named(key: str, value: object, words:
 
 def test_keys_are_compared_and_a_table_must_be_one():
     assert refusal(colour=1) == "unknown keys ['colour']"
-    with pytest.raises(ArtifactError, match="recipe is not a table"):
+    with pytest.raises(ArtifactError, match=r"mine.file\[recipe\]: content = \[\] is not a table"):
         Schema(FIELDS, REMEDY, name="recipe").check([], PATH)
-    with pytest.raises(ArtifactError, match=r"recipe: missing keys \['share'\]"):
+    with pytest.raises(ArtifactError, match=r"mine.file\[recipe\]: missing keys \['share'\]"):
         Schema(FIELDS, REMEDY, name="recipe").check({k: v for k, v in GOOD.items() if k != "share"}, PATH)
 
 
-WANTED = {"mean": Tensor(("motors", "latents"), 10.0), "std": Tensor(("latents",), above=0.0), "bias": Tensor(())}
+WANTED = {"mean": Tensor(("motors", "latents")), "std": Tensor(("latents",), above=0.0), "bias": Tensor(())}
 ARRAYS = {"mean": np.zeros((5, 3)), "std": np.ones(3), "bias": np.array(0.0)}
 
 
@@ -101,7 +87,6 @@ def test_symbols_stand_for_one_size():
         ({"std": np.ones(4)}, r"std is float64\(4,\), wanted float64\(3,\)"),
         ({"mean": np.zeros((4, 3))}, r"mean is float64\(4, 3\), wanted float64\(5, 3\)"),
         ({"bias": np.zeros((), np.float32)}, r"bias is float32\(\), wanted float64\(\)"),
-        ({"mean": np.full((5, 3), -11.0)}, "mean has a value of 11, beyond 10"),
         ({"std": np.zeros(3)}, "std has a value of 0, not above 0"),
         ({"std": np.array([1.0, np.nan, 1.0])}, r"std\[1\] is not finite"),
         ({"extra": np.zeros(1)}, "unknown keys .'extra'"),

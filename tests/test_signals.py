@@ -30,14 +30,3 @@ def test_a_sine_above_the_cutoff_counts_with_amplitude_over_root_two(count: int)
     assert high_frequency_rms(signal, PERIOD, 30.0) == pytest.approx(0.2 / np.sqrt(2))
     assert high_frequency_rms(signal, PERIOD, 1.0) == pytest.approx(np.hypot(0.7, 0.2) / np.sqrt(2))
     assert high_frequency_rms(signal, PERIOD, 100.0) == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("count", [64, 65])
-def test_everything_above_zero_is_the_standard_deviation_column_by_column(count: int):
-    noise = np.random.default_rng(1).normal(2.0, 3.0, (count, 2, 3))
-    np.testing.assert_allclose(high_frequency_rms(noise, PERIOD, 0.0), noise.std(axis=0), rtol=1e-12)
-
-
-def test_the_fastest_alternation_is_counted_once():
-    # +1, -1, ... sits on the Nyquist bin, which has no mirror image: RMS 1, not sqrt(2)
-    assert high_frequency_rms(np.tile([1.0, -1.0], 20), PERIOD, 200.0) == pytest.approx(1.0)

@@ -8,8 +8,8 @@ from threading import Thread
 import pytest
 
 from motorprior.exceptions import ArtifactError
-from motorprior.progress import SILENT
-from motorprior.stage import MARKER, description, in_parallel, is_finished, locked, seconds_of, working
+from motorprior.progress import SILENT, in_parallel
+from motorprior.stage import MARKER, description, is_finished, locked, seconds_of, working
 
 WANTED = {"stage": "walk", "config": {"seed": 0}}
 

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
-    from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
+    from motorprior.actuator.true_motors import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
-    from motorprior.bench.record_bench import record_bench as record_bench
+    from motorprior.bench.recording import record_bench as record_bench
     from motorprior.environments import make_env as make_env
     from motorprior.environments import make_vector_env as make_vector_env
     from motorprior.exceptions import ArtifactError as ArtifactError
@@ -45,39 +45,33 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_MODULES = {  # public name -> module; the imports above are for type checkers
-    "ArtifactError": "exceptions",
-    "ConfigError": "exceptions",
-    "DrivenJoints": "simulation.driven_joints",
-    "Fleet": "bench.fleet",
-    "IdealPd": "actuator.ideal_pd",
-    "Lines": "progress",
-    "LogError": "exceptions",
-    "MotorLog": "logs.motor_log",
-    "MotorPosterior": "actuator.motor_posterior",
-    "MotorPrior": "actuator.motor_prior",
-    "MotorPriorError": "exceptions",
-    "Motors": "actuator.motors",
-    "PhysicalActuator": "actuator.physical",
-    "Policy": "locomotion.policy",
-    "Robot": "robots.robot",
-    "SimulationFault": "exceptions",
-    "adapt": "identification.adapt",
-    "check_log": "logs.doctor.checks",
-    "compare": "studies.compare",
-    "fit_prior": "identification.fit_prior",
-    "load_fleet": "bench.fleet",
-    "load_log": "logs.load_log",
-    "load_robot": "robots.load",
-    "make_env": "environments",
-    "make_vector_env": "environments",
-    "read_log": "logs.read_log",
-    "record_bench": "bench.record_bench",
-    "simulate": "simulation.playback",
-    "train_policy": "simulation.training",
-    "write_log": "logs.readers.motor_log_file",
+_NAMES = {  # module -> public names; the imports above are for type checkers
+    "actuator.ideal_pd": "IdealPd",
+    "actuator.motor_posterior": "MotorPosterior",
+    "actuator.motor_prior": "MotorPrior",
+    "actuator.motors": "Motors",
+    "actuator.true_motors": "PhysicalActuator",
+    "bench.fleet": "Fleet load_fleet",
+    "bench.recording": "record_bench",
+    "environments": "make_env make_vector_env",
+    "exceptions": "ArtifactError ConfigError LogError MotorPriorError SimulationFault",
+    "identification.adapt": "adapt",
+    "identification.fit_prior": "fit_prior",
+    "locomotion.policy": "Policy",
+    "logs.doctor.checks": "check_log",
+    "logs.load_log": "load_log",
+    "logs.motor_log": "MotorLog",
+    "logs.read_log": "read_log",
+    "logs.readers.motor_log_file": "write_log",
+    "progress": "Lines",
+    "robots.load": "load_robot",
+    "robots.robot": "Robot",
+    "simulation.driven_joints": "DrivenJoints",
+    "simulation.playback": "simulate",
+    "simulation.training": "train_policy",
+    "studies.compare": "compare",
 }
-
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 if not TYPE_CHECKING:  # otherwise a type checker would accept every name

@@ -1,16 +1,28 @@
-"""Checks of arguments; compiled code would read beyond a short array and compute with NaN."""
+"""Which values arguments and entries of files may have, and the error for a value that is out of bounds."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, quoted
+from motorprior.exceptions import ArtifactError, ConfigError, quoted
 
 MAX_NUMBER = 1e300
 MAX_SEED = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class Field:
+    """Declaration of a value: ``accepts`` tests it, ``meaning`` completes "VALUE is not …"."""
+
+    meaning: str
+    accepts: Callable[[Any], bool]
 
 
 def is_number(value: Any, minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER) -> bool:
@@ -27,49 +39,94 @@ def is_range(value: Any, minimum: float, maximum: float) -> bool:
     return pair and all(is_number(each, minimum, maximum) for each in value) and value[0] <= value[1]
 
 
+def number(minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: float = -inf, unit: str = "") -> Field:
+    """A finite number in [minimum, maximum] and above ``above``, not a bool."""
+    meaning = f"a finite number{_range(minimum, maximum, above)} {unit}".rstrip()
+    return Field(meaning, lambda value: is_number(value, minimum, maximum) and value > above)
+
+
+def integer(minimum: int, maximum: float = MAX_NUMBER) -> Field:
+    """An integer in [minimum, maximum], not a bool."""
+    meaning = f"an integer{_range(minimum, maximum, -inf)}"
+    return Field(meaning, lambda value: isinstance(value, Integral) and is_number(value, minimum, maximum))
+
+
+def _range(minimum: float, maximum: float, above: float) -> str:
+    if above >= minimum:
+        return f" above {above:.10g}" + (f" to {maximum:.10g}" if maximum < MAX_NUMBER else "")
+    if minimum <= -MAX_NUMBER:
+        return "" if maximum >= MAX_NUMBER else f" of at most {maximum:.10g}"
+    return f" of at least {minimum:.10g}" if maximum >= MAX_NUMBER else f" from {minimum:.10g} to {maximum:.10g}"
+
+
+def one_of(*values: str) -> Field:
+    """One of these texts."""
+    return Field(" or ".join(values), lambda value: isinstance(value, str) and value in values)
+
+
+def exactly(wanted: Any) -> Field:
+    """This value, of the same type."""
+    return Field(repr(wanted), lambda value: type(value) is type(wanted) and value == wanted)
+
+
+def maybe(field: Field) -> Field:
+    """The field or null."""
+    return Field(f"{field.meaning}, or null", lambda value: value is None or field.accepts(value))
+
+
+def many(field: Field, minimum: int = 0) -> Field:
+    """A list of at least ``minimum`` values of a field."""
+    meaning = f"a list of {minimum} or more, each {field.meaning}"
+    return Field(
+        meaning, lambda value: isinstance(value, list) and len(value) >= minimum and all(map(field.accepts, value))
+    )
+
+
+TEXT = Field("a text", lambda value: isinstance(value, str))
+BOOLEAN = Field("true or false", lambda value: isinstance(value, bool))
+TABLE = Field("a table", lambda value: isinstance(value, Mapping))
+
+
+def require(key: str, value: Any, field: Field, where: str | Path | None, remedy: str) -> None:
+    """Check the entry ``key`` of a file.
+
+    Raises:
+        ArtifactError: it is not as declared.
+    """
+    if not field.accepts(value):
+        raise ArtifactError(f"{key} = {quoted(value)} is not {field.meaning}", where=where, remedy=remedy)
+
+
+def require_argument(name: str, value: Any, field: Field) -> None:
+    """Check the argument ``name``.
+
+    Raises:
+        ConfigError: it is not as declared.
+    """
+    if not field.accepts(value):
+        problem = f"{name} {quoted(value)} is not {field.meaning}"
+        raise ConfigError(problem, remedy=f"give {field.meaning}", argument=name)
+
+
 def require_number(
     name: str, value: Any, minimum: float = 0.0, maximum: float = MAX_NUMBER, positive: bool = False
 ) -> None:
-    """Check the argument ``name``.
-
-    Raises:
-        ConfigError: not a finite number in [minimum, maximum], or not above 0 where it must be ``positive``.
-    """
-    if not is_number(value, minimum, maximum) or (positive and value <= 0.0):
-        low = "0 (excluded)" if positive else f"{minimum:g}"
-        _reject(name, value, "finite number", low, f"{maximum:g}" if maximum < MAX_NUMBER else None)
+    """`require_argument` for a finite number in [minimum, maximum], above 0 where it must be ``positive``."""
+    require_argument(name, value, number(minimum, maximum, 0.0 if positive else -inf))
 
 
-def require_count(name: str, value: Any, minimum: int = 1, maximum: int | None = None) -> None:
-    """Check the argument ``name``.
-
-    Raises:
-        ConfigError: not a whole number in [minimum, maximum].
-    """
-    if not (isinstance(value, Integral) and is_number(value, minimum, MAX_NUMBER if maximum is None else maximum)):
-        _reject(name, value, "whole number", str(minimum), None if maximum is None else str(maximum))
-
-
-def _reject(name: str, value: Any, kind: str, minimum: str, maximum: str | None) -> None:
-    bounds = f"a {kind} of at least {minimum}" if maximum is None else f"a {kind} from {minimum} to {maximum}"
-    raise ConfigError(f"{name} {quoted(value)} is not {bounds}", remedy=f"give {bounds}", argument=name)
+def require_count(name: str, value: Any, minimum: int = 1, maximum: float = MAX_NUMBER) -> None:
+    """`require_argument` for an integer in [minimum, maximum]."""
+    require_argument(name, value, integer(minimum, maximum))
 
 
 def require_seed(seed: Any) -> None:
-    """Check a seed.
-
-    Raises:
-        ConfigError: not a whole number from 0 to 2³¹ - 1.
-    """
-    require_count("seed", seed, 0, MAX_SEED)
+    """`require_argument` for a seed, an integer from 0 to 2³¹ - 1."""
+    require_argument("seed", seed, integer(0, MAX_SEED))
 
 
 def generator_of(seed: int | np.random.Generator) -> np.random.Generator:
-    """A new generator with this seed, or the given generator itself.
-
-    Raises:
-        ConfigError: see `require_seed`.
-    """
+    """A new generator with this seed (see `require_seed`), or the given generator itself."""
     if isinstance(seed, np.random.Generator):
         return seed
     require_seed(seed)
@@ -82,7 +139,7 @@ def seed_of(*words: int) -> int:
 
 
 def require_finite(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """``value`` as a C-contiguous float64 array.
+    """``value`` as a C-contiguous float64 array; compiled code would read beyond a short array.
 
     Raises:
         ConfigError: not numbers, another shape, or a number that is not finite.
@@ -94,7 +151,12 @@ def require_finite(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         raise ConfigError(f"{name} is not an array of numbers", remedy=remedy) from error
     if np.shape(value) != shape:
         raise ConfigError(f"{name} has shape {np.shape(value)}, wanted {shape}", remedy=remedy)
-    if not np.all(np.isfinite(array)):
-        where = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise ConfigError(f"{name}{where} is not finite: {array[tuple(where)]}", remedy=remedy)
+    if (index := first_not_finite(array)) is not None:
+        raise ConfigError(f"{name}{index} is not finite: {array[tuple(index)]}", remedy=remedy)
     return array
+
+
+def first_not_finite(value: np.ndarray) -> list[int] | None:
+    """Indices of the first NaN or infinity in an array; None if all values are finite."""
+    finite = np.isfinite(value)
+    return None if finite.all() else np.argwhere(~finite)[0].tolist()

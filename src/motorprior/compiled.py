@@ -39,11 +39,9 @@ else:
 
 def source_digest(package: Path) -> str:
     """Digest of names, sizes and modification times of the package's Python files."""
-    parts = []
-    for path in sorted(package.rglob("*.py")):
-        status = path.stat()
-        parts.append(f"{path.relative_to(package)}:{status.st_size}:{status.st_mtime_ns}")
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    files = [(path.relative_to(package), path.stat()) for path in sorted(package.rglob("*.py"))]
+    text = "\n".join(f"{name}:{status.st_size}:{status.st_mtime_ns}" for name, status in files)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @cache
@@ -60,7 +58,7 @@ def kernel_folder() -> str:
     except (OSError, RuntimeError):  # no home
         return ""
     with suppress(OSError):  # another process removes old folders at the same time
-        unused = time.time() - 7 * 24 * 3600  # younger ones may belong to a command that still compiles
-        for old in (path for path in root.iterdir() if path.stat().st_mtime < unused):
-            shutil.rmtree(old, ignore_errors=True)
+        for old in root.iterdir():
+            if old.stat().st_mtime < time.time() - 7 * 24 * 3600:  # a younger one may belong to a running command
+                shutil.rmtree(old, ignore_errors=True)
     return str(folder)

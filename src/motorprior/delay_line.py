@@ -1,10 +1,12 @@
 """Delay line: a ring buffer of rows, one per step, in the rows of a memory (rows, n) from row ``first`` on.
 
 Its length must be at least 1 + the maximum age for `row_of_age`, and 2 + the whole steps of the maximum age for
-`interpolated`.
+`interpolated` and `held`.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -41,3 +43,9 @@ def interpolated(memory: np.ndarray, first: int, newest: int, age: float, column
     newer = memory[row_of_age(memory, first, newest, whole), column]
     older = memory[row_of_age(memory, first, newest, whole + 1), column]
     return newer + (age - whole) * (older - newer)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def held(memory: np.ndarray, first: int, newest: int, age: float, column: int) -> float:
+    """The last value written at least ``age`` steps ago, the newest for a negative age."""
+    return memory[row_of_age(memory, first, newest, max(0, math.ceil(age - 1e-9))), column]

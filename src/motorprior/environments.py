@@ -1,7 +1,7 @@
 """Gymnasium environments: importing this module registers ``motorprior/Walk-v0``.
 
     import gymnasium, motorprior.environments
-    env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", actuator="prior", prior="prior.safetensors")
+    env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", motors="prior:prior.safetensors")
 
 Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors are the physical
 ones of the robot's fleet, and nothing else is randomized.
@@ -22,38 +22,32 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.env import WalkEnv
-from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler
 from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.vector_env import WalkVectorEnv
 
 ENV_ID = "motorprior/Walk-v0"
-_EPISODE = WalkConfig.__dataclass_fields__
 
 
-def _scene(robot: str | Path | Robot, motors: MotorSource | None, options: dict[str, Any]) -> Scene:
+def _scene(robot: str | Path | Robot, motors: MotorSource, options: dict[str, Any]) -> Scene:
     """The simulation of an environment."""
-    walk = WalkConfig(**{name: value for name, value in options.items() if name in _EPISODE})
-    choice = {name: value for name, value in options.items() if name not in _EPISODE}
+    walk = WalkConfig(**options)
     robot = as_robot(robot) if isinstance(walk.commands, Timetable) else walk.commands.extend_range(as_robot(robot))
-    for name in {"prior", "posterior"} & choice.keys():
-        choice[name] = Path(choice[name])
-    chosen = MotorChoice(choice.pop("actuator", "fleet"), **choice)
-    draw_motors, physics_dt = motor_sampler(chosen.sampler(robot) if motors is None else motors, robot)
+    draw_motors, physics_dt = motor_sampler(motors, robot)
     return Scene(robot, draw_motors, walk, physics_dt)
 
 
-def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | None = None, **options: Any) -> WalkEnv:
+def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any) -> WalkEnv:
     """Make one Gymnasium environment that samples new motors in each episode.
 
     Its observations and actions are those of the policies of `train_policy`.
 
     Args:
         robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
-        motors: motors of the episodes: a prior, a posterior or a fleet to sample, fixed motors, or a function that
+        motors: motors of the episodes: a text such as "prior:FILE", "pd:kp=9" or "fleet", the robot's own physical
+            motors (`actuator.registry`); a prior, a posterior or a fleet to sample; fixed motors; or a function that
             samples them with a generator.
-        options: fields of `WalkConfig`, such as engine, task, randomization, commands, gait and episode_steps; without
-            ``motors`` also fields of `MotorChoice`, such as actuator, prior and kp; the physical motors of the robot's
-            own fleet by default.
+        options: fields of `WalkConfig`, such as engine, task, randomization, commands, gait and episode_steps.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
@@ -65,7 +59,7 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource | No
 
 def make_vector_env(
     robot: str | Path | Robot = DEFAULT_ROBOT,
-    motors: MotorSource | None = None,
+    motors: MotorSource = "fleet",
     *,
     num_envs: int = 1,
     threads: int = 1,

@@ -8,24 +8,20 @@ from pathlib import Path
 from reprlib import Repr
 from typing import Any
 
-_MAX_WHERE, _MAX_PROBLEM, _MAX_REMEDY = 280, 400, 300  # bytes of the parts of a message
+_MAX_PART = 400  # letters of the problem, the place or the remedy
+_REPR = Repr()  # a few entries of a container
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 40
 
 
-def cut(text: str, max_bytes: int) -> str:
-    """The beginning of a text, as one printable line of at most ``max_bytes`` bytes."""
-    line = " ".join(text[: 2 * max_bytes].split())
-    data = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line).encode()
-    return data.decode() if len(data) <= max_bytes else data[: max_bytes - 3].decode(errors="ignore") + "…"
+def cut(text: str, max_letters: int) -> str:
+    """The beginning of a text, as one printable line of at most ``max_letters``."""
+    line = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in " ".join(text.split()))
+    return line if len(line) <= max_letters else line[: max_letters - 1] + "…"
 
 
-def quoted(value: Any, max_bytes: int = 40) -> str:
+def quoted(value: Any, max_letters: int = 40) -> str:
     """A value from a file in a message: its ``repr``, cut; containers to a few entries."""
-    printer = Repr()
-    printer.maxstring = printer.maxother = printer.maxlong = max_bytes
-    try:
-        return cut(printer.repr(value), max_bytes)
-    except ValueError:  # an integer of thousands of digits
-        return type(value).__name__
+    return cut(f"{value:.10g}" if isinstance(value, float) else _REPR.repr(value), max_letters)
 
 
 def listed(parts: Sequence[str], max_parts: int) -> str:
@@ -45,16 +41,11 @@ class MotorPriorError(Exception):
     """
 
     def __init__(
-        self,
-        problem: str,
-        *,
-        where: str | Path | None = None,
-        remedy: str | None = None,
-        argument: str | None = None,
+        self, problem: str, *, where: str | Path | None = None, remedy: str | None = None, argument: str | None = None
     ):
         super().__init__(problem)
-        self.problem, self.where, self.argument = cut(problem, _MAX_PROBLEM), where, argument
-        self.remedy = None if remedy is None else cut(remedy, _MAX_REMEDY)
+        self.problem, self.where, self.argument = cut(problem, _MAX_PART), where, argument
+        self.remedy = None if remedy is None else cut(remedy, _MAX_PART)
 
     def __str__(self) -> str:
         return self._at(self._problem_and_remedy())
@@ -71,7 +62,7 @@ class MotorPriorError(Exception):
         return f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
 
     def _at(self, text: str) -> str:
-        return text if self.where is None else f"{cut(str(self.where)[-_MAX_WHERE:], _MAX_WHERE)}: {text}"
+        return text if self.where is None else f"{cut(str(self.where)[-_MAX_PART:], _MAX_PART)}: {text}"
 
 
 class LogError(MotorPriorError):
@@ -101,19 +92,10 @@ class RobotFault(MotorPriorError):
         kind: short name of the fault, as in the table of docs/hardware.md.
         problem: see `MotorPriorError`.
         safe_state: "idle" if motors must lose their current at once, "crouch" if there is time to sit down.
-        remedy: see `MotorPriorError`.
-        argument: see `MotorPriorError`.
+        more: ``remedy`` and ``argument`` of `MotorPriorError`.
     """
 
-    def __init__(
-        self,
-        kind: str,
-        problem: str,
-        *,
-        safe_state: str = "idle",
-        remedy: str | None = None,
-        argument: str | None = None,
-    ):
-        super().__init__(problem, where=f"robot fault {kind!r}", remedy=remedy, argument=argument)
+    def __init__(self, kind: str, problem: str, *, safe_state: str = "idle", **more: str | None):
+        super().__init__(problem, where=f"robot fault {kind!r}", **more)
         self.args = (kind, problem)  # pickle rebuilds the exception from these
         self.kind, self.safe_state = kind, safe_state

@@ -100,10 +100,6 @@ class _NumberArray(np.ndarray):
         super().__setstate__((version, shape, kind.dtype, *rest))
 
 
-def _new_array(*_: Any) -> np.ndarray:
-    return _NumberArray(0)
-
-
 def _scalar(kind: _NumberType, raw: bytes | str) -> Any:
     return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, kind.dtype)[0]
 
@@ -116,13 +112,12 @@ def numpy_names() -> dict[tuple[str, str], Any]:
     """Allow-list for pickles of numpy arrays and scalars of plain numbers, from all versions of numpy and Python."""
     names: dict[tuple[str, str], Any] = {
         ("_codecs", "encode"): codecs.encode,
-        ("builtins", "bytes"): bytes,
-        ("__builtin__", "bytes"): bytes,
+        **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), bytes),
         ("numpy", "ndarray"): "ndarray",
         ("numpy", "dtype"): _NumberType,
     }
     for core in ("numpy.core", "numpy._core"):
-        names[f"{core}.multiarray", "_reconstruct"] = _new_array
+        names[f"{core}.multiarray", "_reconstruct"] = lambda *_: _NumberArray(0)
         names[f"{core}.multiarray", "scalar"] = _scalar
         names[f"{core}.numeric", "_frombuffer"] = _array
     return names
@@ -153,11 +148,10 @@ def load_pickle(
                 raise LogError("the pickle refers to external data")
             return persistent(pid)
 
+    remedy = "copy it again from its original source; convert others to CSV where they were made"
     try:
         return Restricted(io.BytesIO(data), encoding="latin1").load()
     except LogError as error:
-        remedy = "use log files from their original source; convert others to CSV where they were made"
         raise LogError(error.problem, remedy=error.remedy or remedy) from error
     except Exception as error:  # a damaged pickle can raise any exception
-        problem = f"not a complete pickle ({type(error).__name__}: {error})"
-        raise LogError(problem, remedy="copy the file again from its source") from error
+        raise LogError(f"not a complete pickle ({type(error).__name__}: {error})", remedy=remedy) from error

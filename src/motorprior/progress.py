@@ -1,14 +1,17 @@
-"""Progress and notes of stages."""
+"""Progress and notes of stages, and stages in parallel."""
 
 from __future__ import annotations
 
+import os
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Protocol, TextIO
+from typing import Protocol, TextIO, TypeVar
 
 WARNING = "warning: "  # prefix of the notes that are warnings
+Result = TypeVar("Result")
 
 
 class Task(Protocol):
@@ -16,7 +19,6 @@ class Task(Protocol):
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Add ``count`` finished parts; ``note`` is printed next to the progress."""
-        ...
 
 
 class Progress(Protocol):
@@ -28,21 +30,14 @@ class Progress(Protocol):
 
     def note(self, text: str) -> None:
         """Report a line to the user."""
-        ...
 
 
-class Silent:
+class Silent(Progress, Task):
     """`Progress` and `Task` without output."""
 
-    def start(self, name: str, total: int) -> AbstractContextManager[Silent]:
+    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
         """See `Progress.start`."""
         return nullcontext(self)
-
-    def advance(self, count: int = 1, note: str = "") -> None:
-        """See `Task.advance`."""
-
-    def note(self, text: str) -> None:
-        """See `Progress.note`."""
 
 
 class PythonWarnings(Silent):
@@ -65,7 +60,7 @@ class Lines(Silent):
         self._stream = stream
 
     @contextmanager
-    def start(self, name: str, total: int) -> Iterator[Lines]:
+    def start(self, name: str, total: int) -> Iterator[Task]:
         """See `Progress.start`."""
         started = time.monotonic()
         yield self
@@ -76,7 +71,7 @@ class Lines(Silent):
         print(text, file=self._stream, flush=True)
 
 
-class WithoutNotes:
+class WithoutNotes(Progress):
     """Another `Progress` without its notes, for baselines."""
 
     def __init__(self, progress: Progress):
@@ -85,9 +80,6 @@ class WithoutNotes:
     def start(self, name: str, total: int) -> AbstractContextManager[Task]:
         """See `Progress.start`."""
         return self._progress.start(name, total)
-
-    def note(self, text: str) -> None:
-        """See `Progress.note`."""
 
 
 class WarningCollector(WithoutNotes):
@@ -106,3 +98,29 @@ class WarningCollector(WithoutNotes):
 
 SILENT = Silent()
 WARNED = PythonWarnings()  # default of the Python API
+
+
+def usable_threads(workers: int, progress: Progress) -> int:
+    """The smaller of ``workers`` and the number of cores."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers > cores:
+        progress.note(f"note: {workers} workers requested, this machine has {cores} cores: using {cores}")
+    return min(workers, cores)
+
+
+def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, progress: Progress) -> list[Result]:
+    """Results of functions of a `Progress`, in order, ``threads`` at a time.
+
+    Raises:
+        BaseException: the first that a function raises. Functions that already run continue, no other starts.
+    """
+    if threads == 1:
+        return [work(progress) for work in works]
+    pool = ThreadPoolExecutor(threads)
+    try:
+        futures = [pool.submit(work, progress) for work in works]
+        for future in wait(futures, return_when=FIRST_EXCEPTION).done:
+            future.result()
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

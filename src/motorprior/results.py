@@ -13,9 +13,7 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
 
 # suffix of a figure's name by statistic; others, such as the median, have none
-_ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"} | {
-    quantile: f"/{quantile}" for quantile in ("p50", "p99", "max")
-}
+_ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"}
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class Result:
         value: a finite number.
         model: actuator model, or the one that a policy was trained on.
         motors: train or held_out; for a walk, own (training motors) or twin.
-        statistic: over motors or samples: median, mean, low, high, max, p05, p50, p95, p99; None for a single value.
+        statistic: over motors or samples: median, mean, low, high, p05, p95; None for a single value.
         seed: of the training.
         log: name of a log of the real robot.
         part: joint, excitation or feature.
@@ -81,22 +79,14 @@ class Results:
         return list(dict.fromkeys(getattr(row, column) for row in self))
 
     def value(self, **columns: Any) -> float:
-        """Value of the only row with these values.
-
-        Raises:
-            ArtifactError: not exactly one row.
-        """
+        """Value of the only row with these values; raises ArtifactError unless there is exactly one."""
         found = self.where(**columns)
         if len(found) != 1:
             raise ArtifactError(f"{len(found)} results with {columns}, wanted one")
         return found.rows[0].value
 
     def mean(self, **columns: Any) -> float:
-        """Mean value of the rows with these values.
-
-        Raises:
-            ArtifactError: no row.
-        """
+        """Mean value of the rows with these values; raises ArtifactError if there is none."""
         found = self.where(**columns)
         if not found:
             raise ArtifactError(f"no result with {columns}")
@@ -109,8 +99,7 @@ class Results:
         motors is also given without suffix. A quantity measured for several seeds also has a mean.
         """
         figures: dict[str, float] = {}
-        both = {row.quantity for row in self.where(motors="train")}
-        both &= {row.quantity for row in self.where(motors="held_out")}
+        both = set.intersection(*({row.quantity for row in self.where(motors=name)} for name in ("train", "held_out")))
         for row in self:
             name = _name(row)
             if row.quantity in both:
@@ -129,24 +118,18 @@ class Results:
 
     @classmethod
     def load(cls, path: Path) -> Results:
-        """Read what `save` wrote.
-
-        Raises:
-            ArtifactError: missing or damaged.
-        """
-        remedy = f"delete the folder {path.parent} and run the same command again"
+        """Read what `save` wrote; raises ArtifactError if it is missing or damaged."""
         try:
             return cls.of(Result(**row | {"value": float(row["value"])}) for row in read_json(path)["rows"])
-        except ArtifactError as error:
-            raise ArtifactError(error.problem, where=path, remedy=remedy) from error
-        except (KeyError, TypeError, ValueError) as error:
-            raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
+        except (ArtifactError, KeyError, TypeError, ValueError) as error:
+            problem = error.problem if isinstance(error, ArtifactError) else f"not a table of results ({error})"
+            remedy = f"delete the folder {path.parent} and run the same command again"
+            raise ArtifactError(problem, where=path, remedy=remedy) from error
 
 
 def _name(row: Result) -> str:
-    walked = row.motors in ("own", "twin")
-    name = f"{row.motors}_{row.quantity}" if walked else row.quantity
+    walked = f"{row.motors}_" if row.motors in ("own", "twin") else ""
     seconds = None if row.seconds is None else f"{row.seconds:g}"
     seed = None if row.seed is None else f"seed_{row.seed}"
-    parts = (row.log, row.part, row.model, seconds, seed)
-    return "/".join([name + _ENDINGS.get(row.statistic or "", ""), *(part for part in parts if part is not None)])
+    parts = (walked + row.quantity + _ENDINGS.get(row.statistic or "", ""), row.log, row.part, row.model, seconds, seed)
+    return "/".join(part for part in parts if part is not None)

@@ -5,7 +5,7 @@ Errors name the file, the key, its value, the allowed values and a remedy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -13,61 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import first_not_finite, read_tensors, require_keys
-from motorprior.bounds import MAX_NUMBER, is_number
-from motorprior.exceptions import ArtifactError, cut, quoted
+from motorprior.artifacts import read_tensors
+from motorprior.bounds import TABLE, Field, exactly, first_not_finite, require
+from motorprior.exceptions import ArtifactError, quoted
 
 
-@dataclass(frozen=True)
-class Field:
-    """A declared value: ``accepts`` tests it; the error reads "KEY = VALUE is not MEANING"."""
+def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path | None, remedy: str) -> None:
+    """Check that a table of the file ``where`` has exactly the wanted keys.
 
-    meaning: str
-    accepts: Callable[[Any], bool]
-
-
-def number(minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: float = -inf, unit: str = "") -> Field:
-    """A finite number in [minimum, maximum] and above ``above``, not a bool."""
-    bounds = f" above {above:g}" if above > -inf else f" from {minimum:.3g}" if minimum > -MAX_NUMBER else ""
-    bounds += f" to {maximum:.3g}" if maximum < MAX_NUMBER else ""
-    return Field(
-        f"a finite number{bounds} {unit}".rstrip(), lambda value: is_number(value, minimum, maximum) and value > above
-    )
-
-
-def integer(minimum: int, maximum: int) -> Field:
-    """An integer in [minimum, maximum]."""
-    return Field(
-        f"an integer from {minimum} to {maximum}", lambda value: type(value) is int and minimum <= value <= maximum
-    )
-
-
-def one_of(*values: str) -> Field:
-    """One of these texts."""
-    return Field(" or ".join(values), lambda value: isinstance(value, str) and value in values)
-
-
-def exactly(wanted: Any) -> Field:
-    """This value, of the same type."""
-    return Field(repr(wanted), lambda value: type(value) is type(wanted) and value == wanted)
-
-
-def maybe(field: Field) -> Field:
-    """The field or null."""
-    return Field(f"{field.meaning}, or null", lambda value: value is None or field.accepts(value))
-
-
-def many(field: Field, minimum: int = 0) -> Field:
-    """A list of at least ``minimum`` values of a field."""
-    return Field(
-        f"a list of {minimum} or more, each {field.meaning}",
-        lambda value: isinstance(value, list) and len(value) >= minimum and all(map(field.accepts, value)),
-    )
-
-
-TEXT = Field("a text", lambda value: isinstance(value, str))
-BOOLEAN = Field("true or false", lambda value: isinstance(value, bool))
-TABLE = Field("a table", lambda value: isinstance(value, Mapping))
+    Raises:
+        ArtifactError: names unknown and missing keys.
+    """
+    given, wanted = set(given), set(wanted)
+    kinds = {"unknown": sorted(given - wanted), "missing": sorted(wanted - given)}
+    problems = [f"{kind} keys {quoted(keys, 300)}" for kind, keys in kinds.items() if keys]
+    if problems:
+        raise ArtifactError(" and ".join(problems), where=where, remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -92,25 +53,13 @@ class Schema:
         Raises:
             ArtifactError: not a table, an unknown or missing key, or a value that is not as declared.
         """
-        if not TABLE.accepts(table):
-            raise ArtifactError(f"{self.name or 'its content'} is not a table", where=where, remedy=self.remedy)
+        where = f"{where}[{self.name}]" if self.name else where
+        require("content", table, TABLE, where, self.remedy)
         keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
-        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys, self.name)
+        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys)
         for key, field in self.fields.items():
             if key in table:
-                require(key, table[key], field, where, self.remedy, self.name)
-
-
-def require(key: str, value: Any, field: Field, where: str | Path | None, remedy: str, name: str = "") -> None:
-    """Check the value of a key in the table ``name``.
-
-    Raises:
-        ArtifactError: it is not as declared.
-    """
-    if not field.accepts(value):
-        text = f"{value:.6g}" if isinstance(value, float) else quoted(value)
-        owner = f"{name}: " if name else ""
-        raise ArtifactError(f"{owner}{key} = {text} is not {field.meaning}", where=where, remedy=remedy)
+                require(key, table[key], field, where, self.remedy)
 
 
 @dataclass(frozen=True)
@@ -119,12 +68,10 @@ class Tensor:
 
     Attributes:
         shape: sizes; a name stands for the same size wherever it occurs.
-        max_abs: maximum absolute value.
         above: exclusive lower bound of the values.
     """
 
     shape: tuple[str | int, ...]
-    max_abs: float = inf
     above: float = -inf
 
 
@@ -141,31 +88,22 @@ def check_tensors(
         ArtifactError: names the tensor, its property and the declared one.
     """
     require_keys(tensors, wanted, where, remedy)
-    known = dict(sizes or {})
+    known, problem = dict(sizes or {}), ""
     for name, tensor in wanted.items():
-        problem = _problem(np.asarray(tensors[name]), tensor, known)
-        if problem:
-            raise ArtifactError(f"{name}{problem}", where=where, remedy=remedy)
-    return known
-
-
-def _problem(value: np.ndarray, tensor: Tensor, known: dict[str, int]) -> str:
-    """The violation of a declaration, or ""; adds new named sizes to ``known``."""
-    if value.ndim == len(tensor.shape):
-        for size, length in zip(tensor.shape, value.shape, strict=True):
+        value = np.asarray(tensors[name])
+        for size, length in zip(tensor.shape, value.shape, strict=False):
             if isinstance(size, str):
                 known.setdefault(size, length)
-    shape = [known.get(size, size) if isinstance(size, str) else size for size in tensor.shape]
-    if value.dtype != np.float64 or list(value.shape) != shape:
-        text = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
-        return f" is {value.dtype}{value.shape}, wanted float64({text})"
-    if (index := first_not_finite(value)) is not None:
-        return f"{index} is not finite"
-    if value.size and np.abs(value).max() > tensor.max_abs:
-        return f" has a value of {np.abs(value).max():.3g}, beyond {tensor.max_abs:g}"
-    if value.size and value.min() <= tensor.above:
-        return f" has a value of {value.min():.3g}, not above {tensor.above:g}"
-    return ""
+        shape = tuple(known.get(size, size) if isinstance(size, str) else size for size in tensor.shape)
+        if value.dtype != np.float64 or value.shape != shape:
+            problem = f"{name} is {value.dtype}{value.shape}, wanted float64{shape}"
+        elif (index := first_not_finite(value)) is not None:
+            problem = f"{name}{index} is not finite"
+        elif value.size and value.min() <= tensor.above:
+            problem = f"{name} has a value of {value.min():.3g}, not above {tensor.above:g}"
+        if problem:
+            raise ArtifactError(problem, where=where, remedy=remedy)
+    return known
 
 
 @dataclass(frozen=True)
@@ -199,25 +137,27 @@ class Header:
             ArtifactError: a folder, or see `read_tensors` and `check`.
         """
         if path.is_dir():
-            inside = (path / self.file).is_file()
-            remedy = f"give {path / self.file}" if inside else f"give the {self.file} that `{self.command}` wrote"
-            raise ArtifactError("a folder, not a file", where=path, remedy=remedy)
-        return read_tensors(path, self.check)
+            raise ArtifactError("a folder, not a file", where=path, remedy=self._other(path / self.file))
+        tensors, header = read_tensors(path)
+        self.check(header, path)
+        return tensors, header
 
-    def check(self, header: Mapping[str, Any], where: str | Path | None) -> None:
+    def check(self, header: Any, where: str | Path | None) -> None:
         """Check a header.
 
         Raises:
             ArtifactError: another kind, a newer version, or an entry that is not as declared.
         """
+        require("header", header, TABLE, where, self.remedy)
         found, version = header.get("kind"), header.get("schema_version")
         if isinstance(found, str) and found != self.kind:
-            remedy = f"give the {self.file} that `{self.command}` wrote"
-            raise ArtifactError(f"a {cut(found, 40)}, not a {self.kind}", where=where, remedy=remedy)
+            raise ArtifactError(f"a {quoted(found)[1:-1]}, not a {self.kind}", where=where, remedy=self._other())
         if type(version) is int and version > self.version:
             problem = f"written by a newer motorprior: schema_version {version}, this one reads {self.version}"
             raise ArtifactError(problem, where=where, remedy="update motorprior")
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
-        for key, field in identity.items():
-            require(key, header.get(key), field, where, self.remedy)
         Schema(identity | dict(self.fields), self.remedy).check(header, where)
+
+    def _other(self, file: Path | None = None) -> str:
+        """Where the right file is."""
+        return f"give {file}" if file and file.is_file() else f"give the {self.file} that `{self.command}` wrote"

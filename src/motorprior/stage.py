@@ -7,25 +7,21 @@ command continues where it stopped. Paths are no part of it: a folder that was m
 from __future__ import annotations
 
 import hashlib
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from filelock import FileLock, Timeout
 
 from motorprior import __version__
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
-from motorprior.progress import Progress
 from motorprior.results import Results
 
 RESULTS, FIGURES, PAGE, MARKER = "results.json", "figures.json", "report.html", "stage.json"
 LOCK = ".lock"
-Result = TypeVar("Result")
 
 
 def digest(path: Path) -> str:
@@ -61,6 +57,17 @@ def description(
     }
 
 
+def _plain(value: Any) -> Any:
+    """JSON values without paths and fleet files, whose digests are among the inputs."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
+    return [_plain(item) for item in value if not _is_path(item)] if isinstance(value, list | tuple) else value
+
+
+def _is_path(value: Any) -> bool:
+    return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
+
+
 def write_results(folder: Path, results: Results) -> None:
     """Write results.json (rows) and figures.json (name -> value)."""
     results.save(folder / RESULTS)
@@ -70,19 +77,6 @@ def write_results(folder: Path, results: Results) -> None:
 def read_results(folder: Path) -> Results:
     """Results of a finished stage."""
     return Results.load(folder / RESULTS)
-
-
-def _plain(value: Any) -> Any:
-    """JSON values without paths and fleet files, whose digests are among the inputs."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value if not _is_path(item)]
-    return value
-
-
-def _is_path(value: Any) -> bool:
-    return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
 
 
 def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
@@ -129,12 +123,11 @@ def locked(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder.resolve() / LOCK, timeout=0, is_singleton=True)
         lock.acquire()
-    except Timeout:
-        remedy = "wait until it ends, or choose another folder"
-        raise ArtifactError("another command writes there", where=folder, remedy=remedy) from None
     except OSError as error:
-        problem = f"cannot write there ({error.strerror or error})"
-        raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
+        busy = isinstance(error, Timeout)
+        problem = "another command writes there" if busy else f"cannot write there ({error.strerror or error})"
+        remedy = "wait until it ends, or choose another folder" if busy else "choose another folder"
+        raise ArtifactError(problem, where=folder, remedy=remedy) from error
     try:
         yield
     finally:
@@ -142,29 +135,3 @@ def locked(folder: Path) -> Iterator[None]:
         if is_new and not lock.is_locked and {path.name for path in folder.iterdir()} <= {LOCK}:
             (folder / LOCK).unlink(missing_ok=True)
             folder.rmdir()
-
-
-def usable_threads(workers: int, progress: Progress) -> int:
-    """The smaller of ``workers`` and the number of cores."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if workers > cores:
-        progress.note(f"note: {workers} workers requested, this machine has {cores} cores: using {cores}")
-    return min(workers, cores)
-
-
-def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, progress: Progress) -> list[Result]:
-    """Results of functions of a `Progress`, in order, ``threads`` at a time.
-
-    Raises:
-        BaseException: the first that a function raises. Functions that already run continue, no other starts.
-    """
-    if threads == 1 or len(works) == 1:
-        return [work(progress) for work in works]
-    pool = ThreadPoolExecutor(threads)
-    try:
-        futures = [pool.submit(work, progress) for work in works]
-        for future in wait(futures, return_when=FIRST_EXCEPTION).done:
-            future.result()
-        return [future.result() for future in futures]
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)

@@ -1,13 +1,11 @@
 """A grey box with a motor's true constants becomes that motor as its steps shrink, and shows its torque."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from floors import true_grey_box
-from motorprior.actuator.latent import LatentActuator
-from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
@@ -25,11 +23,10 @@ def motors():
     return require_geared(load_fleet("mixed").sample(MOTORS, np.random.default_rng(0)))
 
 
-def simulated(known: LatentActuator, given: Trial, parts: int) -> np.ndarray:
+def simulated(known: GreyBoxActuator, given: Trial, parts: int) -> np.ndarray:
     """Joint positions at the trial's own times, in steps of dt / parts."""
-    box = replace(known, network=replace(known.network, period=given.dt / parts))
     targets, external = (np.repeat(rows, parts, axis=0) for rows in (given.position_target, given.external_torque))
-    return run(box, Trial(targets, external, given.load_inertia, given.dt / parts)).joint_pos[::parts]
+    return run(known, Trial(targets, external, given.load_inertia, given.dt / parts)).joint_pos[::parts]
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.actuator import Factors, with_factors
-from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.fleet import load_fleet
 
@@ -33,7 +32,8 @@ def pd(factors):
 def test_of_a_pd_with_and_without_friction():
     one = pd(Factors(ONE, ONE, ONE, ONE))
     same_parameters(with_factors(one, WITHOUT_FRICTION), pd(FACTORS))
-    same_parameters(with_factors(FrictionPd(one, 0.1 * ONE), FACTORS), FrictionPd(pd(FACTORS), 0.1 * FACTORS.coulomb))
+    rough = replace(pd(FACTORS), coulomb=0.1 * FACTORS.coulomb)
+    same_parameters(with_factors(replace(one, coulomb=0.1 * ONE), FACTORS), rough)
 
 
 @pytest.mark.parametrize(

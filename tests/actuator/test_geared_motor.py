@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays as drawn
 
 from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import MAX_DELAY
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
 
 MOTORS = 8
 FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
@@ -54,14 +54,14 @@ def energy_of(values, load, q, dq, rotor_pos, rotor_vel):
     return kinetic + 0.5 * values["gear_stiffness"] * wound**2
 
 
-def simulate(actuator: LatentActuator, dt, load, target, external, start: State | None = None) -> Motion:
+def simulate(actuator: GreyBoxActuator, dt, load, target, external, start: State | None = None) -> Motion:
     """A joint of inertia ``load`` (n,) as engines integrate it; target and external (steps, n)."""
-    n, values = actuator.num_motors, actuator.network.motor.decode(actuator.z)  # pyright: ignore
+    n, values = actuator.num_motors, actuator.constants()
     arrays, torque = actuator.arrays(dt), np.zeros(n)
     start = start or at_rest(n)
     q, dq = start.q.copy(), start.dq.copy()
     reset_actuator(arrays, target[0].copy(), q)
-    motor = arrays.memory[1:]  # the first row is the network's
+    motor = arrays.memory
     motor[ROTOR_POS] += start.rotor_pos
     motor[ROTOR_VEL], motor[FILTERED_VEL], motor[JOINT_VEL] = start.rotor_vel, start.rotor_vel, dq
     rotor_vel, rows = start.rotor_vel, []
@@ -105,11 +105,11 @@ STARTS = st.builds(State, values_of(-1, 1), values_of(-10, 10), values_of(-0.05,
 @STEPS_OF_PHYSICS
 @settings(max_examples=5, deadline=None)
 @given(z=latents(), load=LOADS, start=STARTS)
-def test_rotor_and_joint_keep_their_momentum(grey_network, dt, z, load, start):
-    motors = LatentActuator(grey_network(**FREE, **LIMP), z)
+def test_rotor_and_joint_keep_their_momentum(grey_box, dt, z, load, start):
+    motors = GreyBoxActuator(grey_box(**FREE, **LIMP), z)
     motion = simulate(motors, dt, load, still(0.3, dt), still(0.3, dt), start)
     # rounding of 300 impulses of at most load·10 rad/s; e^-50 of friction is less
-    scale = 10.0 * (load + motors.network.armature(z))
+    scale = 10.0 * (load + motors.model.armature(z))
     assert np.max(np.abs(motion.momentum - motion.momentum[0]) / scale) < 1e-12 * len(motion.q)
 
 
@@ -117,24 +117,22 @@ def test_rotor_and_joint_keep_their_momentum(grey_network, dt, z, load, start):
 @pytest.mark.parametrize("friction", [FREE, {}], ids=["free", "with friction"])
 @settings(max_examples=5, deadline=None)
 @given(z=latents(), load=LOADS, start=STARTS)
-def test_an_unpowered_motor_adds_no_energy_whatever_the_start(grey_network, dt, friction, z, load, start):
-    network: LatentNetwork = grey_network(**friction, **LIMP)
-    motion = simulate(LatentActuator(network, z), dt, load, still(0.4, dt), still(0.4, dt), start)
+def test_an_unpowered_motor_adds_no_energy_whatever_the_start(grey_box, dt, friction, z, load, start):
+    box: GreyBox = grey_box(**friction, **LIMP)
+    motion = simulate(GreyBoxActuator(box, z), dt, load, still(0.4, dt), still(0.4, dt), start)
     # A blow may be seen a step too late: the energy of a spring wound by one step's twist. It is never more than that,
     # however long the joint bounces in its play; friction takes it again.
-    assert network.motor is not None
-    late = 0.5 * network.motor.decode(z)["gear_stiffness"] * (dt * np.abs(motion.twist_vel).max(axis=0)) ** 2
+    late = 0.5 * box.constants(z)["gear_stiffness"] * (dt * np.abs(motion.twist_vel).max(axis=0)) ** 2
     assert np.all(motion.energy <= motion.energy[0] + late + 1e-12)
     if not friction:
         assert np.all(motion.energy[-1] <= motion.energy[0] + 1e-12)
 
 
-def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey_network):
+def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey_box):
     dt, n = 0.002, MOTORS
-    network: LatentNetwork = grey_network(spread=0.1, coulomb=0.1, stribeck_torque=0.05, load_friction=0.2)
-    motors = LatentActuator(network, np.random.default_rng(5).uniform(-1, 1, (n, 3)))
-    assert network.motor is not None
-    values = network.motor.decode(motors.z)
+    box: GreyBox = grey_box(spread=0.1, coulomb=0.1, stribeck_torque=0.05, load_friction=0.2)
+    motors = GreyBoxActuator(box, np.random.default_rng(5).uniform(-1, 1, (n, 3)))
+    values = box.constants(motors.z)
     breakaway = (values["coulomb"] + values["stribeck_torque"]) / (1.0 - values["load_friction"])
     target = np.tile(values["encoder_zero"], (1500, 1))  # the law pushes with nothing
     ramp = np.minimum(np.arange(1500) * dt / 1.0, 1.0)[:, None]
@@ -149,9 +147,9 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
 
 
-def blocked(network: LatentNetwork, target: np.ndarray, dt: float) -> np.ndarray:
+def blocked(box: GreyBox, target: np.ndarray, dt: float) -> np.ndarray:
     """(steps,) torque of one motor on a locked joint."""
-    motors = LatentActuator(network, np.zeros((1, network.num_latents)))
+    motors = GreyBoxActuator(box, np.zeros((1, box.num_latents)))
     arrays, zero, out = motors.arrays(dt), np.zeros(1), np.zeros((len(target), 1))
     reset_actuator(arrays, zero, zero)
     for step, wanted in enumerate(target):
@@ -160,14 +158,14 @@ def blocked(network: LatentNetwork, target: np.ndarray, dt: float) -> np.ndarray
 
 
 @STEPS_OF_PHYSICS
-def test_a_command_arrives_after_its_delay(grey_network, dt):
+def test_a_command_arrives_after_its_delay(grey_box, dt):
     target = np.zeros(round(0.12 / dt))
     step = round(0.01 / dt)
     target[step:] = 0.1
 
     def answer(delay):
         # without friction, play and limit the torque is linear in the targets
-        return blocked(grey_network(**FREE, backlash=0.0, torque_limit=1e3, delay=delay), target, dt)
+        return blocked(grey_box(**FREE, backlash=0.0, torque_limit=1e3, delay=delay), target, dt)
 
     prompt = answer(0.0)
     assert np.all(prompt[:step] == 0.0) and prompt[step + 1] > 0.0

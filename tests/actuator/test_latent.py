@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 
 TAPS = (0, 2, 5)
 PERIOD = 0.002
@@ -66,6 +66,6 @@ def test_compiled_network_equals_the_reference(n, neurons):
     z = np.random.default_rng(2).standard_normal((n, 3))
     expected = np.array([net.torque(row, z) for row in scaled_history(net, inputs)])
     np.testing.assert_allclose(
-        torques(LatentActuator(net, z), inputs), expected, atol=1e-5 * net.torque_scale * neurons
+        torques(NetworkActuator(net, z), inputs), expected, atol=1e-5 * net.torque_scale * neurons
     )
     assert np.ptp(expected) > net.torque_scale

@@ -6,19 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ConfigError
 
 
 def made_prior() -> MotorPrior:
-    rng = np.random.default_rng(0)
-    network = LatentNetwork(
-        rng.normal(size=(4, 4)), rng.normal(size=(2, 4)), np.zeros(4), np.eye(4), np.zeros(4), np.ones(4),
-        np.array(0.0), np.array(-6.0), np.zeros(2), (0, 1), 0.002, 0.1, 1.0, 1.0, 2.0, True,
-    )  # fmt: skip
-    return MotorPrior(network, np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
+    motor = GearedMotor(np.zeros(len(PARAMETERS)), np.ones((2, len(PARAMETERS))))
+    return MotorPrior(GreyBox(motor, 0.002), np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
 
 
 PRIOR = made_prior()
@@ -38,12 +36,13 @@ def test_samples_have_the_posteriors_moments():
     np.testing.assert_allclose(np.cov(z[:, 5].T), posterior(12).covariance[5], atol=0.01)
 
 
-def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_network):
-    network = grey_network(spread=0.2, kp=9.0, torque_limit=1.26)
-    prior = MotorPrior(network, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_box):
+    box = grey_box(spread=0.2, kp=9.0, torque_limit=1.26)
+    prior = MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
     known = MotorPosterior(prior, np.eye(3), np.tile(1e-6 * np.eye(3), (3, 1, 1)), ("a", "b", "c"), 10.0, (0.5,) * 3)
     plain, following = (known.sample(3, 0, limit_follows_gain=follows) for follows in (False, True))
-    share = network.constants(plain.z)["kp"] / 9.0
+    assert isinstance(plain, GreyBoxActuator) and isinstance(following, GreyBoxActuator)
+    share = box.constants(plain.z)["kp"] / 9.0
     assert np.abs(share - 1.0).max() > 0.1 and plain.factors is None and following.factors is not None
     np.testing.assert_array_equal(following.z, plain.z)
     np.testing.assert_allclose(following.factors.torque_limit, share, rtol=1e-9)

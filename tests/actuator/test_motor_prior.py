@@ -2,12 +2,15 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
+from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
@@ -15,13 +18,19 @@ from motorprior.exceptions import ArtifactError
 
 
 @pytest.fixture(params=["grey box", "network"])
-def prior(request: pytest.FixtureRequest, grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
-    network = grey_network(network=0.5, encoder_zero=-0.02)
-    if request.param == "network":
-        network = replace(network, motor=None, has_armature=True)
+def prior(request: pytest.FixtureRequest, grey_box: Callable[..., GreyBox]) -> MotorPrior:
     rng = np.random.default_rng(0)
+    if request.param == "network":
+        model = LatentNetwork(
+            w1=rng.standard_normal((4, 8)), v1=rng.standard_normal((3, 8)), b1=np.ones(8),
+            w2=rng.standard_normal((8, 8)), b2=np.zeros(8), w3=rng.standard_normal(8), b3=np.array(0.2),
+            log_armature=np.array(-6.0), armature_slope=rng.standard_normal(3), taps=(0, 2), period=0.002,
+            error_scale=0.1, velocity_scale=2.0, torque_scale=0.3, torque_limit=3.0, has_armature=True,
+        )  # fmt: skip
+    else:
+        model = replace(grey_box(encoder_zero=-0.02), copula=Copula(np.eye(3), np.tile(SCORES[:, None], 3)))
     mean, log_var = rng.standard_normal((5, 3)), rng.uniform(-4, 0, (5, 3))
-    return MotorPrior(network, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"final_loss": 0.5})
+    return MotorPrior(model, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"final_loss": 0.5})
 
 
 @pytest.fixture
@@ -32,21 +41,25 @@ def saved(prior: MotorPrior, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def gain_scaled(grey_network: Callable[..., LatentNetwork]) -> MotorPrior:
+def gain_scaled(grey_box: Callable[..., GreyBox]) -> MotorPrior:
     """A prior of motors with logged gains."""
-    network, mean = replace(grey_network(), gain_unit="N·m/rad"), np.random.default_rng(1).standard_normal((3, 3))
+    box, mean = replace(grey_box(), gain_unit="N·m/rad"), np.random.default_rng(1).standard_normal((3, 3))
     gains = np.array([[20.0, 20.0, 40.0], [1.0, 1.5, 2.0]])
-    return MotorPrior(network, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains)
+    return MotorPrior(box, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains)
 
 
 def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp_path: Path):
     gain_scaled.save(tmp_path / "p.safetensors")
     prior = MotorPrior.load(tmp_path / "p.safetensors")
-    assert prior.joint_names == gain_scaled.joint_names and prior.network.gain_unit == "N·m/rad"
+    assert prior.joint_names == gain_scaled.joint_names and prior.model.gain_unit == "N·m/rad"
     np.testing.assert_array_equal(prior.gains, gain_scaled.gains)
-    np.testing.assert_array_equal(prior.training_motors(np.array([2])).gains, [[40.0], [2.0]])
-    np.testing.assert_array_equal(prior.sample(2, 0).gains, [[20.0, 20.0], [1.5, 1.5]])
-    np.testing.assert_array_equal(prior.sample(2, 0, np.ones((2, 2))).gains, np.ones((2, 2)))
+    for motors, gains in (
+        (prior.training_motors(np.array([2])), [[40.0], [2.0]]),
+        (prior.sample(2, 0), [[20.0, 20.0], [1.5, 1.5]]),
+        (prior.sample(2, 0, np.ones((2, 2))), np.ones((2, 2))),
+    ):
+        assert isinstance(motors, GreyBoxActuator)
+        np.testing.assert_array_equal(motors.gains, gains)
     np.testing.assert_array_equal(prior.expected(("calf", "tail")), [gain_scaled.mean[2], np.zeros(3)])
 
 
@@ -59,17 +72,12 @@ def rewrite(path: Path, tensors: dict, header: dict, without: tuple[str, ...] = 
 
 def test_what_is_saved_is_loaded(prior: MotorPrior, saved: Path):
     loaded = MotorPrior.load(saved)
-    names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
-    for name in (*names, "taps", "period", "error_scale", "velocity_scale", "torque_scale", "torque_limit"):
-        np.testing.assert_array_equal(getattr(loaded.network, name), getattr(prior.network, name))
+    assert type(loaded.model) is type(prior.model)
+    jax.tree.map(np.testing.assert_array_equal, asdict(loaded.model), asdict(prior.model))
     for name in ("mean", "log_var"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(prior, name))
     texts = ("preset", "robot", "motor", "provenance", "metrics")
     assert [getattr(loaded, name) for name in texts] == [getattr(prior, name) for name in texts]
-    assert (loaded.network.motor is None) == (prior.network.motor is None)
-    if prior.network.motor is not None and loaded.network.motor is not None:
-        np.testing.assert_array_equal(loaded.network.motor.center, prior.network.motor.center)
-        np.testing.assert_array_equal(loaded.network.motor.slope, prior.network.motor.slope)
 
 
 def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp_path: Path):
@@ -87,7 +95,7 @@ def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp
         ({}, {"motor_terms": ["heat"]}, ()),
         ({"motor_slope": np.zeros((14, 3))}, {}, ()),
         ({"motor_center": np.full(14, np.nan)}, {}, ()),
-        ({}, {"taps": [0, 5, 2]}, ()),
+        ({}, {"network": {"taps": [0, 2]}}, ()),
         ({}, {"schema_version": 1}, ()),
     ],
 )
@@ -96,4 +104,12 @@ def test_a_file_that_is_no_prior_is_rejected_by_name(
 ):
     rewrite(saved, tensors, header, without)
     with pytest.raises(ArtifactError, match=saved.name):
+        MotorPrior.load(saved)
+
+
+@pytest.mark.parametrize("prior", ["network"], indirect=True)
+@pytest.mark.parametrize("changes", [{"taps": [2, 0]}, {"torque_scale": 0.0}])
+def test_a_network_that_is_none_is_rejected(saved: Path, changes: dict):
+    rewrite(saved, {}, {"network": read_tensors(saved)[1]["network"] | changes})
+    with pytest.raises(ArtifactError, match="network"):
         MotorPrior.load(saved)

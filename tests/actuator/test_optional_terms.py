@@ -1,21 +1,24 @@
 """Each term of a servo does what its formula says, nothing where it is absent, and is compiled as it is written."""
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from motorprior.actuator import optional_terms
 from motorprior.actuator.geared_motor_constants import (
     StepConstants,
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.optional_terms import TERMS, Conditions, at_conditions
 
-Networks = Callable[..., LatentNetwork]
+Networks = Callable[..., GreyBox]
 H = 0.002
 EVERY = tuple(TERMS)
 CASES = pytest.mark.parametrize("terms", [("dead_zone",), ("profile", "heat"), EVERY], ids=len)
@@ -24,9 +27,9 @@ NUMPY = array_arithmetic(np)
 STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02, "temperature_loss": 0.3}
 
 
-def drawn_states(motors: LatentActuator, terms: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
+def drawn_states(motors: GreyBoxActuator, terms: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
     """Random states of motors with these terms: rotor, joint, delayed target, and what the terms remember."""
-    n, constants = motors.num_motors, motors.network.constants(motors.z)
+    n, constants = motors.num_motors, motors.model.constants(motors.z)
     q = rng.uniform(-0.3, 0.3, n)
     moving = np.arange(n) % 3 > 0
     velocities = {
@@ -55,21 +58,20 @@ def stepped(constants: StepConstants, drawn: dict[str, Any], terms: tuple[str, .
 
 
 @CASES
-def test_the_compiled_step_is_the_formula(grey_network: Networks, terms: tuple[str, ...]):
-    rng, network = np.random.default_rng(5), grey_network(spread=0.3, terms=terms, **STRONG)
-    motors = LatentActuator(network, rng.standard_normal((MOTORS, 3)), Conditions(rng.random(MOTORS), 0.8, 20.0))
+def test_the_compiled_step_is_the_formula(grey_box: Networks, terms: tuple[str, ...]):
+    rng, box = np.random.default_rng(5), grey_box(spread=0.3, terms=terms, **STRONG)
+    motors = GreyBoxActuator(box, rng.standard_normal((MOTORS, 3)), Conditions(rng.random(MOTORS), 0.8, 20.0))
     drawn = drawn_states(motors, terms, rng)
-    assert network.motor is not None
-    values = network.motor.decode(network.decoder_latents(motors.z), motors.conditions)
+    values = motors.constants()
     alone = stepped(step_constants(values, H, np, terms), drawn, terms)
     every = stepped(step_constants(values, H, np, terms), drawn, EVERY)
 
     arrays, torque = motors.arrays(H), np.zeros(MOTORS)
     reset_actuator(arrays, drawn["target"].copy(), drawn["q"].copy())
     for row, name in enumerate(MotorState._fields):
-        arrays.memory[1 + row] = drawn[name]
+        arrays.memory[row] = drawn[name]
     step_actuator(arrays, H, drawn["target"].copy(), drawn["q"].copy(), drawn["dq"].copy(), torque)
-    compiled = (*arrays.memory[1 : 1 + len(MotorState._fields)], torque, arrays.damping)
+    compiled = (*arrays.memory[: len(MotorState._fields)], torque, arrays.damping)
     names = (*MotorState._fields, "torque", "damping")
     for name, found, formula, only in zip(
         names, compiled, (*every[0], *every[1:]), (*alone[0], *alone[1:]), strict=True
@@ -181,15 +183,14 @@ def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slide
     assert state.bristle[0] == pytest.approx(0.1 / 8.0, rel=1e-9)
 
 
-def test_heat_takes_its_share_of_the_laws_torque(grey_network: Networks):
-    network = grey_network(spread=0.0, terms=("integral", "heat"), heat_loss=0.3, heat_time=10.0)
-    assert network.motor is not None
-    cold, warm, hot = (network.motor.decode(np.zeros((1, 3)), Conditions(warmth)) for warmth in (0.0, 0.5, 1.0))
+def test_heat_takes_its_share_of_the_laws_torque(grey_box: Networks):
+    box = grey_box(spread=0.0, terms=("integral", "heat"), heat_loss=0.3, heat_time=10.0)
+    cold, warm, hot = (box.motor.decode(np.zeros((1, 3)), Conditions(warmth)) for warmth in (0.0, 0.5, 1.0))
     for name in ("kp", "torque_limit", "integral_limit"):
         assert warm[name] == pytest.approx(0.85 * cold[name]) and hot[name] == pytest.approx(0.7 * cold[name])
     assert warm["kd_over_kp"] == cold["kd_over_kp"] and warm["coulomb"] == cold["coulomb"]
-    assert network.warmth(np.zeros((1, 3)), 0.0) == pytest.approx(0.0)
-    assert network.warmth(np.zeros((1, 3)), 10.0) == pytest.approx(1 - np.exp(-1.0))
+    assert box.warmth(np.zeros((1, 3)), 0.0) == pytest.approx(0.0)
+    assert box.warmth(np.zeros((1, 3)), 10.0) == pytest.approx(1 - np.exp(-1.0))
 
 
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (20.0, 0.1)])
@@ -198,3 +199,13 @@ def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_
     found = at_conditions(Conditions(supply=0.8), values | {"supply_share": share}, np)
     assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
     assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
+
+
+@pytest.mark.parametrize("name", ["asymmetry", "presliding", "torque_speed"])
+def test_a_term_is_an_entry_and_a_line_of_the_step(name: str):
+    files = [*Path(optional_terms.__file__).parent.glob("*.py")]
+    files += (Path(optional_terms.__file__).parents[1] / "identification").rglob("*.py")
+    quoted = re.compile(rf'"{name}"')
+    assert {file.stem for file in files if quoted.search(file.read_text("utf-8"))} == {
+        "optional_terms", "geared_motor_step",
+    }  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.bench.bench_folder import bench_from_json, read_bench
-from motorprior.bench.families import OUT_OF_FAMILY, UNITS
+from motorprior.bench.families import OUT_OF_FAMILY
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.bench import Bench, run_bench
@@ -20,7 +20,7 @@ family = "foreign"
 motor = "test"
 robot = "pupper_v2"
 """ + "".join(
-    f'[{name}]\nunit = "{UNITS[name]}"\ndistribution = "constant"\ncenter = {value}\nsource = "test"\n'
+    f'[{name}]\nunit = "{OUT_OF_FAMILY.units[name]}"\ndistribution = "constant"\ncenter = {value}\nsource = "test"\n'
     for name, value in zip(
         sorted(OUT_OF_FAMILY.units.keys() - OUT_OF_FAMILY.optional), (0.003, 60.0, 0.05, 9.0, 2.0), strict=True
     )

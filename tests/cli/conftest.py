@@ -18,7 +18,6 @@ from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.logs.readers.puppersim import csv_columns
 from motorprior.robots.pupper_v2 import spec
-from motorprior.simulation.motor_choice import MotorChoice
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def prior(bench: Path, prior_of_bench: MotorPrior) -> Path:
 def walk(bench: Path) -> Path:
     """A walk folder: one iteration on an ideal PD."""
     folder = bench.parent / "walk"
-    run_walk(Walk(out=folder, motors=MotorChoice("pd"), iterations=1, episode_steps=5, workers=1))
+    run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
     return folder
 
 

@@ -40,21 +40,26 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert first.code == 0 and "motor_011" in first.out
     known = MotorPrior.load(prior)
     found = MotorPosterior.load(out / "posterior.safetensors", known)
-    assert found.mean.shape == (12, known.network.num_latents) and known.network.num_latents >= 5
+    assert found.mean.shape == (12, known.model.num_latents) and known.model.num_latents >= 5
     assert found.seconds == pytest.approx(2.4, abs=0.01)
     written = (out / "posterior.safetensors").stat().st_mtime_ns
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
     assert (out / "posterior.safetensors").stat().st_mtime_ns == written
-    choice = ("--actuator", "prior", "--prior", prior, "--posterior", out / "posterior.safetensors")
-    assert motorprior("walk", *choice, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk").code == 0
+    motors = f"posterior:{out / 'posterior.safetensors'},prior={prior}"
+    assert (
+        motorprior(
+            "walk", "--motors", motors, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk"
+        ).code
+        == 0
+    )
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
 def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, monkeypatch):
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ("profile",))  # the others take a minute
-    monkeypatch.setattr(response_fit, "GENERATIONS", 5)
+    monkeypatch.setattr(term_selection, "CANDIDATES", ("profile",))  # the others take a minute
+    monkeypatch.setattr(response_fit, "RESTARTS", 5)
     done = motorprior("validate-log", prior, held_out, "--adam-steps", 20, "--out", out)
     assert done.code == 0 and "tuned_pd" in done.out and "whole log, mean" in done.out
     found = read_results(out)

@@ -40,11 +40,12 @@ def in_a_process(*args: object, first: str = "") -> subprocess.CompletedProcess[
         ("identify {bench} --preset unknown", ("'unknown'", "rollout", "one_network")),
         ("validate", ("no prior", "identify")),
         ("validate {prior} {prior}", ("two priors", "rollout")),
-        ("walk --actuator pd --kd nan", ("--kd nan", "finite number")),
-        ("walk --actuator pd --delay 1e9", ("--delay 1000000000", "to 1")),
-        ("walk --actuator pd --task.alive nan", ("--task.alive nan",)),
-        ("walk --actuator pd --prior {prior}", ("--prior", "actuator prior")),
-        ("walk", ("--actuator prior", "file of a prior")),
+        ("walk --motors pd:kd=nan", ("--motors 'pd:kd=nan'", "finite number")),
+        ("walk --motors pd:delay=1e9", ("--motors 'pd:delay=1e9'", "delay 1000000000", "to 1")),
+        ("walk --motors pd --task.alive nan", ("--task.alive nan",)),
+        ("walk --motors pd:file={prior}", ("option 'file=", "kp, kd, torque_limit")),
+        ("walk --motors prior", ("file is missing",)),
+        ("walk --motors hydraulic:3", ("no kind 'hydraulic'", "fleet, prior, posterior, pd")),
         ("transfer", ("no policy", "walk")),
         ("demo --motors 5", ("--motors 5", "at least 12")),
         ("demo --logs nowhere", ("nowhere", "no such file")),
@@ -160,7 +161,7 @@ def test_a_broken_prior_is_rejected_by_every_reader(
     out = ("--out", tmp_path / "out")
     refused("validate", copy, *out, words=(str(copy), *words))
     refused("replay", pupper_logs, "--prior", copy, *out, words=(str(copy), *words))
-    refused("walk", "--prior", copy, *out, words=(str(copy), *words))
+    refused("walk", "--motors", f"prior:{copy}", *out, words=(str(copy), *words))
 
 
 # Policies.
@@ -195,7 +196,7 @@ def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_pa
     walk.mkdir()
     shutil.copy(prior, walk / "search.safetensors")
     truncate(walk / "search.safetensors")
-    line = ("walk", "--actuator", "pd", "--out", walk, "--iterations", 1)
+    line = ("walk", "--motors", "pd", "--out", walk, "--iterations", 1)
     refused(*line, words=(str(walk / "search.safetensors"), "delete it"))
 
 

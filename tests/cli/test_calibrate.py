@@ -14,7 +14,7 @@ from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.studies.posture import with_posture
+from motorprior.studies.log_replay import with_posture
 
 SMALL = ("--starts", "1", "--iterations", "1", "--draws", "3")
 

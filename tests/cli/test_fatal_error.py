@@ -6,17 +6,17 @@ from pathlib import Path
 
 from motorprior.artifacts import read_tensors
 
-WALK = ("walk", "--actuator", "pd", "--episode-steps", "20", "--iterations", "12")
+WALK = ("walk", "--motors", "pd", "--episode-steps", "20", "--iterations", "12")
 SABOTAGE = """
 import mujoco, sys
 from numba import njit
 from motorprior.cli.main import main
-from motorprior.robots.pupper_v2.mjcf import mjcf
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.mj_call import mj_step, mj_step_address
 from motorprior.simulation.rollout import WalkSimulator
 
 FLOOR = '<size memory="2K"/><worldbody><geom type="plane" size="9 9 1"/>'
-XML = mjcf().replace("<worldbody>", FLOOR, 1).replace('contype="0" conaffinity="0"', "")
+XML = PUPPER_V2.model.mjcf().replace("<worldbody>", FLOOR, 1).replace('contype="0" conaffinity="0"', "")
 model = mujoco.MjModel.from_xml_string(XML)
 data = mujoco.MjData(model)  # its memory is too small for a step: mju_error
 

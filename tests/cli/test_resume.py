@@ -18,7 +18,7 @@ from motorprior.bench.fleet import fleet_path
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
 MARKER = "stage.json"
-WALK = ("walk", "--actuator", "pd", "--episode-steps", 20, "--iterations", 12)  # with two evaluations
+WALK = ("walk", "--motors", "pd", "--episode-steps", 20, "--iterations", 12)  # with two evaluations
 
 
 def results(folder: Path) -> list[Any]:
@@ -59,12 +59,12 @@ def test_an_interrupted_walk_ends_at_the_same_bytes(
 
 
 def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ctrl_c: Callable, tmp_path: Path):
-    line = ("walk", "--actuator", "pd", "--episode-steps", 20, "--workers", 1, "--iterations", 4)
+    line = ("walk", "--episode-steps", 20, "--workers", 1, "--iterations", 4)
     ctrl_c(3)
-    assert motorprior(*line, "--kp", 9, "--out", tmp_path / "mixed").code == 130
+    assert motorprior(*line, "--motors", "pd:kp=9", "--out", tmp_path / "mixed").code == 130
     ctrl_c(0)
     for name in ("mixed", "fresh"):
-        done = motorprior(*line, "--kp", 8, "--out", tmp_path / name)
+        done = motorprior(*line, "--motors", "pd:kp=8", "--out", tmp_path / name)
         assert done.code == 0 and "continues" not in done.err
     assert results(tmp_path / "mixed") == results(tmp_path / "fresh")
 
@@ -91,7 +91,7 @@ def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(t
 
 @pytest.mark.slow
 def test_kill_9_at_random_moments_changes_no_byte(tmp_path: Path):
-    words = ("walk", "--actuator", "pd", "--episode-steps", 100, "--iterations", 60, "--workers", 1)
+    words = ("walk", "--motors", "pd", "--episode-steps", 100, "--iterations", 60, "--workers", 1)
     line = [sys.executable, "-m", "motorprior.cli.main", *map(str, words), "--out"]
     subprocess.run([*line, str(tmp_path / "whole")], check=True, capture_output=True)
     checkpoint, rng = tmp_path / "killed" / "search.safetensors", np.random.default_rng(0)
@@ -138,7 +138,19 @@ def test_a_policy_finds_its_prior_after_both_were_moved(motorprior: Command, tmp
     old, new = tmp_path / "old", tmp_path / "new"
     old.mkdir()
     copy = Path(shutil.copy(prior, old / "mine.safetensors"))
-    line = ("walk", "--prior", copy, "--out", old / "walk", "--iterations", 1, "--episode-steps", 5, "--workers", 1)
+    line = (
+        "walk",
+        "--motors",
+        f"prior:{copy}",
+        "--out",
+        old / "walk",
+        "--iterations",
+        1,
+        "--episode-steps",
+        5,
+        "--workers",
+        1,
+    )
     assert motorprior(*line).code == 0
     old.rename(new)
     assert motorprior("transfer", new / "walk", "--out", new / "transfer").code == 0

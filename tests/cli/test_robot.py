@@ -41,7 +41,7 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorpr
     walk, policy = tmp_path / "walk", policy_file(tmp_path / "policy.safetensors")
     robot = ("--virtual", "--robot.no-homing", "--robot.currents")
     done = motorprior("deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk)
-    assert done.code == 0 and "period_jitter_ms/p99" in done.out and "stopped by time" in done.err, done.err
+    assert done.code == 0 and "period_jitter_ms/p99" in done.err and "stopped by time" in done.err, done.err
     facts = json.loads((walk / "run.json").read_text())
     assert facts["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and facts["policy"] == str(policy)
     assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
@@ -71,7 +71,7 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
 @pytest.mark.real_time
 def test_the_doctor_checks_a_virtual_robot(motorprior: Callable):
     done = motorprior("doctor", "--virtual", "--seconds", 1)
-    assert done.code == 0 and "FR_knee" in done.out, done.err
+    assert done.code == 0 and "FR_knee" in done.err, done.err
 
 
 @pytest.mark.parametrize(

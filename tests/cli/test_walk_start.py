@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.locomotion.policy import Policy
 
 Command = Callable[..., Any]
-SMALL = ("walk", "--actuator", "pd", "--episode-steps", 20)
+SMALL = ("walk", "--motors", "pd", "--episode-steps", 20)
 
 
 def policy_in(folder: Path) -> Policy:

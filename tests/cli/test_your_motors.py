@@ -24,7 +24,7 @@ from motorprior.logs.readers.ros_bag import CLOCK
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
 """Of each table, header included: four seconds of the Go2."""
-WITH_STEPS = {"identify": ("--steps", "4"), "validate-log": ("--adam-steps", "4")}
+WITH_STEPS = {"validate-log": ("--adam-steps", "4")}
 
 
 class Begun(Exception):
@@ -72,10 +72,9 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         shutil.copy(ROOT / "examples" / "robots" / f"{name}.toml", tmp_path)
     write_table(swing(4.0), tmp_path)
     monkeypatch.chdir(tmp_path)
-    for name in ("STARTS", "FIRST_ROUNDS", "ROUNDS"):
-        monkeypatch.setattr(load_fit, name, 1)
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ())  # the terms are tested elsewhere, and take minutes
-    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    monkeypatch.setattr(load_fit, "MAX_ROUNDS", 1)
+    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(response_fit, "RESTARTS", 4)
     monkeypatch.setattr(demo, "run_bench", begun)
     return tmp_path
 
@@ -85,8 +84,8 @@ def begun(*args: object) -> None:
 
 
 def with_steps(words: list[str]) -> list[str]:
-    """With few steps where a network is trained: the preset that a page names beside identify trains none."""
-    return words if words[0] == "identify" and "--preset" in words else [*words, *WITH_STEPS.get(words[0], ())]
+    """With few Adam steps where a network is trained."""
+    return [*words, *WITH_STEPS.get(words[0], ())]
 
 
 def expanded(words: list[str]) -> list[str]:

@@ -18,7 +18,6 @@ PAGE = (ROOT / "docs" / "your-robot.md").read_text("utf-8")
 SMALL = {
     "walk": "--iterations 2 --episode-steps 40 --search.num-directions 4 --search.num-top-directions 2 --workers 1",
     "bench": "--motors 12 --steps 1500",
-    "identify": "--steps 2",
     "simulate": "--seconds 2",
     "adapt": "--anyway",
     "replay": "--draws 2",
@@ -45,7 +44,7 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         for path in (model, *(ROOT / "examples" / "robots").glob(f"{name}*.toml")):
             shutil.copy(path, tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
     return tmp_path
 
 

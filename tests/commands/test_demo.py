@@ -3,7 +3,7 @@
 import math
 import re
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -30,17 +30,8 @@ WITH_REAL = ("Your motors", *WITHOUT_REAL[:4], "Real robot logs", *WITHOUT_REAL[
 STAGES = ("bench", "priors", "validate", "replay", "walk", "transfer", "robustness")
 
 
-@dataclass(frozen=True)
-class Run:
-    """A finished demo."""
-
-    config: Demo
-    figures: dict[str, float]
-    page: str
-
-
 @pytest.fixture(scope="module")
-def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Demo:
     """With one of the real logs, if they are here."""
     folder = tmp_path_factory.mktemp("demo")
     logs: Path | None = folder / "logs"
@@ -54,41 +45,35 @@ def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         folder / "run", logs=logs, motors=16, bench_steps=1500, adam_steps=30, iterations=2, seeds=1, workers=2
     )
     run_demo(config)
-    return finished(config)
+    return config
 
 
-def finished(config: Demo) -> Run:
-    return Run(config, read_json(config.out / "figures.json"), (config.out / "report.html").read_text("utf-8"))
-
-
-def chapters(page: str) -> list[str]:
-    return [title for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page) if title != "Settings"]
+def figures(config: Demo) -> dict[str, float]:
+    return read_json(config.out / "figures.json")
 
 
 def modified(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
-def test_every_figure_is_a_finite_number(demo: Run):
-    assert set(WITHOUT_LOGS) <= set(demo.figures)
-    assert [name for name, value in demo.figures.items() if type(value) not in (int, float)] == []
-    assert [name for name, value in demo.figures.items() if not math.isfinite(value)] == []
+def test_every_figure_is_a_finite_number(demo: Demo):
+    found = figures(demo)
+    assert set(WITHOUT_LOGS) <= set(found)
+    assert [name for name, value in found.items() if type(value) not in (int, float) or not math.isfinite(value)] == []
+    if demo.logs is not None:
+        assert {f"real_rmse/1_joint/{model}" for model in ("ideal_pd", "physical", "rollout")} <= set(found)
+        assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(found)
 
 
-def test_real_logs_have_their_figures(demo: Run):
-    if demo.config.logs is None:
-        pytest.skip("real motor logs are not here")
-    assert {f"real_rmse/1_joint/{model}" for model in ("ideal_pd", "physical", "rollout")} <= set(demo.figures)
-    assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(demo.figures)
+def test_the_page_has_every_chapter(demo: Demo):
+    page = (demo.out / "report.html").read_text("utf-8")
+    chapters = [title for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page) if title != "Settings"]
+    assert chapters == list(WITHOUT_REAL if demo.logs is None else WITH_REAL)
+    assert "not complete" not in page
 
 
-def test_the_page_has_every_chapter(demo: Run):
-    assert chapters(demo.page) == list(WITHOUT_REAL if demo.config.logs is None else WITH_REAL)
-    assert "not complete" not in demo.page
-
-
-def test_a_second_run_finds_every_stage_done(demo: Run):
-    before = {stage: modified(demo.config.out / stage) for stage in STAGES}
-    run_demo(replace(demo.config, workers=1))
-    assert {stage: modified(demo.config.out / stage) for stage in STAGES} == before
-    assert finished(demo.config).figures == demo.figures
+def test_a_second_run_finds_every_stage_done(demo: Demo):
+    before, found = {stage: modified(demo.out / stage) for stage in STAGES}, figures(demo)
+    run_demo(replace(demo, workers=1))
+    assert {stage: modified(demo.out / stage) for stage in STAGES} == before
+    assert figures(demo) == found

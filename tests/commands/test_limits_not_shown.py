@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import motorprior as mp
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior, unidentified_limits
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motor_choice import MotorChoice
 
 
 def fitted(excitation: str, notes: io.StringIO, steps: int = 1500) -> MotorPrior:
@@ -28,18 +28,23 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     assert f"torque limit of {found['torque_limit']:.3g} N·m" in notes.getvalue()
     prior.save(tmp_path / "prior.safetensors")
     assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
-    motors, notes = MotorChoice("prior", tmp_path / "prior.safetensors"), io.StringIO()
+    motors, notes = f"prior:{tmp_path / 'prior.safetensors'}", io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
     walk = Walk(out=tmp_path / "walk", motors=motors, iterations=1, episode_steps=20, search=search, workers=1)
     run_walk(walk, Lines(notes))
     assert "(pupper_v2 has at most 1.26)" in notes.getvalue()
 
 
+def torque_limits(prior: MotorPrior) -> np.ndarray:
+    assert isinstance(prior.model, GreyBox)
+    return prior.model.constants(prior.mean)["torque_limit"]
+
+
 def test_impacts_identify_limits_unless_the_log_is_too_short():
     short, long = (fitted("rollout", io.StringIO(), steps) for steps in (750, 1500))
-    limits, noted = short.network.constants(short.mean)["torque_limit"], unidentified_limits(short.metrics)
+    limits, noted = torque_limits(short), unidentified_limits(short.metrics)
     assert limits.max() > 5.0 and noted["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
-    limits, noted = long.network.constants(long.mean)["torque_limit"], unidentified_limits(long.metrics)
+    limits, noted = torque_limits(long), unidentified_limits(long.metrics)
     assert np.median(limits) == pytest.approx(1.26, rel=0.1)
     # the search finds another optimum for one of the motors on some processors
     assert noted.get("torque_limit", 0.0) == (pytest.approx(limits.max(), rel=0.2) if np.any(limits > 2.0) else 0.0)

@@ -46,7 +46,7 @@ def test_given_registers_are_used_and_checked(tmp_path: Path):
     given = {"profile_acceleration": 39.0, "dead_zone": 0.002}
     import_logs(LogsImport((path,), tmp_path / "out", firmware=given))
     assert read_parquet(tmp_path / "out" / "swing.parquet").firmware == given
-    with pytest.raises(LogError, match=r"firmware\.profile_speed -1\.0 is not 0 \(off\) or a number"):
+    with pytest.raises(LogError, match=r"firmware\.profile_speed -1 is not 0 \(off\) or a number"):
         import_logs(LogsImport((path,), tmp_path / "out", firmware={"profile_speed": -1.0}))
 
 

@@ -37,8 +37,8 @@ def data(shared_data: Path, tmp_path: Path) -> Path:
 def test_every_model_is_tested_on_held_out_logs(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(term_selection, "ELIMINATION_ORDER", ())  # the terms are tested elsewhere, and take minutes
-    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
+    monkeypatch.setattr(response_fit, "RESTARTS", 4)
     out, quick = tmp_path / "out", ("--seconds", "4", "--adam-steps", "4", "--folds", "1")
     line = ["real_logs.py", "--data", str(data), "--out", str(out), *quick, "--robots", "go2", "xl330"]
     monkeypatch.setattr(sys, "argv", line)

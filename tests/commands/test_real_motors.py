@@ -60,7 +60,7 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
 
 
 def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(response_fit, "GENERATIONS", 4)
+    monkeypatch.setattr(response_fit, "RESTARTS", 4)
     for path in sorted(logs.iterdir()):
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))

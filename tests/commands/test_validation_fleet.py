@@ -13,21 +13,22 @@ from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import motor_sampler
 from motorprior.simulation.scene import Scene
 
 
 def walk(folder: Path, **changes) -> Walk:
     search = ArsConfig(seed=2, num_directions=2, num_top_directions=2)
-    return Walk(out=folder, motors=MotorChoice("pd"), iterations=3, episode_steps=30, search=search, **changes)
+    return Walk(out=folder, motors="pd", iterations=3, episode_steps=30, search=search, **changes)
 
 
 def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fleet(tmp_path: Path):
     config = walk(tmp_path, validation="mixed")
     run_walk(config)
     policy = Policy.load(tmp_path / POLICY)
-    robot, motors = PUPPER_V2.with_speed_range(policy.forward), MotorChoice("fleet", fleet="mixed")
-    there = Scene(robot, motors.sampler(robot), config, motors.physics_dt(robot)).simulator()
+    robot = PUPPER_V2.with_speed_range(policy.forward)
+    draw, physics_dt = motor_sampler("fleet:mixed", robot)
+    there = Scene(robot, draw, config, physics_dt).simulator()
     seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
     score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score

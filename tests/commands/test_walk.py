@@ -12,7 +12,6 @@ from motorprior.commands.walk_seeds import PICTURE, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy_search import PolicySearch
-from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.training_files import CHECKPOINT, METRICS
 from motorprior.stage import MARKER
 
@@ -20,7 +19,7 @@ from motorprior.stage import MARKER
 def walk(folder: Path, seed: int = 2, **changes) -> Walk:
     search = ArsConfig(seed=seed, num_directions=2, num_top_directions=2)
     return replace(
-        Walk(out=folder, motors=MotorChoice("pd", kp=8.0), iterations=3, episode_steps=10, workers=1, search=search),
+        Walk(out=folder, motors="pd:kp=8", iterations=3, episode_steps=10, workers=1, search=search),
         **changes,
     )
 

@@ -10,15 +10,12 @@ from motorprior.commands.walk import Walk, run_walk
 from motorprior.commands.walk_report import build_walk_report
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.simulation.motor_choice import MotorChoice
 
 
 def test_the_page_shows_each_training_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     search = ArsConfig(seed=0, num_directions=2, num_top_directions=2)
-    walk = Walk(
-        out=tmp_path / "slow_0", motors=MotorChoice("pd"), iterations=1, episode_steps=5, workers=1, search=search
-    )
+    walk = Walk(out=tmp_path / "slow_0", motors="pd", iterations=1, episode_steps=5, workers=1, search=search)
     run_walk(walk)
     run_walk(replace(walk, out=tmp_path / "slow_1", search=replace(search, seed=1)))
     run_walk(replace(walk, out=tmp_path / "pace", gait="pace"))

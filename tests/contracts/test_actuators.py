@@ -5,21 +5,21 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.out_of_family import OutOfFamilyActuator, OutOfFamilyMotors
-from motorprior.actuator.physical import PhysicalActuator
+from motorprior.actuator.latent import LatentNetwork, NetworkActuator
+from motorprior.actuator.out_of_family import OutOfFamilyMotors
+from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import PhysicalActuator
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
 DT = 0.001
 LIMIT = 1.3
-RESIDUAL = 0.1  # torque limit of a grey box's network [N·m]
 
 
 def ideal_pd(n):
@@ -30,8 +30,7 @@ def ideal_pd(n):
 
 def friction_pd(n):
     rng = np.random.default_rng(6)
-    pd = replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n))
-    return FrictionPd(pd, rng.uniform(0.05, 0.15, n))
+    return replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n), coulomb=rng.uniform(0.05, 0.15, n))
 
 
 def physical(n):
@@ -69,7 +68,7 @@ def latent(n):
         torque_limit=LIMIT,
         has_armature=True,
     )
-    return LatentActuator(network, rng.standard_normal((n, 3)))
+    return NetworkActuator(network, rng.standard_normal((n, 3)))
 
 
 def grey_box(n):
@@ -80,8 +79,7 @@ def grey_box(n):
     slope = 0.2 * rng.standard_normal((3, len(PARAMETERS)))
     slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
     motor = GearedMotor(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope)
-    network = replace(latent(1).network, torque_limit=RESIDUAL, motor=motor, has_armature=False)
-    return LatentActuator(network, rng.standard_normal((n, 3)))
+    return GreyBoxActuator(GreyBox(motor, 0.002), rng.standard_normal((n, 3)))
 
 
 MAKERS = {
@@ -101,12 +99,10 @@ def make(request):
 
 def only(actuator, motor):
     """One motor of several."""
-    if isinstance(actuator, LatentActuator):
+    if isinstance(actuator, GreyBoxActuator | NetworkActuator):
         return replace(actuator, z=actuator.z[[motor]])
-    if isinstance(actuator, PhysicalActuator | OutOfFamilyActuator):
+    if isinstance(actuator, PhysicalActuator):
         return actuator.motors.take(np.array([motor])).actuator()
-    if isinstance(actuator, FrictionPd):
-        return FrictionPd(only(actuator.pd, motor), actuator.coulomb[[motor]])
     return IdealPd(*(getattr(actuator, field.name)[[motor]] for field in fields(actuator)))
 
 
@@ -179,10 +175,10 @@ def test_only_the_difference_of_target_and_joint_counts(make):
 def test_at_rest_on_its_target_a_pd_motor_gives_nothing(make):
     actuator, pose = make(12), np.linspace(-1, 1, 12)
     if isinstance(actuator, PhysicalActuator):
-        actuator = PhysicalActuator(replace(actuator.motors, encoder_zero=np.zeros(12)))
+        actuator = PhysicalActuator(actuator.motors.scaled({"encoder_zero": 0.0}))
     inputs = np.stack([pose, pose, np.zeros(12)])[:, None].repeat(30, axis=1)
     torque = torques(actuator, inputs)
-    if isinstance(actuator, LatentActuator):
+    if isinstance(actuator, NetworkActuator):
         np.testing.assert_array_equal(torque, np.broadcast_to(torque[0], torque.shape))  # at rest in its own way
     else:
         np.testing.assert_array_equal(torque, 0.0)
@@ -192,20 +188,19 @@ def static_band(actuator):
     """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
 
     Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
-    LIMIT - F <= torque <= LIMIT + F. A grey box's network adds up to RESIDUAL.
+    LIMIT - F <= torque <= LIMIT + F.
     """
-    if isinstance(actuator, PhysicalActuator):
-        motors, residual = actuator.motors, 0.0
+    motors = getattr(actuator, "motors", None)
+    if isinstance(motors, MotorParameters):
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
-    elif isinstance(actuator, OutOfFamilyActuator):
-        motors, residual = actuator.motors, 0.0
+    elif isinstance(motors, OutOfFamilyMotors):
         dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
-    elif isinstance(actuator, LatentActuator) and actuator.network.motor is not None:
-        values, residual = actuator.network.constants(actuator.z), RESIDUAL
+    elif isinstance(actuator, GreyBoxActuator):
+        values = actuator.constants()
         dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]
     else:
         return LIMIT, LIMIT
-    return (LIMIT - dry) / (1 + load_friction) - residual, (LIMIT + dry) / (1 - load_friction) + residual
+    return (LIMIT - dry) / (1 + load_friction), (LIMIT + dry) / (1 - load_friction)
 
 
 @pytest.mark.parametrize("size", [1e2, -1e6])

@@ -1,21 +1,14 @@
 """What every backend promises; each new one joins the list."""
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from threads import in_thread
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.backend import Backend, BackendState
 from motorprior.bench.fleet import load_fleet
-from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
-from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.serial_backend import SerialBackend
-from motorprior.hardware.serial_link import SerialLink
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
@@ -36,18 +29,18 @@ def of_fleet(name: str):
     return lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator()
 
 
-def of_grey_boxes(grey_network):
+def of_grey_boxes(grey_box):
     """Motors drawn around a small servo."""
-    network = grey_network(spread=0.05)
-    return lambda rng: LatentActuator(network, rng.standard_normal((spec.NUM_JOINTS, 3)))
+    box = grey_box(spread=0.05)
+    return lambda rng: GreyBoxActuator(box, rng.standard_normal((spec.NUM_JOINTS, 3)))
 
 
 def mujoco(_: object) -> Backend:
     return backend_of(of_fleet("pupper_v2"))
 
 
-def mujoco_of_grey_boxes(grey_network) -> Backend:
-    return backend_of(of_grey_boxes(grey_network))
+def mujoco_of_grey_boxes(grey_box) -> Backend:
+    return backend_of(of_grey_boxes(grey_box))
 
 
 def mujoco_randomized(_: object) -> Backend:
@@ -58,8 +51,8 @@ def pybullet(_: object) -> Backend:
     return backend_of(of_fleet("pupper_v2"), BULLET)
 
 
-def pybullet_of_grey_boxes(grey_network) -> Backend:
-    return backend_of(of_grey_boxes(grey_network), BULLET)
+def pybullet_of_grey_boxes(grey_box) -> Backend:
+    return backend_of(of_grey_boxes(grey_box), BULLET)
 
 
 def pybullet_randomized(_: object) -> Backend:
@@ -72,58 +65,12 @@ EVERYTHING = Randomization(
 )  # fmt: skip
 
 
-def virtual_robot(_: object) -> Backend:
-    """Over a real serial port object, in real time."""
-    robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(homing=False))
-    safety = PUPPER_V2.require_wire().safety
-    never = float("inf")
-    patient = {"tick_delay": never, "late_ticks": 100, "stalled_time": never, "telemetry_age": 0.5, "watchdog": 0.5}
-    limits = replace(safety, slow_speed=4.0, **patient)
-    return _Owned(RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, robot.port), limits), in_thread(robot))
-
-
-class _Owned(SerialBackend):
-    """A backend that ends its virtual robot with itself."""
-
-    def __init__(self, link: RobotLink, end: Callable[[], None]):
-        super().__init__(link)
-        self._end = end
-
-    def close(self) -> None:
-        super().close()
-        self._end()
-
-
-@pytest.mark.real_time
-def test_a_target_after_a_late_step_is_held_as_long_as_others():
-    backend, control_dt = virtual_robot(None), PUPPER_V2.control_dt
-    try:
-        backend.reset(0)
-        for pause in (0.0, 0.0, 5.0 * control_dt, 0.0, 0.9 * control_dt, 0.0):
-            time.sleep(pause)
-            began = time.monotonic()
-            backend.step(spec.NOMINAL_POSE)
-            held = time.monotonic() - began
-            assert held > 0.4 * control_dt
-    finally:
-        backend.close()
-
-
-SIMULATED = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_randomized]
-"""Backends whose time is their own: a seed says everything that happens."""
-BACKENDS = [*SIMULATED, pytest.param(virtual_robot, marks=pytest.mark.real_time)]
+BACKENDS = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_randomized]
 
 
 @pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
-def backend(request: pytest.FixtureRequest, grey_network):
-    made = request.param(grey_network)
-    yield made
-    made.close()
-
-
-@pytest.fixture(params=SIMULATED, ids=lambda make: make.__name__)
-def simulated(request: pytest.FixtureRequest, grey_network):
-    made = request.param(grey_network)
+def backend(request: pytest.FixtureRequest, grey_box):
+    made = request.param(grey_box)
     yield made
     made.close()
 
@@ -145,8 +92,8 @@ def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(simulated: Backend):
-    first, again, other = (walked(simulated, seed) for seed in (1, 1, 2))
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: Backend):
+    first, again, other = (walked(backend, seed) for seed in (1, 1, 2))
     assert all(
         np.array_equal(a, b, equal_nan=True)
         for left, right in zip(first, again, strict=True)

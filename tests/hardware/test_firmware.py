@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.virtual.firmware import (
     ERROR,
@@ -16,7 +16,6 @@ from motorprior.hardware.virtual.firmware import (
     FirmwareConfig,
     SensorReadings,
 )
-from motorprior.hardware.wire_conversion import servo_current
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -38,8 +37,7 @@ class StillBody:
         self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
 
     def sense(self) -> SensorReadings:
-        drive = self.drive
-        current = servo_current(drive.target, self.pos, self.vel, drive.kp, drive.kd, drive.max_current)
+        current = self.drive.current(self.pos, self.vel)
         attitude = np.full(3, 1e-3)
         return SensorReadings(self.pos + self.offset, self.vel, current + self.extra_current, attitude, np.zeros(3))
 
@@ -54,16 +52,16 @@ def started(body, **config) -> Firmware:
 
 
 def received(firmware: Firmware, milliseconds: int) -> list[Telemetry | str]:
-    return telemetry_reader(JOINTS).feed(firmware.advance(milliseconds))
+    return FrameReader(Telemetry, JOINTS).feed(firmware.advance(milliseconds))
 
 
 def send(firmware: Firmware, **command) -> None:
     """Gains first, in a command of their own, as a host must."""
     pos = command.pop("pos", None)
     if command:
-        firmware.receive(command_frame(Command(**command), JOINTS))
+        firmware.receive(framed(Command(**command), JOINTS))
     if pos is not None:
-        firmware.receive(command_frame(Command(pos=pos), JOINTS))
+        firmware.receive(framed(Command(pos=pos), JOINTS))
 
 
 @pytest.mark.parametrize("period", [10, 5])

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
+from motorprior.bench.excitation import EXCITATIONS
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.deploy import PolicyMotion, gains_for
-from motorprior.hardware.excitations import excitation_targets, joints_of
+from motorprior.hardware.excitations import OF_ROBOTS, excitation_targets, joints_of
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
@@ -19,7 +20,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 @given(
-    kind=st.sampled_from(["varied", "sine", "chirp", "steps", "multisine", "gait"]),
+    kind=st.sampled_from([*EXCITATIONS, *OF_ROBOTS]),
     joint=st.sampled_from(["all", "FR", "knee", "RL_hip"]),
     seconds=st.floats(1.0, 20.0),
     amplitude=st.floats(0.05, 1.5),

@@ -1,19 +1,17 @@
 """A policy on the robot: the same observations and targets as in simulation for the same states."""
 
 import numpy as np
-import pytest
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.deploy import PolicyMotion
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, SensorReadings
-from motorprior.hardware.wire_conversion import backend_state, from_wire
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2 import spec
@@ -70,19 +68,19 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = CopiedBody(spy.state)
-    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), telemetry_reader(JOINTS)
+    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), FrameReader(Telemetry, JOINTS)
     gate = SafetyGate(PUPPER_V2, WIRE.safety, Gains.of(WIRE))
     gate.start_at(spec.NOMINAL_POSE, 0.0)
     for step in range(200):
         body.state = spy.state
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
         motion.forward, motion.yaw_rate = schedule[step]
-        target = motion(Measurement(from_wire(WIRE, frame), 0.0, 0.0))
+        target = motion(Measurement(frame.with_signs(WIRE.joint_signs), 0.0, 0.0))
         np.testing.assert_allclose(motion.observation, observation, rtol=0, atol=2e-6)
         act(policy.arrays(), observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
-        firmware.receive(command_frame(gate.limited(target, 0.01 * (step + 1)), JOINTS))
+        firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), JOINTS))
         firmware.advance(0)
         assert not terminated
         np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)
@@ -93,12 +91,7 @@ def test_signs_on_the_wire_are_the_robot_s_own():
     """FR and RR abduction count the other way; nothing else does."""
     angles = np.arange(1.0, 13.0)
     signed = [-1, 2, 3, 4, 5, 6, -7, 8, 9, 10, 11, 12]
-    seen = from_wire(WIRE, telemetry(pos=angles, vel=2 * angles, cur=3 * angles, temp=angles))
+    seen = telemetry(pos=angles, vel=2 * angles, cur=3 * angles, temp=angles).with_signs(WIRE.joint_signs)
     for factor, series in ((1, seen.pos), (2, seen.vel), (3, seen.cur)):
         np.testing.assert_array_equal(series, factor * np.array(signed))
     np.testing.assert_array_equal(seen.temp, angles)
-
-
-def test_the_height_of_a_standing_robot_follows_from_its_legs():
-    state = backend_state(PUPPER_V2, telemetry(pos=spec.NOMINAL_POSE), np.zeros(12))
-    assert state.base_pos[2] == pytest.approx(PUPPER_V2.standing_height, abs=1e-9)

@@ -169,5 +169,7 @@ def test_a_fault_during_the_crouch_does_not_start_the_walk_again(walk_into: Call
 def test_a_suspended_robot_does_not_crouch(tmp_path: Path):
     port = FaultyPort(PUPPER_V2, suspended=True)
     with on_its_clock(port):
-        run_record(PUPPER_V2, "a port", RecordSettings(tmp_path / "run", "sine", seconds=1.0, yes=True), print)
+        run_record(
+            PUPPER_V2, "a port", RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True), print
+        )
     assert port.events[-1][1] == IDLE and not Incident(port).crouched

@@ -103,7 +103,9 @@ class _Witness(SimulatedPort):
 def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     port = _Witness()
     with on_its_clock(port):
-        run_record(PUPPER_V2, port.port, RecordSettings(tmp_path, "sine", seconds=4.0, yes=True), lambda _: None)
+        run_record(
+            PUPPER_V2, port.port, RecordSettings(tmp_path, excitation="sine", seconds=4.0, yes=True), lambda _: None
+        )
     log = read_robot_run(tmp_path / "run.csv", PUPPER_V2, period=0.001)
     first, count, acted = round(1e3 * log.time[0]), log.num_rows - 20, np.array(port.targets)
     errors = {

@@ -7,25 +7,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import PRESETS, trial
 from motorprior.identification.training_data.windows import Measured, TrainingData
 
 BENCH = PRESETS["rollout"]
+SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 
 
 @pytest.fixture(scope="session")
 def decoder_data() -> Callable[..., TrainingData]:
-    """Make the logs of a network's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
+    """Make the logs of a grey box's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
 
     ``supply`` and ``temperature_rise`` are conditions of the segments, in turn. Velocities and torques are those of
     half a step before already, as a rollout wants them.
     """
 
     def make(
-        network: LatentNetwork,
+        box: GreyBox,
         z: np.ndarray,
         segments: int = 6,
         rows: int = 400,
@@ -41,9 +42,9 @@ def decoder_data() -> Callable[..., TrainingData]:
             case = trial(np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False)
             case = replace(case, load_inertia=load * case.load_inertia)
             seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
-            warmth = network.warmth(z, float(seconds[:, 0].mean()))
+            warmth = box.warmth(z, float(seconds[:, 0].mean()))
             under = Conditions(warmth, supply[segment % len(supply)], temperature_rise[segment % len(temperature_rise)])
-            found: Any = run(LatentActuator(network, z, under, gains), case)
+            found: Any = run(GreyBoxActuator(box, z, under, gains), case)
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
             logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
@@ -52,14 +53,13 @@ def decoder_data() -> Callable[..., TrainingData]:
                 np.full_like(seconds, under.temperature_rise), np.zeros_like(seconds),
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
-        names = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
         return TrainingData(
             series=np.concatenate(parts, axis=1).astype(np.float32),
             starts=np.arange(segments * rows),
             parts=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
-            scales={name: float(getattr(network, name)) for name in names},
+            scales=SCALES,
             measured=Measured(True),
-            gain_unit=network.gain_unit,
+            gain_unit=box.gain_unit,
         )
 
     return make

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, recipe_of
@@ -17,10 +17,10 @@ RECIPE = replace(PRESETS["rollout"], taps=(0, 2, 5), num_latents=3, firmware=(("
 
 
 @pytest.fixture
-def prior_with(grey_network: Callable[..., LatentNetwork]) -> Callable[[Any], MotorPrior]:
+def prior_with(grey_box: Callable[..., GreyBox]) -> Callable[[Any], MotorPrior]:
     """A prior whose provenance holds this recipe."""
-    network, z = grey_network(), np.zeros((2, 3))
-    return lambda recipe: MotorPrior(network, z, z, "rollout", "pupper_v2", "m", {"recipe": recipe}, {})
+    box, z = grey_box(), np.zeros((2, 3))
+    return lambda recipe: MotorPrior(box, z, z, "rollout", "pupper_v2", "m", {"recipe": recipe}, {})
 
 
 def test_a_recipe_is_read_as_it_was_written(prior_with: Callable[[Any], MotorPrior]):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
@@ -28,10 +29,7 @@ FLEET = load_fleet("pupper_v2")
 RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}  # factors
 TRAINED, NEW = 10, 5  # motors per constant
 BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
-RECIPE = replace(
-    identification_preset("rollout"), taps=(0, 1), num_neurons=4, warm_up=40, window=32, batch=96,
-    steps=300, learning_rate=3e-2, noisy=False, kl_weight=1e-3,
-)  # fmt: skip
+RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 
 def fleets(count: int, seed: int) -> MotorParameters:
@@ -63,13 +61,13 @@ def posterior(log: MotorLog, prior: Identified) -> Posterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
-    return fit_posterior(prior.network, data, RECIPE, float(prior.losses[-1]), steps=60)
+    return fit_posterior(prior.model, data, RECIPE, float(prior.losses[-1]))
 
 
 def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:
     """Spearman's of decoded against true constant, over the motors where it varies."""
-    assert prior.network.motor is not None
-    decoded, count = prior.network.constants(z), len(motors) // len(RANGES)
+    assert isinstance(prior.model, GreyBox)
+    decoded, count = prior.model.constants(z), len(motors) // len(RANGES)
     found = {}
     for group, name in enumerate(RANGES):
         rows = slice(group * count, (group + 1) * count)
@@ -90,20 +88,20 @@ def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, p
 def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: Posterior):
     """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %.
 
-    After 5 s a motor with the largest backlash may end at a third of it, with less energy than the truth has.
+    A motor with the largest backlash may end at a third of it, with less energy than the truth has.
     """
-    assert prior.network.motor is not None
-    truth, decoded, found = fleets(NEW, 2), prior.network.constants(posterior.mean), {}
+    assert isinstance(prior.model, GreyBox)
+    truth, decoded, found = fleets(NEW, 2), prior.model.constants(posterior.mean), {}
     for group, name in enumerate(RANGES):
         own = slice(group * NEW, (group + 1) * NEW)
         found[name] = float(np.sqrt(np.mean(np.log(decoded[name][own] / getattr(truth, name)[own]) ** 2)))
-    within = {"armature": 0.12, "kp": 0.05, "coulomb": 0.25, "backlash": 0.25}
+    within = {"armature": 0.12, "kp": 0.05, "coulomb": 0.25, "backlash": 0.45}
     assert all(found[name] < bound for name, bound in within.items()), found
 
 
 def test_bands_have_about_their_nominal_coverage(log: MotorLog, prior: Identified, posterior: Posterior):
-    metrics = reference_metrics(prior.network, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
-    known: Any = SimpleNamespace(network=prior.network, metrics=metrics)
+    metrics = reference_metrics(prior.model, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
+    known: Any = SimpleNamespace(model=prior.model, metrics=metrics)
     found = bench_coverage(known, posterior, fleets(NEW, 2), 0)
     # rather wide after a short training: the pools of residuals include the worst motors
     half, most = (found.value(quantity=name, part=None) for name in ("coverage50", "coverage90"))

@@ -8,14 +8,14 @@ import pytest
 from swinging_load import swinging_load
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
-Networks = Callable[..., LatentNetwork]
+Networks = Callable[..., GreyBox]
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60, window=64, gain_unit=PHYSICAL_GAINS)
 Z = np.array([[0.8, -1.2, 0.4], [-0.5, 0.7, 1.1], [0.1, 0.2, -1.0]])
@@ -24,29 +24,26 @@ INDEX = [PARAMETERS.index(name) for name in ("kp", "kd_over_kp")]
 
 
 @pytest.fixture(scope="module")
-def with_gains(grey_network: Networks) -> LatentNetwork:
+def with_gains(grey_box: Networks) -> GreyBox:
     """Motors with logged gains."""
-    network = replace(grey_network(kp=1.0, kd_over_kp=1.0), gain_unit=PHYSICAL_GAINS)
-    assert network.motor is not None
-    slope = network.motor.slope.copy()
+    box = grey_box(kp=1.0, kd_over_kp=1.0)
+    slope = box.motor.slope.copy()
     slope[:, INDEX] = 0.0
-    return replace(network, motor=replace(network.motor, slope=slope))
+    return replace(box, motor=replace(box.motor, slope=slope), gain_unit=PHYSICAL_GAINS)
 
 
-def test_motors_with_logged_gains_are_motors_with_these_constants(grey_network: Networks, with_gains: LatentNetwork):
+def test_motors_with_logged_gains_are_motors_with_these_constants(with_gains: GreyBox):
     kp, kd = SOFT[:, 0]
-    own = replace(grey_network(kp=kp, kd_over_kp=kd / kp), motor=None)
-    assert with_gains.motor is not None
     center = with_gains.motor.center.copy()
     center[INDEX] += np.log([kp, kd / kp])
-    own = replace(own, motor=replace(with_gains.motor, center=center))
-    given = LatentActuator(with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
-    np.testing.assert_allclose(given.parameters, LatentActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
+    own = GreyBox(replace(with_gains.motor, center=center), with_gains.period)
+    given = GreyBoxActuator(with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
+    np.testing.assert_allclose(given.parameters, GreyBoxActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
     with pytest.raises(ConfigError, match="logged gains"):
-        LatentActuator(with_gains, Z).arrays(0.002)
+        GreyBoxActuator(with_gains, Z).arrays(0.002)
 
 
-def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: LatentNetwork):
+def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: GreyBox):
     found = {}
     for name, gains, load in (("soft", SOFT, 1.0), ("stiff", STIFF, 1.0), ("loaded", STIFF, 1.5)):
         data = decoder_data(with_gains, Z, gains=np.broadcast_to(gains, (2, len(Z))), load=load)

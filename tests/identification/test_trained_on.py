@@ -34,13 +34,13 @@ def log(seed: int) -> MotorLog:
 
 
 @pytest.fixture
-def fit(grey_network: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def fit(grey_box: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is fitted: a prior with the provenance of its logs."""
     z = np.zeros((1, 3))
 
     def fitted(log: MotorLog, recipe: Any, preset: str, seed: int, provenance: dict, *_: object) -> MotorPrior:
         provenance = {**provenance, "recipe": json.loads(json.dumps(asdict(recipe)))}
-        return MotorPrior(grey_network(), z, z, preset, log.robot, "m", provenance, {})
+        return MotorPrior(grey_box(), z, z, preset, log.robot, "m", provenance, {})
 
     monkeypatch.setattr(identify, "_fitted", fitted)
 

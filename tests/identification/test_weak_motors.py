@@ -5,53 +5,60 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.registry import motor_text
 from motorprior.identification.adapt import WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import motor_sampler
 
 NAMES = ("hip", "knee", "ankle")
 
 
 @pytest.fixture
-def prior(grey_network) -> MotorPrior:
-    network = grey_network(spread=0.1, kp=9.0)
-    return MotorPrior(network, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+def box(grey_box) -> GreyBox:
+    return grey_box(spread=0.1, kp=9.0)
 
 
-def latents(prior: MotorPrior, *shares: float) -> np.ndarray:
+@pytest.fixture
+def prior(box: GreyBox) -> MotorPrior:
+    return MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+
+
+def latents(box: GreyBox, *shares: float) -> np.ndarray:
     """(M, Z) of motors with these shares of the central motor's kp."""
-    steepest = np.log(kp_ratio(prior.network, 1e-3 * np.eye(3)))
+    steepest = np.log(kp_ratio(box, 1e-3 * np.eye(3)))
     way = np.linspace(-8.0, 8.0, 4001)[:, None] * steepest / np.linalg.norm(steepest)
-    found = kp_ratio(prior.network, way)
+    found = kp_ratio(box, way)
     z = way[[int(np.abs(found - share).argmin()) for share in shares]]
-    np.testing.assert_allclose(kp_ratio(prior.network, z), shares, atol=0.01)
+    np.testing.assert_allclose(kp_ratio(box, z), shares, atol=0.01)
     return z
 
 
-def test_no_advice_for_motors_like_the_prior(prior: MotorPrior):
-    assert advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, weak_below(prior.network)[0] + 0.02, 1.0)) == ""
+def test_no_advice_for_motors_like_the_prior(prior: MotorPrior, box: GreyBox):
+    assert advice_on_weak_motors(prior, NAMES, latents(box, 1.1, weak_below(box)[0] + 0.02, 1.0)) == ""
 
 
-def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: MotorPrior):
-    advice = advice_on_weak_motors(prior, NAMES, latents(prior, 1.1, WEAK_ROBOT - 0.05, 0.75))
+def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: MotorPrior, box: GreyBox):
+    advice = advice_on_weak_motors(prior, NAMES, latents(box, 1.1, WEAK_ROBOT - 0.05, 0.75))
     assert "knee 0.80, ankle 0.75. If" in advice and "hip" not in advice
 
 
 @pytest.mark.parametrize("follows", [False, True])
-def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(prior: MotorPrior, tmp_path: Path, follows: bool):
+def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(
+    prior: MotorPrior, box: GreyBox, tmp_path: Path, follows: bool
+):
     joints, files = PUPPER_V2.joint_names, (tmp_path / "prior.safetensors", tmp_path / "posterior.safetensors")
     prior.save(files[0])
     covariance = np.tile(0.1 * np.eye(3), (len(joints), 1, 1))
-    known = MotorPosterior(prior, latents(prior, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
+    known = MotorPosterior(prior, latents(box, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
     known.save(files[1])
-    choice = MotorChoice("prior", *files, limit_follows_gain=follows)
-    drawn = choice.sampler(PUPPER_V2)(np.random.default_rng(0))
-    assert isinstance(drawn, LatentActuator)
+    text = motor_text("posterior", file=files[1], prior=files[0], limit_follows_gain=follows)
+    drawn = motor_sampler(text, PUPPER_V2)[0](np.random.default_rng(0))
+    assert isinstance(drawn, GreyBoxActuator)
     if not follows:
         assert drawn.factors is None
     else:
         assert drawn.factors is not None
-        np.testing.assert_allclose(drawn.factors.torque_limit, kp_ratio(prior.network, drawn.z))
+        np.testing.assert_allclose(drawn.factors.torque_limit, kp_ratio(box, drawn.z))

@@ -49,8 +49,8 @@ def test_time_may_restart_with_a_segment(make_log):
         ({"segment": np.repeat([0, 7], [199, 1])}, "segment 7 has 1 rows"),
         ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture is 4, not the index"),
         ({"joint_pos": [["x", "y"]] * 200}, "joint_pos is not an array of numbers"),
-        ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0.0"),
-        ({"supply_voltage": np.full((200, 2), 1e4)}, "row 0, supply_voltage/left is 10000.0, not from 0.1 to 2000 V"),
+        ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0, not"),
+        ({"supply_voltage": np.full((200, 2), 1e4)}, "row 0, supply_voltage/left is 10000, not from 0.1 to 2000 V"),
         ({"stated_kp": np.zeros((200, 2))}, "not a positive gain"),
     ],
 )

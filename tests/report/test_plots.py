@@ -54,10 +54,6 @@ def test_axes_have_units_and_finite_limits(name: str):
     assert png_bytes(figure, dpi=40).startswith(b"\x89PNG")
 
 
-def test_equal_figures_give_equal_bytes():
-    assert png_bytes(MAKERS["closed loop"](), dpi=50) == png_bytes(MAKERS["closed loop"](), dpi=50)
-
-
 def test_a_model_that_diverges_does_not_flatten_the_truth():
     wild = {"paper": ANGLE * np.exp(20 * TIME), "rollout": np.where(TIME > 0.5, np.nan, ANGLE)}
     figure = closed_loop(TIME, ANGLE, ANGLE, wild, "motor 1")

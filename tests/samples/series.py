@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from motorprior.identification.training_data.windows import CHANNELS, SUPPLY
+from motorprior.identification.training_data.windows import CHANNELS, KD, KP, SUPPLY
 
 
 def complete(series: np.ndarray) -> np.ndarray:
-    """With zeros for the channels (...) that are not given, and the usual voltage."""
+    """With zeros for the channels (...) that are not given, gains of 1 and the usual voltage."""
     missing = CHANNELS - series.shape[-1]
     whole = np.pad(series, [(0, 0)] * (series.ndim - 1) + [(0, missing)])
-    whole[..., SUPPLY] = 1.0
+    whole[..., [KP, KD, SUPPLY]] = 1.0
     return whole

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy_search import PolicySearch
@@ -36,7 +36,7 @@ HOLDS_FOR = {
 # SHA-256 of the result of the search below. A commit that changes one must state why.
 DIGESTS = {
     "ideal_pd": "e3f4603a8c3a0c2ffb6664f3b4666db2f13376cbcdec9cd9fcd24d99e72a71d6",
-    "grey_box": "68c063051c90089a0f540a744dda774795306163ded370bd49b3121514abb24e",
+    "grey_box": "11479e9759907d82aea7e3187ae181f984816120aabe072dc7331015258d41d5",
 }
 
 
@@ -58,17 +58,17 @@ def found(draw: DrawMotors) -> str:
 
 
 @pytest.fixture(params=DIGESTS)
-def motors(request, grey_network) -> tuple[str, DrawMotors]:
-    network = grey_network(network=0.5)
+def motors(request, grey_box) -> tuple[str, DrawMotors]:
+    box = grey_box()
 
     def ideal_pd(rng):
         kp = rng.uniform(8.0, 10.0, 12)
         return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
 
-    def grey_box(rng):
-        return LatentActuator(network, rng.standard_normal((12, network.num_latents)))
+    def grey_boxes(rng):
+        return GreyBoxActuator(box, rng.standard_normal((12, box.num_latents)))
 
-    return request.param, {"ideal_pd": ideal_pd, "grey_box": grey_box}[request.param]
+    return request.param, {"ideal_pd": ideal_pd, "grey_box": grey_boxes}[request.param]
 
 
 def here() -> dict[str, str]:

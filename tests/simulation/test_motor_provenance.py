@@ -7,26 +7,24 @@ from pathlib import Path
 
 import pytest
 
+from motorprior.actuator.registry import motor_text, parsed
 from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ConfigError
-from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.motor_provenance import choice_as_json, choice_from_json
+from motorprior.simulation.motors import motors_as_json, motors_from_json
 
-FILES = ("prior", "posterior", "fleet")
+OPTIONS = {"posterior": ("file", "prior"), "prior": ("file",), "fleet": ("fleet",), "pd": ("fleet",)}
 
 
-@pytest.fixture
-def choice(tmp_path: Path) -> MotorChoice:
-    """Of files in a folder beside that of the policy."""
-    folder = tmp_path / "inputs"
+@pytest.fixture(params=OPTIONS)
+def text(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Motors of files in a folder next to that of the policy."""
+    folder, kind = tmp_path / "inputs", request.param
     folder.mkdir()
-    shutil.copy(fleet_path("mixed"), folder / "mine.toml")
-    for name in ("prior", "posterior"):
-        (folder / f"{name}.safetensors").write_text(name)
-    return MotorChoice(
-        "prior", folder / "prior.safetensors", folder / "posterior.safetensors", str(folder / "mine.toml"), kp=3.0,
-        limit_follows_gain=True,
-    )  # fmt: skip
+    files = {name: folder / f"{name}.{'toml' if name == 'fleet' else 'safetensors'}" for name in OPTIONS[kind]}
+    for file in files.values():
+        shutil.copy(fleet_path("mixed"), file)
+    more = {"posterior": {"limit_follows_gain": True}, "prior": {"latent_spread": 0.5}, "pd": {"kp": 3.0}}
+    return motor_text(kind, **files, **more.get(kind, {}))
 
 
 @pytest.fixture
@@ -35,27 +33,31 @@ def policy(tmp_path: Path) -> Path:
     return tmp_path / "walk" / "policy.safetensors"
 
 
-def test_files_are_stored_by_name_and_digest_without_absolute_paths(choice: MotorChoice, policy: Path, tmp_path: Path):
-    stored = choice_as_json(choice, policy.parent)
-    assert [stored[name] for name in FILES] == ["prior.safetensors", "posterior.safetensors", "mine.toml"]
-    assert stored["prior_sha256"] == hashlib.sha256(b"prior").hexdigest()
-    assert str(tmp_path) not in json.dumps(stored) and stored["kp"] == 3.0
-
-
-def test_a_choice_is_read_back_after_its_files_moved(choice: MotorChoice, policy: Path, tmp_path: Path):
-    stored = choice_as_json(choice, policy.parent)
+def test_motors_are_read_back_after_their_files_moved(text: str, policy: Path, tmp_path: Path):
+    stored = motors_as_json(text, policy.parent)
+    assert str(tmp_path) not in json.dumps(stored)
+    expected = hashlib.sha256(fleet_path("mixed").read_bytes()).hexdigest()
+    assert {record["sha256"] for record in stored["files"].values()} == {expected}
     (tmp_path / "elsewhere").mkdir()
     for folder in ("inputs", "walk"):
         (tmp_path / folder).rename(tmp_path / "elsewhere" / folder)
-    again = choice_from_json(stored, tmp_path / "elsewhere" / "walk" / policy.name)
-    assert again.prior is not None and again.prior.read_text() == "prior" and again.fleet is not None
-    assert Path(again.fleet).resolve() == tmp_path / "elsewhere" / "inputs" / "mine.toml" and again.kp == 3.0
-    assert again.limit_follows_gain
+    again = motors_from_json(stored, tmp_path / "elsewhere" / "walk" / policy.name)
+    (kind, options), (same_kind, same) = parsed(text), parsed(again)
+    assert kind == same_kind and options.keys() == same.keys()
+    for name, value in options.items():
+        if isinstance(value, str):
+            moved = Path(same[name]).resolve()
+            assert moved == tmp_path / "elsewhere" / "inputs" / Path(value).name and moved.is_file()
+        else:
+            assert same[name] == value
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_a_changed_file_is_rejected(choice: MotorChoice, policy: Path, name: str):
-    stored = choice_as_json(choice, policy.parent)
-    Path(getattr(choice, name)).write_text("changed")
-    with pytest.raises(ConfigError, match=f"the {name} it was trained on"):
-        choice_from_json(stored, policy)
+def test_a_changed_file_is_rejected(text: str, policy: Path):
+    stored, options = motors_as_json(text, policy.parent), parsed(text)[1]
+    for name in stored["files"]:
+        file = Path(str(options[name]))
+        before = file.read_bytes()
+        file.write_text("changed")
+        with pytest.raises(ConfigError, match=f"the {name} it was trained on"):
+            motors_from_json(stored, policy)
+        file.write_bytes(before)

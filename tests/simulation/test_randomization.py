@@ -11,7 +11,6 @@ from policies import random_policy
 from scipy.spatial.transform import Rotation
 
 from motorprior.actuator.actuator import Factors
-from motorprior.actuator.friction_pd import FrictionPd
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
@@ -31,7 +30,8 @@ EVERYTHING = Randomization(
     kp=(0.7, 1.3), kd=(0.5, 1.5), torque_limit=(0.3, 1.1), coulomb=(0.0, 2.0),
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-WITH_FRICTION = FrictionPd(PD, np.full(12, 0.05))
+WITH_FRICTION = replace(PD, coulomb=np.full(12, 0.05))
+LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 STEPS = 100
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -39,8 +39,8 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 def draw_pd(rng):
     kp = rng.uniform(8.0, 10.0, 12)
-    pd = IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
-    return FrictionPd(pd, np.full(12, 0.05))
+    armature, delay = rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12)
+    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), armature, delay, np.full(12, 0.05))
 
 
 def episode(randomization, seed=3):

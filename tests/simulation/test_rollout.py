@@ -4,7 +4,6 @@
 # MuJoCo ships no type stubs.
 
 import math
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -13,9 +12,10 @@ from policies import random_policy
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, step_actuator
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import GAITS, GaitName
@@ -58,17 +58,15 @@ def draw_physical(rng):
 
 
 def draw_latent(rng):
-    return LatentActuator(pd_network(), rng.standard_normal((12, 3)))
+    return NetworkActuator(pd_network(), rng.standard_normal((12, 3)))
 
 
 def draw_grey_box(rng):
-    """A tenth of the PD's network, and a geared motor."""
     slope = 0.1 * rng.standard_normal((3, len(PARAMETERS)))
     center = np.array([
         *(np.log([9.0, 0.09, 0.003, 0.008, 1.3, 0.002, 0.05, 0.01, 0.004, 0.2, 70.0, 0.015, 0.03])), 0.1,
     ])  # fmt: skip
-    network = replace(pd_network(), torque_scale=0.9, motor=GearedMotor(center, slope), has_armature=False)
-    return LatentActuator(network, rng.standard_normal((12, 3)))
+    return GreyBoxActuator(GreyBox(GearedMotor(center, slope), 0.002), rng.standard_normal((12, 3)))
 
 
 KINDS = {  # motors, physics step [s]

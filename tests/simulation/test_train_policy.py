@@ -10,7 +10,6 @@ import motorprior as mp
 from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motor_choice import MotorChoice
 
 SHORT: dict[str, Any] = {"iterations": 1, "episode_steps": 10, "workers": 1}
 
@@ -19,7 +18,7 @@ SHORT: dict[str, Any] = {"iterations": 1, "episode_steps": 10, "workers": 1}
     "options", [{"symmetric": False}, {"hidden_units": 2}, {"hidden_units": 3, "symmetric": False}]
 )
 def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tmp_path: Path):
-    run_walk(Walk(out=tmp_path, motors=MotorChoice("fleet"), **SHORT, **options))
+    run_walk(Walk(out=tmp_path, motors="fleet", **SHORT, **options))
     walked = Policy.load(tmp_path / POLICY)
     found = mp.train_policy(PUPPER_V2, mp.load_fleet("pupper_v2"), **SHORT, **options)
     assert len(found.hidden) == options.get("hidden_units", 0) and found.weights.any(), "or nothing would differ"

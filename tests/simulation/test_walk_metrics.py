@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from motorprior.commands.walk import CURVE, Walk, run_walk
-from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.training_files import EVENTS, METRICS
 
 
@@ -34,7 +33,7 @@ class Stops:
 
 
 def small(folder: Path) -> Walk:
-    return Walk(out=folder, motors=MotorChoice("pd"), iterations=4, episode_steps=20, workers=1)
+    return Walk(out=folder, motors="pd", iterations=4, episode_steps=20, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def test_a_line_contains_the_point_of_the_learning_curve(whole: tuple[Path, list
     lines = [json.loads(line) for line in (whole[0] / METRICS).read_text("utf-8").splitlines()]
     curve = json.loads((whole[0] / CURVE).read_text("utf-8"))
     assert [line["iteration"] for line in lines] == [0, 1, 2, 3]
-    episodes = 2 * Walk(out=Path()).search.num_directions
+    episodes = 2 * Walk(out=Path(), motors="pd").search.num_directions
     assert [line["episodes"] for line in lines] == [episodes * n for n in (1, 2, 3, 4)]
     for line, point in zip(lines, curve, strict=True):
         assert (line["return_mean"], line["return_best"]) == (point["mean_return"], point["best_return"])

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from policies import random_policy
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkSimulator
@@ -90,9 +89,9 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
     assert total == pytest.approx(np.sum(done**2)) and np.max(np.abs(done - law)) > 1e-3
 
 
-def test_the_engine_takes_the_damping_that_the_motors_renew(grey_network):
+def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
     world, target = World(PUPPER_V2, suspended=True), spec.NOMINAL_POSE + 0.2
-    motors = world.reset(LatentActuator(grey_network(), np.zeros((12, 3))))
+    motors = world.reset(GreyBoxActuator(grey_box(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):
         physics_step(world.arrays, motors, target)
@@ -136,7 +135,7 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
 def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):
     # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet, is too much
     monkeypatch.chdir(tmp_path)
-    small = mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
+    small = PUPPER_V2.model.mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
     cramped = replace(PUPPER_V2, model=GeneratedModel(lambda: small))
     standing = WalkConfig(episode_steps=60, commands=Commands.steady(0.0))
     episode = WalkSimulator(Scene(cramped, lambda rng: PD, standing)).run(zero_policy(12), seed=0)

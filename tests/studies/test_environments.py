@@ -1,5 +1,7 @@
 """Test environments of a study have their own motors and seeds, of no training, bench or other study."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -10,16 +12,11 @@ from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import WalkConfig
-from motorprior.studies.environments import ENVIRONMENTS, HeldOutWalks, motors_of_robot, walk_seed
-from motorprior.studies.twin import EVALUATION_SEED
+from motorprior.studies.compare import EVALUATION_SEED, run_walks
+from motorprior.studies.environments import motors_of_robot, twin_scene, walk_seed
 
 STEPS, STUDY = 200, 4
 FLEET = load_fleet("pupper_v2")
-
-
-def walks_in(name: str = "fleet", only: int | None = None) -> HeldOutWalks:
-    fleet = FLEET if ENVIRONMENTS[name].population == "fleet" else load_fleet("foreign_direct")
-    return HeldOutWalks(ROBOT, ENVIRONMENTS[name], fleet, WalkConfig(STEPS, commands=Commands.steady(0.2)), STUDY, only)
 
 
 @pytest.mark.parametrize("study", range(6))
@@ -31,18 +28,13 @@ def test_no_walk_has_a_training_seed(study: int):
     assert len(walked) == 64 and not walked & trained and not walked & set(range(EVALUATION_SEED, EVALUATION_SEED + 64))
 
 
-def test_the_motors_of_a_robot_depend_on_its_number_and_study():
-    one, same, other = (motors_of_robot(ROBOT, FLEET, STUDY, number) for number in (3, 3, 4))
-    np.testing.assert_array_equal(one.kp, same.kp)  # pyright: ignore[reportAttributeAccessIssue]
-    assert (one.kp != other.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
-    elsewhere = motors_of_robot(ROBOT, FLEET, STUDY + 1, 3)
-    assert (one.kp != elsewhere.kp).all(), "robot 3 of another study"  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def test_robots_of_two_fleets_share_nothing():
-    """The files of both fleets begin with the same range of kp."""
-    mixed, foreign = (motors_of_robot(ROBOT, load_fleet(name), STUDY, 3) for name in ("mixed", "foreign_direct"))
-    assert (mixed.kp != foreign.kp).all()  # pyright: ignore[reportAttributeAccessIssue]
+def test_the_motors_of_a_robot_depend_on_its_number_its_study_and_its_fleet():
+    one, same, number, study = (motors_of_robot(ROBOT, FLEET, *each).kp for each in ((4, 3), (4, 3), (4, 4), (5, 3)))  # pyright: ignore[reportAttributeAccessIssue]
+    np.testing.assert_array_equal(one, same)
+    assert (one != number).all() and (one != study).all()
+    # the files of both fleets begin with the same range of kp
+    mixed, foreign = (motors_of_robot(ROBOT, load_fleet(name), 4, 3).kp for name in ("mixed", "foreign_direct"))  # pyright: ignore[reportAttributeAccessIssue]
+    assert (mixed != foreign).all()
 
 
 def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
@@ -60,10 +52,17 @@ def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
 
 def test_a_walk_depends_on_its_draw_alone():
     policy = zero_policy(ROBOT.num_joints)
-    walks = walks_in()
-    first, second, again = (walks.run(policy, draw).trace for draw in (0, 1, 0))
+    scene = twin_scene(ROBOT, FLEET, WalkConfig(STEPS, commands=Commands.steady(0.2)))
+
+    def walks(*draws: int, only: int | None = None) -> list[np.ndarray]:
+        def motors(draw: int):
+            return motors_of_robot(ROBOT, FLEET, STUDY, draw if only is None else only).actuator()
+
+        return [each.trace for each in run_walks(scene, policy, draws, partial(walk_seed, STUDY), motors)]
+
+    first, second, again = walks(0, 1, 0)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, second)
-    only = walks_in(only=0)
-    np.testing.assert_array_equal(only.run(policy, 0).trace, first)
-    assert not np.array_equal(only.run(policy, 1).trace, second), "robot 0 in place of robot 1"
+    same, other = walks(0, 1, only=0)
+    np.testing.assert_array_equal(same, first)
+    assert not np.array_equal(other, second), "robot 0 in place of robot 1"

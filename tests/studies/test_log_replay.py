@@ -1,4 +1,4 @@
-"""Replay of logs: at logged gains, from the right pose, and within the known error on logs of real robots."""
+"""Replay of logs: at logged gains, from the right pose and posture, and within the known error on real logs."""
 
 import shutil
 from dataclasses import replace
@@ -7,22 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import load_fleet, load_robot_fleet, nominal_pd
+from motorprior.exceptions import ConfigError
 from motorprior.logs.log_folder import read_log_folder
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.robots.load import load_robot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.fleet_problem import FleetProblem
 from motorprior.studies.log_replay import (
+    FALLEN_TILT,
+    PostureName,
     Replayer,
     initial_targets,
     logged_constants,
-    logged_gains_note,
-    prepare,
+    replayers_of,
+    with_found_posture,
     with_logged_gains,
+    with_posture,
 )
-from motorprior.studies.posture import find_posture, with_posture
 
 # [rad]; 0.0153, 0.0053, 0.0157 and 0.0158 with the shipped fleet
 BOUND = {"0116": 0.0160, "1_joint": 0.0060, "bf": 0.0165, "lr": 0.0165}
@@ -34,6 +38,10 @@ def with_gains(log: MotorLog, kp: np.ndarray, kd: np.ndarray | None = None, unit
     both = {"stated_kp": kp, "stated_kd": kd}
     rows = {name: None if gain is None else np.tile(gain, (log.num_rows, 1)) for name, gain in both.items()}
     return replace(log, gain_unit=unit, **rows)
+
+
+def mean_error(replayer: Replayer, motors: Actuator) -> float:
+    return float(np.nanmean(replayer.rmse(replayer.joint_pos(motors))))
 
 
 @pytest.fixture(scope="module")
@@ -52,22 +60,27 @@ def test_physical_gains_are_used_and_firmware_gains_are_not(log: MotorLog, fleet
     assert np.array_equal(found.kp, KP) and np.allclose(found.kd / found.kp, center.kd / center.kp)
     for other in (log, with_gains(log, KP, KD, "firmware")):
         assert with_logged_gains(center, other) is center and logged_constants(other) == frozenset()
-    assert logged_gains_note(log) == "" and "kp 5 to 7 N·m/rad and kd 0.5 to 0.6" in logged_gains_note(
-        with_gains(log, KP, KD)
-    )
-    assert "firmware units" in logged_gains_note(with_gains(log, KP, KD, "firmware"))
+
+
+def test_notes_state_the_logged_gains_and_their_use(log: MotorLog, fleet):
+    notes: list[str] = []
+    logs = {"none": log, "physical": with_gains(log, KP, KD), "firmware": with_gains(log, KP, KD, "firmware")}
+    replayers_of(logs, ROBOT, fleet, "auto", notes.append)
+    assert notes[0] == "log none: suspended, as logged" and len(notes) == 5
+    assert "kp 5 to 7 N·m/rad and kd 0.5 to 0.6" in notes[2] and "instead of the fleet's" in notes[2]
+    assert "in firmware units: motors use the fleet's gains" in notes[4]
 
 
 def test_a_calibration_replays_at_logged_gains_and_fits_the_rest(log: MotorLog, fleet):
     def problem(*logs: MotorLog) -> FleetProblem:
-        return FleetProblem(fleet, ROBOT, {f"log_{n}": Replayer(each, ROBOT, each) for n, each in enumerate(logs)})
+        return FleetProblem(fleet, ROBOT, {f"log_{n}": Replayer(each, ROBOT) for n, each in enumerate(logs)})
 
     def names(found: FleetProblem) -> set[str]:
         return {each.name for each in found.unknowns}
 
     logged, unlogged = problem(with_gains(log, KP, KD)), problem(log)
     assert names(unlogged) - names(logged) == {"kp", "kd_over_kp"} == logged.logged
-    assert logged.rmse("log_0", logged.prior.mean) < 1e-3 < 0.004 < unlogged.rmse("log_0", unlogged.prior.mean)
+    assert logged.rmse("log_0", logged.mean) < 1e-3 < 0.004 < unlogged.rmse("log_0", unlogged.mean)
     assert "kp" not in {logged.unknowns[place].name for place in logged.differing}
     assert names(problem(with_gains(log, KP))) == names(unlogged) - {"kp"}
     assert names(problem(with_gains(log, KP, KD), log)) == names(unlogged), "the second log does not state them"
@@ -89,8 +102,8 @@ def test_an_ideal_pd_at_logged_gains_follows_a_real_go2(shared_data: Path, tmp_p
     robot = load_robot(str(tmp_path / "go2.toml"))
     log = with_posture(read_log(raw, robot, "go2_identification"), "suspended")
     pd = nominal_pd(load_robot_fleet(robot, EXAMPLES / "go2_fleet.toml"), robot.num_joints)
-    replayer = Replayer(log, robot, prepare(log, robot, "traj_3"))
-    at_fleets, at_logged = (float(np.nanmean(replayer.run(each).rmse)) for each in (pd, with_logged_gains(pd, log)))
+    replayer = Replayer(log, robot)
+    at_fleets, at_logged = (mean_error(replayer, each) for each in (pd, with_logged_gains(pd, log)))
     assert at_logged < 0.021 < 0.04 < at_fleets
 
 
@@ -100,8 +113,49 @@ def test_the_fleets_central_motor_replays_a_real_log_in_the_detected_posture(sha
     if not folder.is_dir():
         pytest.skip("no logs of a real Pupper")
     log = read_log_folder(folder, ROBOT).logs[name]
-    center, prepared = load_fleet("pupper_v2").center(ROBOT.num_joints).actuator(), prepare(log, ROBOT, name)
-    posture = find_posture(log, prepared, ROBOT, center)
-    assert posture.name == ("suspended" if name == "1_joint" else "standing"), posture.evidence
-    replayer = Replayer(with_posture(log, posture.name), ROBOT, with_posture(prepared, posture.name))
-    assert np.nanmean(replayer.run(center).rmse) <= BOUND[name]
+    center = load_fleet("pupper_v2").center(ROBOT.num_joints)
+    posed, evidence = with_found_posture(log, ROBOT, center)
+    assert evidence.startswith("suspended" if name == "1_joint" else "standing"), evidence
+    assert mean_error(Replayer(posed, ROBOT), center.actuator()) <= BOUND[name]
+
+
+@pytest.mark.parametrize("suspended", [True, False])
+def test_replays_distinguish_a_suspended_robot_from_a_standing_one(record_log, fleet, suspended: bool):
+    log = record_log(fleet.sample(ROBOT.num_joints, 3).actuator(), suspended)
+    _, evidence = with_found_posture(log, ROBOT, fleet.center(ROBOT.num_joints))
+    assert evidence.startswith("suspended, from" if suspended else "standing, from") and "mrad standing" in evidence
+
+
+def test_a_logged_posture_is_used_and_the_true_motors_replay_the_log_exactly(record_log, fleet):
+    center = fleet.center(ROBOT.num_joints)
+    motors = center.actuator()
+    log = with_posture(record_log(motors, suspended=True), "suspended")
+    assert with_found_posture(log, ROBOT, center) == (log, "suspended, as logged")
+    suspended, standing = (mean_error(Replayer(each, ROBOT), motors) for each in (log, with_posture(log, "standing")))
+    assert suspended < 1e-3 < 10e-3 < standing
+
+
+@pytest.mark.parametrize(("posture", "used"), [("auto", "suspended"), ("standing", "standing")])
+def test_an_option_overrides_the_posture_in_the_log(log: MotorLog, fleet, posture: PostureName, used: str):
+    (replayer,) = replayers_of({"a": log}, ROBOT, fleet, posture, lambda text: None).values()
+    assert replayer.log.posture is not None and POSTURES[replayer.log.posture[0]] == used
+
+
+def test_a_fixed_robot_has_one_posture(fleet):
+    with pytest.raises(ConfigError, match="the base of 'pupper_v2' is fixed"):
+        replayers_of({}, replace(ROBOT, base="fixed"), fleet, "suspended", lambda text: None)
+
+
+def test_rows_after_a_fall_are_not_compared(record_log, fleet):
+    motors, notes = fleet.center(ROBOT.num_joints).actuator(), []
+    log = record_log(motors, suspended=False)
+    tilt, spoiled = np.zeros((log.num_rows, 2)), log.joint_pos.copy()
+    tilt[400:550, 0], spoiled[400:] = FALLEN_TILT + 0.1, 1.0 + 1e-3 * spoiled[400:]
+    tilt[100:110, 1] = -1.5  # a wrong reading is no fall
+    fallen = replace(log, base_orientation=tilt, joint_pos=spoiled)
+    (replayer,) = replayers_of({"a": fallen}, ROBOT, fleet, "standing", notes.append).values()
+    assert replayer.log.posture is not None
+    assert {POSTURES[code] for code in replayer.log.posture[400:550]} == {"fallen"}
+    assert {POSTURES[code] for code in replayer.log.posture[:400]} == {"standing"}
+    assert replayer.compared[:400].all() and not replayer.compared[400:].any() and "200 rows" in notes[0]
+    assert mean_error(replayer, motors) < 0.02 < 1.0, "spoiled rows would dominate"

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.studies import robustness
-from motorprior.studies.robustness import MAPS, grids, load_maps, save_maps
+from motorprior.studies.robustness import grids
 
 
 @pytest.fixture
@@ -19,25 +19,22 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_cell_has_the_values_of_its_axes():
-    shoved, late = grids(PUPPER_V2)
+    (shoved, with_push), (_, with_delay) = grids(PUPPER_V2)
     push, mu = shoved.rows[-1], shoved.columns[0]
-    conditions = shoved.cell(push, mu).conditions(PUPPER_V2, 3, 300)
+    conditions = with_push(push, mu).conditions(PUPPER_V2, 3, 300)
     assert conditions.friction * PUPPER_V2.foot_friction == pytest.approx(mu)
     impulse = np.linalg.norm(conditions.push, axis=1).max() * PUPPER_V2.control_dt
     assert 0.0 < impulse <= push
-    heavy = late.cell(20.0, 1.2).conditions(PUPPER_V2, 3, 300)
+    heavy = with_delay(20.0, 1.2).conditions(PUPPER_V2, 3, 300)
     assert heavy.command_delay == pytest.approx(0.02) and heavy.mass == pytest.approx(1.2)
-    nominal = late.cell(0.0, 1.0).conditions(PUPPER_V2, 3, 300)
+    nominal = with_delay(0.0, 1.0).conditions(PUPPER_V2, 3, 300)
     assert nominal.command_delay == 0.0 and (nominal.mass == 1.0).all() and len(nominal.push) == 0
 
 
-def test_a_map_does_not_depend_on_the_threads_and_a_heavy_robot_falls(gait_walk: Path, small: None, tmp_path: Path):
-    one = robustness.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 1)
-    two = robustness.robustness(gait_walk / "policy.safetensors", PUPPER_V2, 2)
+def test_a_map_does_not_depend_on_the_threads_and_a_heavy_robot_falls(gait_walk: Path, small: None):
+    one, two = (robustness.robustness(gait_walk / "policy.safetensors", PUPPER_V2, workers) for workers in (1, 2))
     assert one == two
     shoved, late = (np.array(each.share) for each in one)
     assert shoved.shape == late.shape == (4, 4)
     assert shoved[0, -1] == 1.0 and late[0, 1] == 1.0
     assert late[:, -1].max() < 1.0
-    save_maps(tmp_path / MAPS, one)
-    np.testing.assert_array_equal([each.share for each in load_maps(tmp_path / MAPS)], [shoved, late])

@@ -2,18 +2,17 @@
 
 import numpy as np
 import pytest
-from scipy.stats import permutation_test
+from scipy.special import ndtr
 
+from motorprior.studies import statistics
 from motorprior.studies.statistics import (
     compare_on_robots,
-    compare_pairs,
     compare_scores,
     estimate,
     holm,
     iqms,
     means,
     permutation_p,
-    sign_p,
 )
 
 
@@ -44,46 +43,27 @@ def test_nan_scores_are_ignored():
     np.testing.assert_allclose(rows, [2.0, 1.5])
 
 
-def test_intervals_have_their_nominal_coverage():
-    found = [estimate(one, resamples=300) for one, _ in studies(200)]
+def test_intervals_have_their_nominal_coverage(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(statistics, "BATCH", 150)
+    found = [estimate(one) for one, _ in studies(200)]
     covered = np.mean([each.low <= 0.0 <= each.high for each in found])
     assert 0.86 < covered < 0.995
     assert all(each.low <= each.value <= each.high for each in found)
 
 
-def test_p_values_without_a_difference_are_uniform():
-    p = np.array([compare_scores(one, other, resamples=2).p for one, other in studies(200)])
-    assert np.mean(p < 0.05) < 0.09 and 0.4 < np.mean(p < 0.5) < 0.6
-
-
-def test_the_corrected_family_wise_error_is_below_its_level():
-    """Policies differ and samples of motors do not."""
-    rng, found = np.random.default_rng(5), 0
-    for _ in range(400):
-        of_policies = rng.standard_normal((2, 6, 1))  # correlated between environments
-        scores = 0.7 * of_policies + 0.7 * rng.standard_normal((2, 6, 12))
-        p_values = {twin: permutation_p(*scores[:, :, twin]) for twin in range(12)}
-        found += min(holm(p_values).values()) < 0.05
-    assert 0.002 < found / 400 < 0.075
-
-
-@pytest.mark.parametrize(("first", "second"), [(4, 4), (3, 6), (2, 5)])
-def test_permutation_p_is_scipys(first: int, second: int):
-    rng = np.random.default_rng(first)
-    one, other = rng.standard_normal(first) + 0.7, rng.standard_normal(second)
-
-    def difference(a: np.ndarray, b: np.ndarray, axis: int) -> np.ndarray:
-        return np.abs(a.mean(axis=axis) - b.mean(axis=axis))
-
-    wanted = permutation_test((one, other), difference, vectorized=True, n_resamples=10_000, alternative="greater")
-    assert permutation_p(one, other) == permutation_p(other, one) == pytest.approx(wanted.pvalue)
+def test_the_corrected_family_wise_error_is_at_its_level():
+    """Twelve correlated tests without a difference, in many studies."""
+    rng = np.random.default_rng(5)
+    normal = 0.6 * rng.standard_normal((4000, 1)) + 0.8 * rng.standard_normal((4000, 12))
+    found = [min(holm(dict(enumerate(p_values))).values()) < 0.05 for p_values in ndtr(normal)]
+    assert 0.02 < np.mean(found) < 0.055
 
 
 def test_p_values_of_few_policies_have_their_lower_bound():
     assert permutation_p(np.ones(2), np.zeros(2)) == pytest.approx(1 / 3)
     assert permutation_p(np.ones(8), np.zeros(8)) == pytest.approx(2 / 12_870)
-    assert permutation_p(np.ones(12), np.zeros(12)) == pytest.approx(1 / 20_000), "sampled permutations"
-    assert permutation_p(np.array([np.nan]), np.ones(3)) == 1.0
+    assert permutation_p(np.ones(12), np.zeros(12)) == pytest.approx(1 / 20_001), "sampled permutations"
+    assert permutation_p(np.array([np.nan, 0.0]), np.ones(3)) == 1.0
     assert permutation_p(np.array([1.0, np.nan, 1.0]), np.zeros(2)) == pytest.approx(1 / 3)
 
 
@@ -97,9 +77,9 @@ def test_shared_samples_narrow_the_interval():
     rng = np.random.default_rng(3)
     luck = rng.standard_normal(12)
     one, other = (luck + level + 0.02 * rng.standard_normal((4, 12)) for level in (0.2, 0.0))
-    shared, apart = compare_scores(one, other, True), compare_scores(one, other, False)
-    assert shared.difference.low > 0.1 > 0.0 > apart.difference.low
-    assert shared.difference.value == apart.difference.value == pytest.approx(0.2, abs=0.05)
+    shared = compare_scores(one, other).difference
+    assert shared.low > 0.1 and shared.value == pytest.approx(0.2, abs=0.05)
+    assert estimate(one).low < estimate(other).high, "each interval alone contains the luck of the draws"
 
 
 def test_robots_of_adapted_policies_are_resampled_with_those_of_others():
@@ -109,8 +89,6 @@ def test_robots_of_adapted_policies_are_resampled_with_those_of_others():
     found = compare_on_robots(adapted, others, means)
     assert [found.difference.low, found.difference.value, found.difference.high] == pytest.approx([0.1] * 3)
     assert found.p == pytest.approx(2 / 1287, rel=0.51), "8 of one, 5 of the other"
-    with pytest.raises(ValueError, match="8 robots against 3"):
-        compare_on_robots(adapted, np.zeros((5, 3)))
 
 
 def test_holm_is_the_textbooks():
@@ -120,21 +98,3 @@ def test_holm_is_the_textbooks():
     assert list(corrected) == ["a", "b", "c", "d"]
     assert holm({"a": 0.6, "b": 0.9}) == {"a": 1.0, "b": 1.0}
     assert holm({}) == {}
-
-
-def test_sign_p_enumerates_all_signs():
-    assert sign_p(np.array([1.0, 2.0, 3.0])) == 2 / 8
-    assert sign_p(np.array([1.0, np.nan, 1.0])) == 2 / 4
-    assert sign_p(np.array([1.0, -1.0])) == 1.0
-    assert sign_p(np.array([np.nan])) == 1.0
-
-
-def test_paired_comparison_is_independent_of_differences_between_robots():
-    rng = np.random.default_rng(5)
-    robots = rng.standard_normal((8, 1)) + 0.01 * rng.standard_normal((8, 16))
-    better = robots + 0.1 + 0.01 * rng.standard_normal((8, 16))
-    paired, apart = compare_pairs(better, robots), compare_scores(better, robots)
-    assert paired.p == 2 / 256 and paired.difference.low > 0.05
-    assert apart.p > 0.5
-    with pytest.raises(ValueError, match="against"):
-        compare_pairs(better, robots[:4])

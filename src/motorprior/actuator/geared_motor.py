@@ -28,7 +28,7 @@ from motorprior.actuator.geared_motor_constants import (
     step_constants,
 )
 from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
-from motorprior.actuator.optional_terms import COLD, TERMS, Conditions
+from motorprior.actuator.optional_terms import COLD, REFERENCE, TERMS, Conditions
 from motorprior.actuator.vector import LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -37,7 +37,7 @@ from motorprior.delay_line import fill_line, interpolated, write_line
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
 _DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(BASE_STATE)
-_REFERENCE = MotorState._fields.index("reference")
+_REFERENCE = MotorState._fields.index(REFERENCE)
 # rows of the memory: the state, the delayed target, the delay line
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
 

@@ -5,16 +5,18 @@ For numpy and JAX, like the step itself (`geared_motor_step`).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 from motorprior.actuator.optional_terms import (
     COLD,
-    DISABLED,
-    MAX_SHARE,
+    CONSTANTS,
     SIGNED,
+    STEP_ROWS,
     Conditions,
     at_conditions,
     constants_of,
+    step_rows,
 )
 
 # Units as in `physical.MotorParameters`; kd_over_kp [s]
@@ -26,47 +28,22 @@ PARAMETERS = (
 # would be unstable
 MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
-LOG_REACH = 2.5  # constants of sampled motors are within a factor of 12 of the central motor's
+LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
 ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
 PER_LOGGED = "_per_stated"  # suffix of constants that are multiples of a logged gain
 
 Values = Any  # one number per motor, in the type of the arithmetic
 
 
-class StepConstants(NamedTuple):
-    """Constants of motors for steps of one length; also the rows of the compiled step's table."""
-
-    kp: Values
-    kd: Values
-    filter_gain: Values  # gain of the velocity filter per step [-]
-    delay: Values  # [steps]
-    torque_limit: Values
-    armature: Values
-    coulomb: Values
-    stribeck_torque: Values
-    viscous_damping: Values
-    load_friction: Values
-    gear_stiffness: Values  # limited by MAX_STIFFNESS
-    half_backlash: Values
-    gear_damping: Values
-    encoder_zero: Values
-    mean_filter_gain: Values  # gain of the filtered velocity's mean over the step [-]
-    output_encoder: Values = None  # 1: encoder on the joint, 0: on the rotor; from here on only with optional terms
-    profile_speed: Values = None
-    profile_acceleration: Values = None
-    dead_zone: Values = None
-    integral_rate: Values = None
-    integral_limit: Values = None
-    stall_torque: Values = None
-    no_load_speed: Values = None
-    current_gain: Values = None  # gain of the current loop per step [-]
-    mean_current_gain: Values = None  # gain of the current's mean over the step [-]
-    asymmetry: Values = None
-    bristle_stiffness: Values = None
-    output_damping: Values = None
-
-
-BASE_CONSTANTS = StepConstants._fields.index("output_encoder")  # number of fields that every motor has
+# Rows that every motor has: as in PARAMETERS, but kd, delay in steps, half_backlash, and a gear that is limited by
+# MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of its mean over the step
+_BASE = (
+    "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping",
+    "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain",
+)  # fmt: skip
+BASE_CONSTANTS = len(_BASE)
+# Constants of motors for steps of one length; also the rows of the compiled step's table
+StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
 
 
 def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
@@ -85,9 +62,9 @@ def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Condit
         for row, name in enumerate(parameters_of(terms))
     }
     values["delay"] = xp.minimum(values["delay"], MAX_DELAY)
-    for share in ("asymmetry", "heat_loss"):
-        if share in values:
-            values[share] = xp.clip(values[share], -MAX_SHARE, MAX_SHARE)
+    for name, constant in CONSTANTS.items():
+        if constant.max and name in values:
+            values[name] = xp.clip(values[name], -constant.max, constant.max)
     return at_conditions(conditions, values, xp)
 
 
@@ -105,11 +82,11 @@ def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[st
     """Constants for steps of ``h`` [s] from constants by name; ``xp`` as in `decode`.
 
     A filter with time constant T has the gain 1 - exp(-h/T) per step; its mean over the step has the gain
-    1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get their DISABLED constants.
+    1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get constants without effect.
     """
     steps = h / values["velocity_filter"]
     gain = -xp.expm1(-steps)
-    same = {name: values[name] for name in PARAMETERS if name in StepConstants._fields}
+    same = {name: values[name] for name in PARAMETERS if name in _BASE}
     changed = {
         "kd": values["kp"] * values["kd_over_kp"],
         "filter_gain": gain,
@@ -119,10 +96,5 @@ def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[st
         "gear_damping": xp.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
         "mean_filter_gain": 1.0 - gain / steps,
     }
-    if terms:
-        zero = xp.zeros_like(gain)
-        full = {name: values.get(name, zero + disabled) for name, disabled in DISABLED.items()}
-        lags = h / full.pop("current_time")
-        full |= {"current_gain": -xp.expm1(-lags), "mean_current_gain": 1.0 + xp.expm1(-lags) / lags}
-        changed |= full | {"output_encoder": zero + ("output_encoder" in terms)}
-    return StepConstants(**(same | changed))
+    optional = step_rows(terms, values, h, xp.zeros_like(gain), xp) if terms else {}
+    return StepConstants(**(same | changed | optional))

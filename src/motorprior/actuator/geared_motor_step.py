@@ -24,11 +24,12 @@ Optional terms add a firmware profile, an integral, a voltage limit and others (
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motorprior.actuator.geared_motor_constants import StepConstants, Values
-from motorprior.actuator.optional_terms import profiled, within_voltage
+from motorprior.actuator.optional_terms import REFERENCE, STATE_ROWS, TERMS, profiled, within_voltage
 
 EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
@@ -61,22 +62,17 @@ def array_arithmetic(xp: Any) -> Arithmetic:
     )
 
 
-class MotorState(NamedTuple):
-    """State of motors, without the delay line of commands."""
-
-    rotor_pos: Values
-    rotor_vel: Values
-    filtered_vel: Values
-    joint_vel: Values  # at the previous step
-    damping: Values  # given to the engine at the previous step
-    reference: Values = None  # of the firmware's profile [rad]; from here on only with optional terms
-    reference_vel: Values = None  # [rad/s]
-    integral: Values = None  # [N·m]
-    current: Values = None  # lagged torque of the motor [N·m]
-    bristle: Values = None  # deflection of the bristle [rad]
+# State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
+# engine at the previous step; the rows of optional terms follow, only if there are any
+_BASE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
+BASE_STATE = len(_BASE)
+MotorState = namedtuple("MotorState", (*_BASE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
 
 
-BASE_STATE = MotorState._fields.index("reference")  # number of fields that every motor has
+def initial_state(target: Values, joint_pos: Values, joint_vel: Values, zero: Values, has_terms: bool) -> MotorState:
+    """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
+    optional = {name: target if name == REFERENCE else zero for name in STATE_ROWS} if has_terms else {}
+    return MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero, **optional)
 
 
 def step(
@@ -140,6 +136,9 @@ def step(
             integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
         )
         push = push + state.integral
+    for law_of_term in (TERMS[name].law for name in terms):
+        if law_of_term is not None:
+            push = law_of_term(p, push, v, arithmetic)
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
     old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the law
     if "current" in terms:

@@ -1,13 +1,27 @@
-"""The ideal PD, optionally with armature and a delayed target.
+"""The PD that legged-robot simulators use, ideal or with armature, a delayed target and Coulomb friction.
 
     motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
+                   - clip(coulomb/FULL_FRICTION_SPEED·joint_vel, ±coulomb)
 
 kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd, which it integrates
 implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this size makes a light joint chatter.
+
+Friction is a force, not a constraint of the engine: below FULL_FRICTION_SPEED it is proportional to the speed, so a
+static joint creeps where a real one sticks. An explicit force this steep would reverse a light joint within a step h.
+Friction is therefore explicit only where it cannot reverse even the bare rotor,
+
+    |v| >= FULL_FRICTION_SPEED  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0,
+
+and otherwise a damping coulomb/w that the engine integrates implicitly. For a moving joint w = |v|. Below
+FULL_FRICTION_SPEED, w is the speed that the bare rotor reaches within the step,
+(|armature·v + h·torque| - h·coulomb) / (armature + h·kd), and at least FULL_FRICTION_SPEED. When a heavy load starts or
+a bare rotor reverses, friction is wrong for one step. An engine with constant damping gets at most armature/h·v, which
+reaches coulomb at the speed coulomb·h/armature.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,8 +41,9 @@ from motorprior.delay_line import fill_line, interpolated, write_line
 if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
 
-_KP, KD, _DELAY, _TORQUE_LIMIT = range(4)
-IDEAL_PD_ROWS = 4
+FULL_FRICTION_SPEED = 0.1  # speed [rad/s] from which friction equals coulomb
+_KP, KD, _DELAY, _TORQUE_LIMIT, _COULOMB, _ARMATURE, _MAX_SLOPE = range(7)  # the last three with friction only
+_TINY = 1e-12  # replaces zero armature [kg·m²]
 
 
 @dataclass(frozen=True)
@@ -38,20 +53,32 @@ class IdealPd:
     kp: np.ndarray  # [N·m/rad]
     kd: np.ndarray  # [N·m·s/rad]
     torque_limit: np.ndarray  # [N·m]
-    armature: np.ndarray  # [kg·m²]
+    armature: np.ndarray  # [kg·m²]; without it friction is too small
     delay: np.ndarray  # command latency [s]
+    coulomb: np.ndarray = None  # pyright: ignore[reportAssignmentType]  # friction [N·m], 0 if not given
+
+    def __post_init__(self) -> None:
+        if self.coulomb is None:
+            object.__setattr__(self, "coulomb", np.zeros(len(self.kp)))
 
     @classmethod
     def uniform(
-        cls, num_motors: int, kp: float, kd: float, torque_limit: float, armature: float = 0.0, delay: float = 0.0
+        cls,
+        num_motors: int,
+        kp: float,
+        kd: float,
+        torque_limit: float,
+        armature: float = 0.0,
+        delay: float = 0.0,
+        coulomb: float = 0.0,
     ) -> IdealPd:
         """The same constants for every motor."""
-        return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay)))
+        return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay, coulomb)))
 
     @property
     def kind(self) -> ActuatorKind:
-        """IDEAL_PD."""
-        return IDEAL_PD
+        """IDEAL_PD, or FRICTION_PD if any motor has friction."""
+        return FRICTION_PD if self.coulomb.any() else IDEAL_PD
 
     @property
     def num_motors(self) -> int:
@@ -65,16 +92,18 @@ class IdealPd:
 
     def with_factors(self, factors: Factors) -> IdealPd:
         """See `actuator.with_factors`."""
-        require_unchanged(self.kind, factors, "coulomb")
-        limit = self.torque_limit * factors.torque_limit
-        return replace(self, kp=self.kp * factors.kp, kd=self.kd * factors.kd, torque_limit=limit)
+        if self.kind is IDEAL_PD:
+            require_unchanged(self.kind, factors, "coulomb")
+        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors._asdict().items()})
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt)
         ring = int(np.ceil(self.delay.max() / physics_dt)) + 2
-        parameters = np.stack([self.kp, self.kd, self.delay / physics_dt, self.torque_limit])
-        return empty_arrays(IDEAL_PD, parameters, ring, 1, self.kd)
+        rows = [self.kp, self.kd, self.delay / physics_dt, self.torque_limit]
+        if self.kind is FRICTION_PD:
+            rows += [self.coulomb, self.armature, self.armature / physics_dt]
+        return empty_arrays(self.kind, np.stack(rows), ring, 1, self.kd)
 
 
 @dataclass(frozen=True)
@@ -97,13 +126,13 @@ class GainScaledPd:
 
 
 @njit(cache=True, nogil=True)
-def reset_pd(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Fill the delay line with the current target."""
     fill_line(arrays.memory, 0, position_target)
 
 
 @njit(cache=True, nogil=True)
-def step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     """Write (n,) torque for the engine [N·m]; the delayed target is interpolated linearly between steps."""
     newest = write_line(arrays.memory, 0, arrays.clock[0], position_target)
     for motor in range(torque.shape[0]):
@@ -114,11 +143,40 @@ def step_pd(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
         torque[motor] = min(limit, max(-limit, raw)) + damping
 
 
-IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=reset_pd, step=step_pd)
+@njit(cache=True, nogil=True)
+def _step_with_friction(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
+    for motor in range(torque.shape[0]):
+        kd, coulomb = arrays.parameters[KD, motor], arrays.parameters[_COULOMB, motor]
+        armature, velocity = arrays.parameters[_ARMATURE, motor], joint_vel[motor]
+        speed, impulse, friction = abs(velocity), physics_dt * torque[motor], physics_dt * coulomb
+        moves = speed >= FULL_FRICTION_SPEED
+        arrays.damping[motor] = kd
+        if moves and armature * speed + math.copysign(impulse, impulse * velocity) > friction:
+            torque[motor] -= math.copysign(coulomb, velocity)
+            continue
+        if not moves:
+            reached = (abs(armature * velocity + impulse) - friction) / max(armature + physics_dt * kd, _TINY)
+            speed = max(FULL_FRICTION_SPEED, reached)
+        arrays.damping[motor] += coulomb / speed
+
+
+@njit(cache=True, nogil=True)
+def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
+    """Apply the friction part of the damping as a force, limited so that it cannot reverse a rotor without kd."""
+    for motor in range(torque.shape[0]):
+        friction = arrays.damping[motor] - arrays.parameters[KD, motor]
+        torque[motor] -= min(friction, arrays.parameters[_MAX_SLOPE, motor]) * joint_vel[motor]
+        arrays.damping[motor] = arrays.parameters[KD, motor]
+
+
+IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=_reset, step=_step)
+FRICTION_PD = ActuatorKind(
+    "pd_friction", "PD with friction", reset=_reset, step=_step_with_friction, make_explicit=_make_explicit
+)
 
 
 def described_pd(robot: Robot) -> IdealPd:
     """An ideal PD with the gains and torque limits of the robot's description."""
     columns = [np.array([getattr(joint, name) for joint in robot.joints]) for name in ("kp", "kd", "torque_limit")]
-    kp, kd, torque_limit = columns
-    return IdealPd(kp, kd, torque_limit, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))
+    return IdealPd(*columns, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))

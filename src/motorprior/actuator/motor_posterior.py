@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
-from motorprior.bounds import generator_of, require_count
+from motorprior.bounds import TEXT, generator_of, many, number, require_count
 from motorprior.exceptions import ConfigError
-from motorprior.schema import TEXT, Header, Tensor, check_tensors, many, number
+from motorprior.schema import Header, Tensor, check_tensors
 
 _REMEDY = "write it with `motorprior adapt`"
 _HEADER = Header(
@@ -49,7 +50,7 @@ class MotorPosterior:
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
-    ) -> LatentActuator:
+    ) -> GreyBoxActuator | NetworkActuator:
         """Sample ``count`` motors: one per joint of the posterior, or ``count`` samples of a single motor.
 
         Args:
@@ -73,17 +74,26 @@ class MotorPosterior:
         if self.gains is not None:
             gains = checked_gains(np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count)
         z = self.mean + np.einsum("mij,mj->mi", factors, noise)
-        motors = LatentActuator(self.prior.network, z, gains=None if self.gains is None else gains)
+        motors = self.prior.model.motors(z, gains=None if self.gains is None else gains)
         if not limit_follows_gain:
             return motors
-        if self.prior.network.motor is None:
+        if not isinstance(motors, GreyBoxActuator):
             raise ConfigError(
                 "the prior has no physical constants, so no torque limit",
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        factors = Factors.ones(count)._replace(torque_limit=kp_ratio(self.prior.network, motors.z))
+        factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z))
         return motors.with_factors(factors)
+
+    def take(self, index: list[int]) -> MotorPosterior:
+        """The motors at ``index``."""
+        return replace(
+            self, mean=self.mean[index], covariance=self.covariance[index],
+            joint_names=tuple(self.joint_names[each] for each in index),
+            outlier_p_value=tuple(self.outlier_p_value[each] for each in index),
+            gains=None if self.gains is None else self.gains[:, index],
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""
@@ -105,7 +115,7 @@ class MotorPosterior:
         path = Path(path)
         tensors, header = _HEADER.read(path)
         wanted = {"mean": Tensor(("motors", "latents")), "covariance": Tensor(("motors", "latents", "latents"))}
-        wanted |= {"gains": Tensor((2, "motors"))} if prior.network.gain_unit else {}
+        wanted |= {"gains": Tensor((2, "motors"))} if prior.model.gain_unit else {}
         check_tensors(tensors, wanted, path, _REMEDY, {"motors": len(header["joint_names"])})
         if header["prior_sha256"] != prior.sha256():
             raise ConfigError("posterior of another prior", where=path, remedy="adapt this prior to the log again")
@@ -114,7 +124,7 @@ class MotorPosterior:
         return cls(prior, mean, covariance, names, header["seconds"], outlier_p_value, gains)
 
 
-def kp_ratio(network: LatentNetwork, z: np.ndarray) -> np.ndarray:
+def kp_ratio(model: GreyBox, z: np.ndarray) -> np.ndarray:
     """(M,) kp of grey-box motors with latents (M, Z) over that of the central motor [-]."""
-    central = network.constants(np.zeros((1, network.num_latents)))["kp"]
-    return network.constants(z)["kp"] / central
+    central = model.constants(np.zeros((1, model.num_latents)))["kp"]
+    return model.constants(z)["kp"] / central

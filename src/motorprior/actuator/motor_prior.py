@@ -6,32 +6,33 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
-from motorprior.bounds import generator_of, require_count, require_number
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.logs.motor_log import GAIN_UNITS
-from motorprior.schema import (
+from motorprior.bounds import (
     BOOLEAN,
     TABLE,
     TEXT,
-    Header,
-    Tensor,
-    check_tensors,
     exactly,
+    generator_of,
     integer,
     many,
     number,
     one_of,
+    require_count,
+    require_number,
 )
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.logs.motor_log import GAIN_UNITS
+from motorprior.schema import Header, Schema, Tensor, check_tensors
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
@@ -42,16 +43,15 @@ UNIDENTIFIED = "not_shown_"  # prefix of a metric: maximum over the motors of a 
 UNKNOWN_TORQUE_SCALE = "unknown_torque_size"  # metric: number of motors whose logs do not identify the torque scale
 _HEADER = Header(
     "motor prior",
-    5,
+    6,
     {
         "units": exactly(UNITS),
         "sign": exactly(SIGN),
-        "input_order": exactly(INPUT_ORDER),
         "motor_parameters": many(TEXT),
         "motor_terms": many(one_of(*TERMS)),
-        **dict.fromkeys(("period", *_SCALES), number(above=0.0)),
-        "taps": many(integer(0, 10_000), minimum=1),
-        **dict.fromkeys(("has_armature", "grey_box", "standardised"), BOOLEAN),
+        "period": number(above=0.0),
+        "network": TABLE,
+        **dict.fromkeys(("grey_box", "standardised"), BOOLEAN),
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
         "joint_names": many(TEXT),
         "gain_unit": one_of("", *GAIN_UNITS),
@@ -62,6 +62,16 @@ _HEADER = Header(
     "identify",
 )
 SCHEMA_VERSION = _HEADER.version
+_NETWORK = Schema(
+    {
+        "input_order": exactly(INPUT_ORDER),
+        "taps": many(integer(0, 10_000), minimum=1),
+        "has_armature": BOOLEAN,
+        **dict.fromkeys(_SCALES, number(above=0.0)),
+    },
+    _REMEDY,
+    name="network",
+)
 _WEIGHTS = {
     "b1": Tensor(("neurons",)),
     "w1": Tensor(("inputs", "neurons")),
@@ -79,11 +89,15 @@ _GREY_BOX = {"motor_center": Tensor(("constants",)), "motor_slope": Tensor(("lat
 _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SCORES), "latents"))}
 
 
+Decoder: TypeAlias = GreyBox | LatentNetwork
+"""From latents to motors."""
+
+
 @dataclass(frozen=True)
 class MotorPrior:
     """A learned distribution of motors, with M training motors and Z latents."""
 
-    network: LatentNetwork
+    model: Decoder
     mean: np.ndarray  # (M, Z) posterior means of the training motors
     log_var: np.ndarray  # (M, Z) their log-variances
     preset: str  # name of the recipe
@@ -96,13 +110,13 @@ class MotorPrior:
 
     def sample(
         self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None, spread: float = 1.0
-    ) -> LatentActuator:
+    ) -> GreyBoxActuator | NetworkActuator:
         """Sample ``count`` new motors, z ~ N(0, spread²·I).
 
         Args:
             count: number of motors.
             seed: seed, or a generator to continue.
-            gains: (2, count) kp and kd in the network's ``gain_unit``, ignored if that is "". If not given, those of
+            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not given, those of
                 the training motors if there are ``count`` of them, otherwise their medians.
             spread: standard deviation of z [-]; 0 gives the mean motor.
 
@@ -111,8 +125,8 @@ class MotorPrior:
         """
         require_count("count", count)
         require_number("spread", spread)
-        z = spread * generator_of(seed).standard_normal((count, self.network.num_latents))
-        return LatentActuator(self.network, z, gains=self._gains(count, gains))
+        z = spread * generator_of(seed).standard_normal((count, self.model.num_latents))
+        return self.model.motors(z, gains=self._gains(count, gains))
 
     def _gains(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:
@@ -122,16 +136,14 @@ class MotorPrior:
             return self.gains if same else np.tile(np.median(self.gains, axis=1)[:, None], count)
         return checked_gains(gains, count)
 
-    def training_motors(self, index: np.ndarray) -> LatentActuator:
+    def training_motors(self, index: np.ndarray) -> GreyBoxActuator | NetworkActuator:
         """The training motors at ``index``, at their posterior means."""
-        return LatentActuator(
-            self.network, self.mean[index], gains=None if self.gains is None else self.gains[:, index]
-        )
+        return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
 
     def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
         """(J, Z) expected latents at these joints: those of the training motor of the same name, otherwise 0."""
         rows = dict(zip(self.joint_names, self.mean, strict=False))
-        mean_motor = np.zeros(self.network.num_latents)
+        mean_motor = np.zeros(self.model.num_latents)
         return np.stack([rows.get(name, mean_motor) for name in joint_names])
 
     def require(self, robot: str, physics_dt: float) -> None:
@@ -151,20 +163,21 @@ class MotorPrior:
         return hashlib.sha256(tensors_as_bytes(*self._contents())).hexdigest()
 
     def _contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        net = self.network
-        tensors = {name: np.asarray(getattr(net, name), np.float64) for name in _WEIGHTS}
-        if net.motor is not None:
-            tensors |= {"motor_center": net.motor.center, "motor_slope": net.motor.slope}
-        if net.copula is not None:
-            tensors |= {"mixing": net.copula.mixing, "quantiles": net.copula.quantiles}
-        terms = () if net.motor is None else net.motor.terms
+        model, tensors, network, terms = self.model, {}, {}, ()
+        if isinstance(model, GreyBox):
+            tensors, terms = {"motor_center": model.motor.center, "motor_slope": model.motor.slope}, model.motor.terms
+        else:
+            tensors = {name: np.asarray(getattr(model, name), np.float64) for name in _WEIGHTS}
+            network = {"input_order": INPUT_ORDER, "taps": list(model.taps), "has_armature": model.has_armature}
+            network |= {name: getattr(model, name) for name in _SCALES}
+        if model.copula is not None:
+            tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
         header = _HEADER.write(
-            units=UNITS, sign=SIGN, input_order=INPUT_ORDER, motor_parameters=list(parameters_of(terms)),
-            motor_terms=list(terms),
-            taps=list(net.taps), period=net.period, has_armature=net.has_armature, grey_box=net.motor is not None,
-            standardised=net.copula is not None, **{name: getattr(net, name) for name in _SCALES},
-            preset=self.preset, robot=self.robot, motor=self.motor, provenance=self.provenance, metrics=self.metrics,
-            joint_names=list(self.joint_names), gain_unit=net.gain_unit,
+            units=UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
+            period=model.period, network=network, grey_box=isinstance(model, GreyBox),
+            standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,
+            provenance=self.provenance, metrics=self.metrics, joint_names=list(self.joint_names),
+            gain_unit=model.gain_unit,
         )  # fmt: skip
         if self.gains is not None:
             tensors["gains"] = self.gains
@@ -180,18 +193,21 @@ class MotorPrior:
         path = Path(path)
         tensors, header = _HEADER.read(path)
         _check(tensors, header, path)
-        numbers: dict[str, Any] = {name: float(header[name]) for name in ("period", *_SCALES)}
-        arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
-        terms = tuple(header["motor_terms"])
-        motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"], terms) if header["grey_box"] else None
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
-        network = LatentNetwork(
-            **arrays, **numbers, taps=tuple(header["taps"]), has_armature=header["has_armature"], motor=motor,
-            copula=copula, gain_unit=header["gain_unit"],
-        )  # fmt: skip
+        period, network = float(header["period"]), header["network"]
+        if header["grey_box"]:
+            motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"], tuple(header["motor_terms"]))
+            model = GreyBox(motor, period, copula, header["gain_unit"])
+        else:
+            arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
+            arrays |= {name: float(network[name]) for name in _SCALES}
+            taps = tuple(network["taps"])
+            model = LatentNetwork(
+                **arrays, taps=taps, period=period, has_armature=network["has_armature"], copula=copula
+            )
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         names, gains = tuple(header["joint_names"]), tensors.get("gains")
-        return cls(network, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
+        return cls(model, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
 
 
 def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
@@ -230,14 +246,18 @@ def check_gain_units(gains: np.ndarray, where: str | Path) -> None:
 
 
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
-    wanted = _MOTORS | _WEIGHTS
-    wanted |= (_GREY_BOX if header["grey_box"] else {}) | (_COPULA if header["standardised"] else {})
+    wanted = _MOTORS | (_GREY_BOX if header["grey_box"] else _WEIGHTS)
+    wanted |= _COPULA if header["standardised"] else {}
     wanted |= _GAINS if header["gain_unit"] else {}
-    names = parameters_of(tuple(header["motor_terms"]))
-    known = {"inputs": 2 * len(header["taps"]), "constants": len(names)}
+    names, network = parameters_of(tuple(header["motor_terms"])), header["network"]
+    if header["grey_box"]:
+        known, fits = {"constants": len(names)}, not network
+    else:
+        _NETWORK.check(network, path)
+        known, fits = {"inputs": 2 * len(network["taps"])}, network["taps"] == sorted(network["taps"])
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
     # compiled code runs four neurons at a time
-    lists_fit = header["motor_parameters"] == list(names) and header["taps"] == sorted(header["taps"])
-    if sizes["neurons"] % 4 or sizes["motors"] == 0 or not lists_fit:
-        problem = f"{sizes['neurons']} neurons, {sizes['motors']} motors, motor_parameters or taps are inconsistent"
+    fits = fits and header["motor_parameters"] == list(names) and not sizes.get("neurons", 0) % 4
+    if sizes["motors"] == 0 or not fits:
+        problem = f"{sizes['motors']} motors, network, neurons or motor_parameters are inconsistent"
         raise ArtifactError(problem, where=path, remedy=_REMEDY)

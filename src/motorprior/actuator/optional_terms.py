@@ -23,61 +23,99 @@ All quantities are at the output shaft; h is the step. In the order in which the
                    bridge (most hobby servos), 0 if it commands the current.
     temperature    torques of the law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
-Nominal values are the medians of the logs that a prior was trained on, and the default.
+Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of
+TERMS: with ``law`` it changes the torque of the law; others have a line in `geared_motor_step.step` or
+`at_conditions`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-# Constants of each term, in SI units: profile_speed [rad/s], profile_acceleration [rad/s²], dead_zone [rad],
-# integral_rate [1/s], integral_limit and stall_torque [N·m], no_load_speed [rad/s], current_time [s], asymmetry
-# [-], bristle_stiffness σ [N·m/rad], output_damping [N·m·s/rad], heat_loss [-], heat_time [s], supply_share [-],
-# temperature_loss [-]
-TERMS: dict[str, tuple[str, ...]] = {
-    "profile": ("profile_speed", "profile_acceleration"),
-    "output_encoder": (),
-    "dead_zone": ("dead_zone",),
-    "integral": ("integral_rate", "integral_limit"),
-    "torque_speed": ("stall_torque", "no_load_speed"),
-    "current": ("current_time",),
-    "asymmetry": ("asymmetry",),
-    "presliding": ("bristle_stiffness",),
-    "output_damping": ("output_damping",),
-    "heat": ("heat_loss", "heat_time"),
-    "supply": ("supply_share",),
-    "temperature": ("temperature_loss",),
+MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
+
+
+class Constant(NamedTuple):
+    """A constant of a term."""
+
+    name: str
+    unit: str
+    initial: float  # at the start of a search
+    negligible: float  # at the start of a second search: the term has almost no effect
+    disabled: float | None = None  # without effect in a step; None: it changes other constants, not the step
+    signed: float = 0.0  # value per unit of decoder output, if it may be negative; all others are exp(output)
+    max: float = 0.0  # bound of the magnitude, 0: none
+    is_lag: bool = False  # a time constant X_time: steps have X_gain and mean_X_gain, see `step_constants`
+    unlimited: float = 0.0  # logged as off: small enough for float32
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names in `StepConstants`."""
+        if self.disabled is None:
+            return ()
+        lag = self.name.removesuffix("_time")
+        return (f"{lag}_gain", f"mean_{lag}_gain") if self.is_lag else (self.name,)
+
+
+class Term(NamedTuple):
+    """An optional term; one without constants has a row of its own name in `StepConstants`: 1 if enabled, else 0."""
+
+    constants: tuple[Constant, ...] = ()
+    state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
+    is_usual: bool = False  # in hobby servos
+    # (constants, torque of the law [N·m], rotor velocity [rad/s], arithmetic) -> another torque of the law
+    law: Callable[[Any, Any, Any, Any], Any] | None = None
+
+
+REFERENCE = "reference"
+TERMS = {
+    "profile": Term(
+        (
+            Constant("profile_speed", "rad/s", 6.0, 40.0, 1e9, unlimited=1e3),
+            Constant("profile_acceleration", "rad/s²", 100.0, 4000.0, 1e12, unlimited=1e5),
+        ),
+        (REFERENCE, "reference_vel"),
+        is_usual=True,
+    ),
+    "output_encoder": Term(is_usual=True),
+    "dead_zone": Term((Constant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
+    "integral": Term(
+        (Constant("integral_rate", "1/s", 2.0, 0.05, 0.0), Constant("integral_limit", "N·m", 0.3, 0.05, 0.0)),
+        ("integral",),
+    ),
+    "torque_speed": Term(
+        (Constant("stall_torque", "N·m", 3.0, 20.0, 1e9), Constant("no_load_speed", "rad/s", 10.0, 100.0, 1e9))
+    ),
+    "current": Term((Constant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)),
+    "asymmetry": Term((Constant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
+    "presliding": Term((Constant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
+    "output_damping": Term((Constant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
+    "heat": Term((Constant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), Constant("heat_time", "s", 10.0, 10.0))),
+    "supply": Term((Constant("supply_share", "1", 0.7, 0.1),)),
+    "temperature": Term((Constant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
 }
-# constants with which a term has no effect: compiled code has either no term or all of them
-DISABLED = {
-    "profile_speed": 1e9, "profile_acceleration": 1e12, "dead_zone": 0.0, "integral_rate": 0.0, "integral_limit": 0.0,
-    "stall_torque": 1e9, "no_load_speed": 1e9, "current_time": 1e-12, "asymmetry": 0.0, "bristle_stiffness": 1e9,
-    "output_damping": 0.0,
-}  # fmt: skip
-# constants of a profile without a limit on speed or acceleration, small enough for float32
-UNLIMITED = {"profile_speed": 1e3, "profile_acceleration": 1e5}
-# initial constants of the search
-INITIAL = {
-    "profile_speed": 6.0, "profile_acceleration": 100.0, "dead_zone": 0.003, "integral_rate": 2.0,
-    "integral_limit": 0.3, "stall_torque": 3.0, "no_load_speed": 10.0, "current_time": 0.003, "asymmetry": 0.0,
-    "bristle_stiffness": 10.0, "output_damping": 0.005, "heat_loss": 0.1, "heat_time": 10.0, "supply_share": 0.7,
-    "temperature_loss": 0.0,
-}  # fmt: skip
-# initial constants of a second search, with which a term has almost no effect
-NEGLIGIBLE = {
-    "profile_speed": 40.0, "profile_acceleration": 4000.0, "dead_zone": 1e-4, "integral_rate": 0.05,
-    "integral_limit": 0.05, "stall_torque": 20.0, "no_load_speed": 100.0, "current_time": 3e-4, "asymmetry": 0.0,
-    "bristle_stiffness": 200.0, "output_damping": 1e-4, "heat_loss": 0.01, "heat_time": 10.0, "supply_share": 0.1,
-    "temperature_loss": 0.0,
-}  # fmt: skip
-# constants that may be negative, and their value per unit of decoder output; all others are exp(output)
-SIGNED = {"encoder_zero": 0.05, "asymmetry": 0.2, "temperature_loss": 0.1}
+
+
+def rows_of(name: str) -> tuple[str, ...]:
+    """Names in `StepConstants` of the rows of a term."""
+    constants = TERMS[name].constants
+    return tuple(row for constant in constants for row in constant.rows) if constants else (name,)
+
+
+CONSTANTS = {constant.name: constant for term in TERMS.values() for constant in term.constants}
+INITIAL = {name: constant.initial for name, constant in CONSTANTS.items()}
+NEGLIGIBLE = {name: constant.negligible for name, constant in CONSTANTS.items()}
+UNLIMITED = {name: constant.unlimited for name, constant in CONSTANTS.items() if constant.unlimited}
+# rows of `StepConstants` and of `MotorState` that motors have if any of their terms is enabled
+STEP_ROWS = tuple(row for name in TERMS for row in rows_of(name))
+STATE_ROWS = tuple(row for term in TERMS.values() for row in term.state)
+# constants that may be negative, and their value per unit of decoder output
+SIGNED = {"encoder_zero": 0.05} | {name: constant.signed for name, constant in CONSTANTS.items() if constant.signed}
 # constants that scale with torques of the law, with the field of the magnets, with the voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
-MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
 TEMPERATURE_SCALE = 50.0  # temperature rise at which the loss is temperature_loss [K]
 
 
@@ -113,19 +151,35 @@ def _scaled(factor: Any, values: dict[str, Any], names: tuple[str, ...]) -> dict
 
 def constants_of(terms: Iterable[str]) -> tuple[str, ...]:
     """Names of the constants of these terms."""
-    return tuple(name for term in terms for name in TERMS[term])
+    return tuple(constant.name for term in terms for constant in TERMS[term].constants)
 
 
 def terms_with(constants: Iterable[str]) -> tuple[str, ...]:
     """The terms with any of these constants, in the order of TERMS."""
     wanted = set(constants)
-    return tuple(name for name, own in TERMS.items() if wanted & set(own))
+    return tuple(name for name in TERMS if wanted.intersection(constants_of((name,))))
 
 
 def in_order(terms: Iterable[str]) -> tuple[str, ...]:
     """The terms in the order of TERMS."""
     wanted = set(terms)
     return tuple(name for name in TERMS if name in wanted)
+
+
+def step_rows(terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any, xp: Any) -> dict[str, Any]:
+    """Rows of `StepConstants` by name of all terms, for steps of ``h`` [s]; those not in ``terms`` have no effect."""
+    rows = {}
+    for name, term in TERMS.items():
+        if not term.constants:
+            rows[name] = zero + (name in terms)
+        for constant in term.constants:
+            value = values.get(constant.name, zero + (constant.disabled or 0.0))
+            if constant.is_lag:
+                lags = h / value
+                rows |= dict(zip(constant.rows, (-xp.expm1(-lags), 1.0 + xp.expm1(-lags) / lags), strict=True))
+            elif constant.rows:
+                rows[constant.name] = value
+    return rows
 
 
 def smaller(a: Any, b: Any, arithmetic: Any) -> Any:

@@ -47,14 +47,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import Annotated
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.physical import scaled
+from motorprior.actuator.true_motors import TrueMotors, stribeck_share, voltage_limited
 from motorprior.compiled import njit
-from motorprior.delay_line import fill_line, row_of_age, write_line
+from motorprior.delay_line import fill_line, held, write_line
 
 SUBSTEP = 0.0001  # maximum substep [s]
 # Maximum physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some shipped motors
@@ -79,72 +80,68 @@ MAX_STEP = 0.001
 
 
 @dataclass(frozen=True)
-class OutOfFamilyMotors:
+class OutOfFamilyMotors(TrueMotors):
     """n out-of-family motors; every field has shape (n,). A term is off where its first constant is 0."""
 
-    kp: np.ndarray  # [N·m/rad]
-    kd: np.ndarray  # [N·m·s/rad]
-    torque_limit: np.ndarray  # current limit times torque constant of the cold motor [N·m]
-    delay: np.ndarray  # command latency [s]
-    servo_period: np.ndarray  # period of the firmware's control law [s]; 0: every substep
-    profile_speed: np.ndarray  # maximum speed of the reference [rad/s]; 0: no bound
-    profile_acceleration: np.ndarray  # maximum acceleration of the reference [rad/s²]; 0: no bound
-    dead_zone: np.ndarray  # error below which kp and ki have no effect [rad]
-    ki: np.ndarray  # integral gain [N·m/(rad·s)]
-    integral_limit: np.ndarray  # maximum integral part of the torque [N·m]
-    output_encoder: np.ndarray  # position of the encoder: 0 rotor, 1 output shaft [-]
-    encoder_quantum: np.ndarray  # resolution of the encoder [rad]
-    encoder_zero: np.ndarray  # encoder reading at true zero [rad]
-    velocity_filter: np.ndarray  # time constant of the velocity in the control law [s]
-    current_time: np.ndarray  # time constant of the current loop [s]
-    stall_torque: np.ndarray  # voltage-limited torque at zero speed [N·m]; 0: no voltage limit
-    no_load_speed: np.ndarray  # speed at which the torque limit is zero [rad/s]; 0: no back-EMF
-    sag: np.ndarray  # share of the supply voltage lost at the stall current [-]
-    heat_loss: np.ndarray  # relative loss of the torque constant when warm [-]
-    heat_time: np.ndarray  # time constant of the warming [s]; 0: constant warmth
-    warmth: np.ndarray  # initial warming over the final one [-]
-    ripple: np.ndarray  # amplitude of the torque ripple over the torque [-]
-    ripple_order: np.ndarray  # periods per turn of the output shaft [1/rev]
-    ripple_phase: np.ndarray  # [rad]
-    cogging: np.ndarray  # amplitude of the torque at zero current [N·m]
-    cogging_order: np.ndarray  # as ripple_order [1/rev]
-    cogging_phase: np.ndarray  # [rad]
-    armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
-    viscous_damping: np.ndarray  # [N·m·s/rad]
-    coulomb: np.ndarray  # sliding friction [N·m]
-    static_torque: np.ndarray  # static friction minus sliding friction [N·m]
-    stribeck_velocity: np.ndarray  # [rad/s]; 0: friction is independent of speed, bristles have no damping
-    bristle_stiffness: np.ndarray  # presliding stiffness [N·m/rad]; 0: no dry friction
-    bristle_damping: np.ndarray  # presliding damping [N·m·s/rad]
-    load_friction: np.ndarray  # friction per gear torque [-]
-    asymmetry: np.ndarray  # relative increase of friction forwards, decrease backwards [-]
-    position_friction: np.ndarray  # relative amplitude of position-dependent friction [-]
-    position_order: np.ndarray  # as ripple_order [1/rev]
-    position_phase: np.ndarray  # [rad]
-    backlash: np.ndarray  # full play [rad]
-    gear_stiffness: np.ndarray  # at first contact, without the slider [N·m/rad]
-    gear_hardening: np.ndarray  # cubic stiffness [N·m/rad³]
-    gear_damping: np.ndarray  # [N·m·s/rad]
-    slider_stiffness: np.ndarray  # stiffness of the spring behind the slider [N·m/rad]
-    slider_torque: np.ndarray  # torque at which the slider slips [N·m]
-    output_damping: np.ndarray  # viscous damping of the output shaft (seals, grease) [N·m·s/rad]
-    log_position_noise: np.ndarray  # standard deviation of logged angles [rad]
-    log_position_quantum: np.ndarray  # resolution of logged angles [rad]
-    log_velocity_filter: np.ndarray  # time constant of logged velocities, from angles [s]; 0: true velocities
-    log_velocity_noise: np.ndarray  # standard deviation of logged velocities [rad/s]
-    log_torque_noise: np.ndarray  # standard deviation of logged torques [N·m]
+    # ki scales with kp, as in the learned models
+    factor_names = {name: name for name in Factors._fields} | {"static_torque": "coulomb", "ki": "kp"}
 
-    def __len__(self) -> int:
-        """Number of motors."""
-        return len(self.kp)
+    kp: Annotated[np.ndarray, "N·m/rad"]
+    kd: Annotated[np.ndarray, "N·m·s/rad"]
+    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant of the cold motor
+    delay: Annotated[np.ndarray, "s"]  # command latency
+    servo_period: Annotated[np.ndarray, "s"]  # period of the firmware's control law; 0: every substep
+    profile_speed: Annotated[np.ndarray, "rad/s"]  # maximum speed of the reference; 0: no bound
+    profile_acceleration: Annotated[np.ndarray, "rad/s²"]  # maximum acceleration of the reference; 0: no bound
+    dead_zone: Annotated[np.ndarray, "rad"]  # error below which kp and ki have no effect
+    ki: Annotated[np.ndarray, "N·m/(rad·s)"]  # integral gain
+    integral_limit: Annotated[np.ndarray, "N·m"]  # maximum integral part of the torque
+    output_encoder: Annotated[np.ndarray, "1"]  # position of the encoder: 0 rotor, 1 output shaft
+    encoder_quantum: Annotated[np.ndarray, "rad"]  # resolution of the encoder
+    encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
+    velocity_filter: Annotated[np.ndarray, "s"]  # time constant of the velocity in the control law
+    current_time: Annotated[np.ndarray, "s"]  # time constant of the current loop
+    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed; 0: no voltage limit
+    no_load_speed: Annotated[np.ndarray, "rad/s"]  # speed at which the torque limit is zero; 0: no back-EMF
+    sag: Annotated[np.ndarray, "1"]  # share of the supply voltage lost at the stall current
+    heat_loss: Annotated[np.ndarray, "1"]  # relative loss of the torque constant when warm
+    heat_time: Annotated[np.ndarray, "s"]  # time constant of the warming; 0: constant warmth
+    warmth: Annotated[np.ndarray, "1"]  # initial warming over the final one
+    ripple: Annotated[np.ndarray, "1"]  # amplitude of the torque ripple over the torque
+    ripple_order: Annotated[np.ndarray, "1/rev"]  # periods per turn of the output shaft
+    ripple_phase: Annotated[np.ndarray, "rad"]
+    cogging: Annotated[np.ndarray, "N·m"]  # amplitude of the torque at zero current
+    cogging_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
+    cogging_phase: Annotated[np.ndarray, "rad"]
+    armature: Annotated[np.ndarray, "kg·m²"]  # rotor inertia reflected to the output
+    viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    coulomb: Annotated[np.ndarray, "N·m"]  # sliding friction
+    static_torque: Annotated[np.ndarray, "N·m"]  # static friction minus sliding friction
+    stribeck_velocity: Annotated[np.ndarray, "rad/s"]  # 0: friction is independent of speed, bristles have no damping
+    bristle_stiffness: Annotated[np.ndarray, "N·m/rad"]  # presliding stiffness; 0: no dry friction
+    bristle_damping: Annotated[np.ndarray, "N·m·s/rad"]  # presliding damping
+    load_friction: Annotated[np.ndarray, "1"]  # friction per gear torque
+    asymmetry: Annotated[np.ndarray, "1"]  # relative increase of friction forwards, decrease backwards
+    position_friction: Annotated[np.ndarray, "1"]  # relative amplitude of position-dependent friction
+    position_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
+    position_phase: Annotated[np.ndarray, "rad"]
+    backlash: Annotated[np.ndarray, "rad"]  # full play
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # at first contact, without the slider
+    gear_hardening: Annotated[np.ndarray, "N·m/rad³"]  # cubic stiffness
+    gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    slider_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness of the spring behind the slider
+    slider_torque: Annotated[np.ndarray, "N·m"]  # torque at which the slider slips
+    output_damping: Annotated[np.ndarray, "N·m·s/rad"]  # viscous damping of the output shaft (seals, grease)
+    log_position_noise: Annotated[np.ndarray, "rad"]  # standard deviation of logged angles
+    log_position_quantum: Annotated[np.ndarray, "rad"]  # resolution of logged angles
+    log_velocity_filter: Annotated[np.ndarray, "s"]  # time constant of logged velocities; 0: true ones
+    log_velocity_noise: Annotated[np.ndarray, "rad/s"]  # standard deviation of logged velocities
+    log_torque_noise: Annotated[np.ndarray, "N·m"]  # standard deviation of logged torques
 
-    def take(self, index: np.ndarray) -> OutOfFamilyMotors:
-        """The motors at ``index``."""
-        return OutOfFamilyMotors(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
-
-    def actuator(self) -> OutOfFamilyActuator:
-        """The same motors as an `Actuator`."""
-        return OutOfFamilyActuator(self)
+    @property
+    def kind(self) -> ActuatorKind:
+        """OUT_OF_FAMILY."""
+        return OUT_OF_FAMILY
 
     def after(self, seconds: float) -> OutOfFamilyMotors:
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
@@ -165,37 +162,10 @@ class OutOfFamilyMotors:
         speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
         return angle, speed + self.log_velocity_noise * velocity, torque + self.log_torque_noise * effort
 
-
-@dataclass(frozen=True)
-class OutOfFamilyActuator(Actuator):
-    """n out-of-family motors. The model simulates the rotor, so the engine gets no armature."""
-
-    motors: OutOfFamilyMotors
-
-    @property
-    def kind(self) -> ActuatorKind:
-        """OUT_OF_FAMILY."""
-        return OUT_OF_FAMILY
-
-    @property
-    def num_motors(self) -> int:
-        """Number of motors."""
-        return len(self.motors)
-
-    @property
-    def damping(self) -> np.ndarray:
-        """Of the output shaft; that of the rotor is part of the model."""
-        return self.motors.output_damping
-
-    def with_factors(self, factors: Factors) -> OutOfFamilyActuator:
-        """See `actuator.with_factors`; ki scales with kp, as in the learned models."""
-        changes = factors._asdict() | {"static_torque": factors.coulomb, "ki": factors.kp}
-        return OutOfFamilyActuator(scaled(self.motors, changes))
-
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, MAX_STEP)
-        table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)[:NUM_ROWS]])
+        table = np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
         table[DELAY] /= physics_dt
@@ -205,7 +175,7 @@ class OutOfFamilyActuator(Actuator):
         table[HEAT_TIME] = _filter_gain(h, table[HEAT_TIME], 0.0)
         table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
         table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: friction is independent of speed
-        return empty_arrays(OUT_OF_FAMILY, table, LINE + line, substeps, self.damping)
+        return empty_arrays(OUT_OF_FAMILY, table, LINE + line, substeps, self.output_damping)
 
 
 def _filter_gain(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
@@ -291,8 +261,7 @@ def _motor_torque(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
     x, stall, command = memory[ROTOR_POS, motor], p[STALL_TORQUE, motor], memory[COMMAND, motor]
     if stall > 0.0:
         limit = max(0.0, stall - p[SAG, motor] * abs(memory[TORQUE, motor]))
-        back = stall * memory[ROTOR_VEL, motor] / p[NO_LOAD_SPEED, motor]
-        command = min(max(0.0, limit - back), max(min(0.0, -limit - back), command))
+        command = voltage_limited(command, limit, stall * memory[ROTOR_VEL, motor] / p[NO_LOAD_SPEED, motor])
     memory[TORQUE, motor] += p[CURRENT_TIME, motor] * (command - memory[TORQUE, motor])
     memory[HEAT, motor] += p[HEAT_TIME, motor] * (1.0 - memory[HEAT, motor])
     torque = memory[TORQUE, motor] * (1.0 - p[HEAT_LOSS, motor] * memory[HEAT, motor])
@@ -320,8 +289,7 @@ def _gear_torque(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, tw
 @njit(cache=True, nogil=True)
 def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: float) -> float:
     w, z, stiffness = memory[ROTOR_VEL, motor], memory[BRISTLE, motor], p[BRISTLE_STIFFNESS, motor]
-    ratio = w / p[STRIBECK_VELOCITY, motor]
-    slow = math.exp(-ratio * ratio)
+    slow = stribeck_share(w, p[STRIBECK_VELOCITY, motor])
     sliding = p[COULOMB, motor] + p[STATIC_TORQUE, motor] * slow
     sliding *= 1.0 + p[ASYMMETRY, motor] * math.copysign(1.0, w)
     if p[POSITION_FRICTION, motor] > 0.0:
@@ -349,8 +317,7 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
         for k in range(substeps):
             x, w = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor]
             if memory[WAIT, motor] <= 1e-9:
-                age = max(0, math.ceil(p[DELAY, motor] - k / substeps - 1e-9))
-                target = memory[row_of_age(memory, LINE, newest, age), motor]
+                target = held(memory, LINE, newest, p[DELAY, motor] - k / substeps, motor)
                 since = memory[WAIT, motor]  # negative: the tick was a fraction of a substep ago
                 _tick(p, memory, motor, target, q + since * dq if on_output else x + since * w)
                 memory[WAIT, motor] += p[SERVO_PERIOD, motor]

@@ -19,16 +19,16 @@ delay added.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.kernels import ActuatorKind
+from motorprior.actuator.true_motors import TrueMotors, stribeck_share, voltage_limited
 from motorprior.compiled import njit
-from motorprior.delay_line import fill_line, row_of_age, write_line
+from motorprior.delay_line import fill_line, held, write_line
 
 SUBSTEP = 0.00025  # maximum substep [s]: a tenth of the period of the fastest gear oscillation
 MAX_STEP = 0.001  # maximum physics step [s] at which gear and bare shank, coupled once per step, are stable
@@ -41,84 +41,43 @@ ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # rows of the memory; the 
 
 
 @dataclass(frozen=True)
-class MotorParameters:
+class MotorParameters(TrueMotors):
     """n physical motors; every field has shape (n,)."""
 
-    kp: np.ndarray  # [N·m/rad]
-    kd: np.ndarray  # [N·m·s/rad]
-    delay: np.ndarray  # command latency [s]
-    velocity_filter: np.ndarray  # time constant [s]
-    torque_limit: np.ndarray  # current limit times torque constant [N·m]
-    stall_torque: np.ndarray  # voltage-limited torque at zero speed [N·m]
-    no_load_speed: np.ndarray  # [rad/s]
-    armature: np.ndarray  # rotor inertia reflected to the output [kg·m²]
-    coulomb: np.ndarray  # [N·m]
-    stribeck_torque: np.ndarray  # static friction above Coulomb's [N·m]
-    stribeck_velocity: np.ndarray  # [rad/s]
-    viscous_damping: np.ndarray  # [N·m·s/rad]
-    load_friction: np.ndarray  # friction per transmitted torque [-]
-    backlash: np.ndarray  # full play [rad]
-    gear_stiffness: np.ndarray  # [N·m/rad]
-    gear_damping: np.ndarray  # [N·m·s/rad]
-    encoder_zero: np.ndarray  # encoder reading at true zero [rad]
+    factor_names = {name: name for name in Factors._fields} | {"stribeck_torque": "coulomb"}
 
-    def __len__(self) -> int:
-        """Number of motors."""
-        return len(self.kp)
-
-    def take(self, index: np.ndarray) -> MotorParameters:
-        """The motors at ``index``."""
-        return MotorParameters(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
-
-    def actuator(self) -> PhysicalActuator:
-        """The same motors as an `Actuator`."""
-        return PhysicalActuator(self)
-
-    def after(self, seconds: float) -> MotorParameters:
-        """The motors after ``seconds`` [s] of operation: unchanged."""
-        return self
-
-    def logged(
-        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m]: the true values, without noise."""
-        return joint_pos, joint_vel, torque
-
-
-@dataclass(frozen=True)
-class PhysicalActuator(Actuator):
-    """n physical motors. The model simulates the rotor, so the engine gets no armature and no damping."""
-
-    motors: MotorParameters
+    kp: Annotated[np.ndarray, "N·m/rad"]
+    kd: Annotated[np.ndarray, "N·m·s/rad"]
+    delay: Annotated[np.ndarray, "s"]  # command latency
+    velocity_filter: Annotated[np.ndarray, "s"]  # time constant
+    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant
+    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed
+    no_load_speed: Annotated[np.ndarray, "rad/s"]
+    armature: Annotated[np.ndarray, "kg·m²"]  # rotor inertia reflected to the output
+    coulomb: Annotated[np.ndarray, "N·m"]
+    stribeck_torque: Annotated[np.ndarray, "N·m"]  # static friction above Coulomb's
+    stribeck_velocity: Annotated[np.ndarray, "rad/s"]
+    viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    load_friction: Annotated[np.ndarray, "1"]  # friction per transmitted torque
+    backlash: Annotated[np.ndarray, "rad"]  # full play
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]
+    gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
 
     @property
     def kind(self) -> ActuatorKind:
         """PHYSICAL."""
         return PHYSICAL
 
-    @property
-    def num_motors(self) -> int:
-        """Number of motors."""
-        return len(self.motors)
-
-    def with_factors(self, factors: Factors) -> PhysicalActuator:
-        """See `actuator.with_factors`."""
-        return PhysicalActuator(scaled(self.motors, factors._asdict() | {"stribeck_torque": factors.coulomb}))
-
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, MAX_STEP)
-        table = np.stack([getattr(self.motors, field.name) for field in fields(self.motors)])
+        table = np.stack([getattr(self, field.name) for field in fields(self)])
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
         table[_DELAY] /= physics_dt
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
         return empty_arrays(PHYSICAL, table, _LINE + ring, substeps)
-
-
-def scaled(motors: Any, factors: Mapping[str, Any]) -> Any:
-    """Motors with constants multiplied by factors [-]; ``motors`` is a dataclass with one field (n,) per constant."""
-    return replace(motors, **{name: getattr(motors, name) * factor for name, factor in factors.items()})
 
 
 @njit(cache=True, nogil=True)
@@ -135,9 +94,7 @@ def _control_torque(p: np.ndarray, motor: int, error: float, filtered: float, ro
     limit = p[_TORQUE_LIMIT, motor]
     torque = min(limit, max(-limit, p[_KP, motor] * error - p[_KD, motor] * filtered))
     slope = p[_STALL_TORQUE, motor] / p[_NO_LOAD_SPEED, motor]
-    upper = max(0.0, p[_STALL_TORQUE, motor] - slope * rotor_vel)
-    lower = min(0.0, -p[_STALL_TORQUE, motor] - slope * rotor_vel)
-    return min(upper, max(lower, torque))
+    return voltage_limited(torque, p[_STALL_TORQUE, motor], slope * rotor_vel)
 
 
 @njit(cache=True, nogil=True)
@@ -152,9 +109,8 @@ def _gear_torque(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> f
 
 @njit(cache=True, nogil=True)
 def _apply_friction(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
-    ratio = rotor_vel / p[_STRIBECK_VELOCITY, motor]
     friction = p[_COULOMB, motor] + p[_LOAD_FRICTION, motor] * abs(gear)
-    friction += p[_STRIBECK_TORQUE, motor] * math.exp(-ratio * ratio)
+    friction += p[_STRIBECK_TORQUE, motor] * stribeck_share(rotor_vel, p[_STRIBECK_VELOCITY, motor])
     remaining = max(0.0, abs(free_vel) - h / p[_ARMATURE, motor] * friction)
     return math.copysign(remaining, free_vel)
 
@@ -168,8 +124,7 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
         rotor_pos, rotor_vel = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor]
         filtered, q, dq, total = memory[FILTERED_VEL, motor], joint_pos[motor], joint_vel[motor], 0.0
         for k in range(substeps):
-            age = max(0, math.ceil(p[_DELAY, motor] - k / substeps - 1e-9))
-            target = memory[row_of_age(memory, _LINE, newest, age), motor]
+            target = held(memory, _LINE, newest, p[_DELAY, motor] - k / substeps, motor)
             filtered += p[_FILTER, motor] * (rotor_vel - filtered)
             law = _control_torque(p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel)
             gear = _gear_torque(p, motor, rotor_pos - q, rotor_vel - dq)

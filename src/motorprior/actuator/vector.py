@@ -48,6 +48,10 @@ class Vector:
         kind = self.value.type
         self.builder.store(self.value, self.builder.inttoptr(address, kind.as_pointer()), align=BYTES[kind.element])
 
+    def _new(self, operation: str, *operands: Vector | float) -> Vector:
+        emit = getattr(self.builder, operation)
+        return Vector(self.builder, emit(*(_operand(each, self.value.type) for each in operands)))
+
     def __add__(self, other: Vector | float) -> Vector:
         return self._new("fadd", self, other)
 
@@ -60,14 +64,10 @@ class Vector:
     def __truediv__(self, other: Vector | float) -> Vector:
         return self._new("fdiv", self, other)
 
-    def __radd__(self, other: float) -> Vector:
-        return self._new("fadd", other, self)
-
     def __rsub__(self, other: float) -> Vector:
         return self._new("fsub", other, self)
 
-    def __rmul__(self, other: float) -> Vector:
-        return self._new("fmul", other, self)
+    __radd__, __rmul__ = __add__, __mul__  # commutative, to the last bit
 
     def __neg__(self) -> Vector:
         return Vector(self.builder, self.builder.fneg(self.value))
@@ -83,10 +83,6 @@ class Vector:
 
     def __or__(self, other: Vector) -> Vector:
         return Vector(self.builder, self.builder.or_(self.value, other.value))
-
-    def _new(self, operation: str, *operands: Vector | float) -> Vector:
-        emit = getattr(self.builder, operation)
-        return Vector(self.builder, emit(*(_operand(each, self.value.type) for each in operands)))
 
     def call(self, name: str, *arguments: Vector) -> Vector:
         """Result of an LLVM intrinsic on vectors of this type."""

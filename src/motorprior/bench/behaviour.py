@@ -26,15 +26,12 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import Response, Trial, run
 
 PERIOD = 0.002  # sample period of all trials [s]
-LOAD_INERTIA = 0.003  # inertia of a leg [kg·m²]
-HEAVY_INERTIA = 0.03  # inertia of a leg that carries the robot [kg·m²], at which motors overshoot
+LOAD_INERTIA, HEAVY_INERTIA = 0.003, 0.03  # inertia of a leg, and of one that carries the robot [kg·m²]
 PRELOAD = 0.05  # torque that presses the gear to one side, below the friction of most motors [N·m]
-FREQUENCIES = (1, 2, 4, 8)  # frequencies of the sines [Hz], with whole cycles in SINE_WINDOW
-AMPLITUDE = 0.15  # amplitude of the sines [rad]
+FREQUENCIES, AMPLITUDE = (1, 2, 4, 8), 0.15  # of the sines [Hz], with whole cycles in SINE_WINDOW, [rad]
 SINE_SETTLE, SINE_WINDOW = 1.0, 1.0  # time of a sine before and in the evaluation [s]
 UNMOVED_GAIN = 1e-3  # gain below which the phase is undefined [-]
-STEP = 0.3  # height of the step [rad]
-STEP_SETTLE, STEP_DURATION = 0.3, 1.2  # time before and after the step [s]
+STEP, STEP_SETTLE, STEP_DURATION = 0.3, 0.3, 1.2  # height of the step [rad], time before and after it [s]
 STEP_FINAL = 0.1  # final displacement: mean over this time at the end of a step [s]
 # triangular target: speed [rad/s], amplitude [rad], evaluated at |target| < CREEP_WINDOW [rad]
 CREEP_SPEED, CREEP_REACH, CREEP_WINDOW = 0.04, 0.2, 0.03
@@ -82,7 +79,9 @@ def _count(duration: float) -> int:
     return round(duration / PERIOD)
 
 
-def _respond(actuator: Actuator, target: np.ndarray, external: np.ndarray | float, inertia: float) -> Response:
+def _respond(
+    actuator: Actuator, target: np.ndarray, inertia: float = LOAD_INERTIA, external: np.ndarray | float = -PRELOAD
+) -> Response:
     """Response of all motors to one target (steps,) [rad] and one external torque, (steps,) or constant [N·m]."""
     shape = (len(target), actuator.num_motors)
     torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
@@ -97,23 +96,22 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
     gain = √(a² + b²) / AMPLITUDE, lag = atan2(-b, a) / ω in [-1/4, 3/4) of a cycle. A joint that does not move (gain
     below UNMOVED_GAIN) gets the maximum lag, 3/4 of a cycle.
     """
-    time = np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD
-    angle = 2 * np.pi * frequency * time
-    joint_pos = _respond(actuator, AMPLITUDE * np.sin(angle), -PRELOAD, LOAD_INERTIA).joint_pos
-    late = angle[_count(SINE_SETTLE) :]
+    settled = _count(SINE_SETTLE)
+    angle = 2 * np.pi * frequency * (np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD)
+    joint_pos, late = _respond(actuator, AMPLITUDE * np.sin(angle)).joint_pos[settled:], angle[settled:]
     basis = np.stack([np.ones_like(late), np.sin(late), np.cos(late)], axis=1)
-    _, a, b = np.linalg.lstsq(basis, joint_pos[_count(SINE_SETTLE) :], rcond=None)[0]
+    _, a, b = np.linalg.lstsq(basis, joint_pos, rcond=None)[0]
     gain = np.hypot(a, b) / AMPLITUDE
     cycle = np.mod(np.arctan2(-b, a) / (2 * np.pi) + 0.25, 1.0) - 0.25
     return gain, np.where(gain < UNMOVED_GAIN, 0.75, cycle) / frequency
 
 
-def _step(actuator: Actuator, inertia: float) -> np.ndarray:
-    """(steps, n) joint_pos [rad] from the last sample before a step of STEP with ``inertia`` [kg·m²] on."""
+def _step(actuator: Actuator, inertia: float, low: float, high: float, duration: float) -> np.ndarray:
+    """(steps, n) joint_pos [rad] for ``duration`` [s] from the last sample before a step from low to high [rad]."""
     before = _count(STEP_SETTLE)
-    target = np.zeros(before + _count(STEP_DURATION))
-    target[before:] = STEP
-    return _respond(actuator, target, -PRELOAD, inertia).joint_pos[before:]
+    target = np.full(before + _count(duration), high)
+    target[:before] = low
+    return _respond(actuator, target, inertia).joint_pos[before:]
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:
@@ -121,7 +119,7 @@ def rise_time(actuator: Actuator) -> np.ndarray:
 
     STEP_DURATION if the final displacement is below 10 % of STEP.
     """
-    joint_pos = _step(actuator, LOAD_INERTIA)
+    joint_pos = _step(actuator, LOAD_INERTIA, 0.0, STEP, STEP_DURATION)
     moved = joint_pos[-_count(STEP_FINAL) :].mean(axis=0) - joint_pos[0]
     responded = moved > 0.1 * STEP
     progress = (joint_pos - joint_pos[0]) / np.where(responded, moved, 1.0)
@@ -130,15 +128,14 @@ def rise_time(actuator: Actuator) -> np.ndarray:
 
 def overshoot(actuator: Actuator) -> np.ndarray:
     """(n,) (maximum joint_pos before the last STEP_FINAL - mean over the last STEP_FINAL) / STEP [-], at least 0."""
-    joint_pos, late = _step(actuator, HEAVY_INERTIA), _count(STEP_FINAL)
+    joint_pos, late = _step(actuator, HEAVY_INERTIA, 0.0, STEP, STEP_DURATION), _count(STEP_FINAL)
     return np.maximum(joint_pos[:-late].max(axis=0) - joint_pos[-late:].mean(axis=0), 0.0) / STEP
 
 
 def _crossing_time(signal: np.ndarray, level: float) -> np.ndarray:
     """(n,) time at which ``signal`` (steps, n) first reaches ``level`` [s]; its duration if it never does."""
     reached = signal >= level
-    index = np.argmax(reached, axis=0)
-    motors = np.arange(signal.shape[1])
+    index, motors = np.argmax(reached, axis=0), np.arange(signal.shape[1])
     above, below = signal[index, motors], signal[np.maximum(index - 1, 0), motors]
     back = np.where(above > below, (above - level) / np.where(above > below, above - below, 1.0), 0.0)
     return np.where(reached.any(axis=0), index - back, len(signal)) * PERIOD
@@ -155,8 +152,7 @@ def dead_band(actuator: Actuator) -> np.ndarray:
     leg = _count(2 * CREEP_REACH / CREEP_SPEED)
     up = np.linspace(-CREEP_REACH, CREEP_REACH, leg)
     target, brake = np.concatenate([up, up[::-1]]), np.repeat([-PRELOAD, PRELOAD], leg)
-    joint_pos = _respond(actuator, target, brake, LOAD_INERTIA).joint_pos
-    read = np.abs(up) < CREEP_WINDOW
+    joint_pos, read = _respond(actuator, target, external=brake).joint_pos, np.abs(up) < CREEP_WINDOW
     half = 0.5 * (joint_pos[leg:][read].mean(axis=0) - joint_pos[:leg][read].mean(axis=0))
     follows = np.ptp(joint_pos, axis=0) >= CREEP_WINDOW
     return np.where(follows, np.clip(half, -CREEP_REACH, CREEP_REACH), CREEP_REACH)
@@ -169,12 +165,10 @@ def breakaway(actuator: Actuator) -> np.ndarray:
     RAMP_RATE. For a stiff gear the feature is (coulomb + stribeck_torque + kp·BREAKAWAY_ANGLE) / (1 - load_friction).
     A joint that does not move by BREAKAWAY_ANGLE gets RAMP_TOP.
     """
-    still = _count(RAMP_SETTLE)
-    ramp = np.arange(PRELOAD, RAMP_TOP, RAMP_RATE * PERIOD)
-    external = np.concatenate([np.full(still, PRELOAD), ramp])
-    read = []
+    still, read = _count(RAMP_SETTLE), []
+    external = np.concatenate([np.full(still, PRELOAD), np.arange(PRELOAD, RAMP_TOP, RAMP_RATE * PERIOD)])
     for sign in (1.0, -1.0):
-        joint_pos = _respond(actuator, np.zeros(len(external)), sign * external, LOAD_INERTIA).joint_pos[still:]
+        joint_pos = _respond(actuator, np.zeros(len(external)), external=sign * external).joint_pos[still:]
         read.append(PRELOAD + RAMP_RATE * _crossing_time(sign * (joint_pos - joint_pos[0]), BREAKAWAY_ANGLE))
     return np.minimum(np.mean(read, axis=0), RAMP_TOP)
 
@@ -187,8 +181,7 @@ def stall_torque(actuator: Actuator) -> np.ndarray:
     """
     lead = np.linspace(0.0, STALL_ERROR, _count(STALL_LEAD))
     target = np.concatenate([lead, np.full(_count(STALL_HOLD), STALL_ERROR)])
-    torque = _respond(actuator, target, 0.0, STALL_INERTIA).joint_torque
-    return torque[-_count(STALL_FINAL) :].mean(axis=0)
+    return _respond(actuator, target, STALL_INERTIA, 0.0).joint_torque[-_count(STALL_FINAL) :].mean(axis=0)
 
 
 def peak_speed(actuator: Actuator) -> np.ndarray:
@@ -196,8 +189,6 @@ def peak_speed(actuator: Actuator) -> np.ndarray:
 
     The mean over a window excludes the speeds of a light joint that bounces in its backlash.
     """
-    before, width = _count(STEP_SETTLE), _count(SPEED_WINDOW)
-    target = np.full(before + _count(FAST_DURATION), 0.5 * FAST_STEP)
-    target[:before] *= -1.0
-    joint_pos = _respond(actuator, target, -PRELOAD, FAST_INERTIA).joint_pos[before:]
+    width = _count(SPEED_WINDOW)
+    joint_pos = _step(actuator, FAST_INERTIA, -0.5 * FAST_STEP, 0.5 * FAST_STEP, FAST_DURATION)
     return (joint_pos[width:] - joint_pos[:-width]).max(axis=0) / SPEED_WINDOW

@@ -6,19 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from motorprior.artifacts import read_json
 from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
 from motorprior.bench.fleet import Fleet, distributions_of
-from motorprior.bounds import MAX_SEED, require_count
+from motorprior.bench.recording import training_motors
+from motorprior.bounds import MAX_SEED, TABLE, TEXT, integer, one_of
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.schema import TABLE, TEXT, Schema, integer, one_of
+from motorprior.schema import Schema
 
 LOG, BENCH_JSON = "log.parquet", "bench.json"
-MOTORS_STREAM = 11  # tag of the random stream of a bench's motors
 _MAX_COUNT = 2**31 - 1
 _REMEDY = "record the bench again"
 _SCHEMA = Schema(
@@ -58,17 +56,6 @@ class BenchSettings:
             "parameters": self.fleet.summary(),
             "preset": self.preset, "motors": self.motors, "steps": self.steps, "seed": self.seed,
         }  # fmt: skip
-
-
-def require_bench_size(motors: int, steps: int, steps_name: str = "steps") -> None:
-    """Raise `ConfigError` unless there is at least one motor and two samples of it."""
-    require_count("motors", motors)
-    require_count(steps_name, steps, 2)
-
-
-def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
-    """The motors of a bench with this seed; held-out motors use another random stream."""
-    return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
 
 def bench_from_json(data: Any, where: str) -> BenchSettings:

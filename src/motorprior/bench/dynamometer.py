@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
+from motorprior.logs.motor_log import MotorLog
 
 
 def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: Any, dt: Any) -> Any:
@@ -26,6 +27,30 @@ def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: An
 _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def step_joints(
+    arrays: ActuatorArrays,
+    h: float,
+    target: np.ndarray,
+    external: np.ndarray,
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+    q: np.ndarray,
+    dq: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Advance n joints on their motors by one step of ``h`` [s]; all vectors are (n,), in SI units.
+
+    The load is external + stiffness·q; ``inertia`` includes the armature. Writes q, dq, and the torque of the motors
+    without their damping. The JAX rollout shares `next_velocity` alone: its arrays cannot be written.
+    """
+    step_actuator(arrays, h, target, q, dq, torque)
+    for j in range(q.shape[0]):
+        load = external[j] + stiffness[j] * q[j]
+        dq[j] = _next_velocity(dq[j], torque[j], load, inertia[j], arrays.damping[j], h)
+        q[j] += h * dq[j]
+
+
 @dataclass(frozen=True)
 class Trial:
     """Commands and loads for n joints."""
@@ -37,6 +62,22 @@ class Trial:
     joint_pos: np.ndarray | None = None  # (n,) initial angles [rad]; the first target if not given
     joint_vel: np.ndarray | None = None  # (n,) initial velocities [rad/s]; 0 if not given
     load_stiffness: np.ndarray | None = None  # (steps, n) external torque per joint angle [N·m/rad]; 0 if not given
+
+
+def trial_of(segment: MotorLog) -> Trial:
+    """A segment of a log with known loads as a trial.
+
+    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
+    """
+    assert segment.external_torque is not None and segment.load_inertia is not None
+    trial = Trial(segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period)
+    if segment.load_stiffness is not None:
+        at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
+        trial = replace(trial, external_torque=at_zero, load_stiffness=segment.load_stiffness)
+    if segment.encoder == "joint":
+        velocity = None if segment.joint_vel is None else segment.joint_vel[0]
+        trial = replace(trial, joint_pos=segment.joint_pos[0], joint_vel=velocity)
+    return trial
 
 
 @dataclass(frozen=True)
@@ -60,12 +101,9 @@ def _simulate(arrays, inertia, targets, external, stiffness, dt, substeps, joint
         out[0, step], out[1, step], out[2, step] = q, dq, 0.0
         measure_joint_pos(arrays, q, out[3, step])
         for _ in range(substeps):
-            step_actuator(arrays, h, targets[step], q, dq, torque)
+            step_joints(arrays, h, targets[step], external[step], stiffness[step], inertia, q, dq, torque)
             for j in range(n):
-                load = external[step, j] + stiffness[step, j] * q[j]
-                dq[j] = _next_velocity(dq[j], torque[j], load, inertia[j], arrays.damping[j], h)
                 out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / substeps
-                q[j] += h * dq[j]
 
 
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:

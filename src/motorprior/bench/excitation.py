@@ -1,6 +1,6 @@
-"""Excitations for identification: position targets and external torques.
+"""Excitations for identification, on a bench, of a simulated robot and of a real one: a new one is an entry here.
 
-Each function returns (steps,) targets [rad], or torques [N·m] where stated. EXCITATIONS are those of a bench.
+Each function returns (steps,) targets [rad], or torques [N·m] where stated.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ Signal = Callable[[np.random.Generator, int, float], np.ndarray]
 
 @dataclass(frozen=True)
 class Excitation:
-    """Excitation of a motor on the bench."""
+    """Excitation of a motor."""
 
     target: Signal  # position targets [rad]
-    external_torque: Signal | None = None  # on the joint [N·m]; 0 if None
+    external_torque: Signal | None = None  # on the joint, on a bench [N·m]; 0 if None
+    jumps: bool = False  # whether targets change faster than any speed limit
 
 
 def _knots(rng: np.random.Generator, duration: float, low: float, high: float) -> list[float]:
@@ -124,16 +125,18 @@ def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 EXCITATIONS = {
     "sine": Excitation(sine),
-    "held_steps": Excitation(held_steps),
+    "steps": Excitation(held_steps, jumps=True),
     "gait": Excitation(gait),
     "impacts": Excitation(gait, impacts),
     "creep": Excitation(creep, pushes),
     "chirp": Excitation(chirp),
+    "multisine": Excitation(multisine),
 }
 
 
-def excitation_named(name: str) -> Excitation:
-    """The excitation of that name; raises `ConfigError` if there is none."""
+def excitation_named(name: str, others: tuple[str, ...] = ()) -> Excitation:
+    """The excitation of that name; raises `ConfigError` if there is none. The remedy also lists ``others``."""
     if name not in EXCITATIONS:
-        raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {', '.join(EXCITATIONS)}")
+        names = ", ".join((*EXCITATIONS, *others))
+        raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {names}", argument="excitation")
     return EXCITATIONS[name]

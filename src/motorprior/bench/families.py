@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 
@@ -12,33 +14,51 @@ from motorprior.actuator import out_of_family, physical
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.true_motors import TrueMotors
 from motorprior.exceptions import ConfigError
 
-TrueMotors = MotorParameters | OutOfFamilyMotors
+MAX_VALUE = 1e9  # of parameters without another bound
+_SECONDS = ("delay", "servo_period", "velocity_filter")  # parameters of at most 1 s
+_SIGNED = ("encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase")
 
 
 @dataclass(frozen=True)
 class Family:
-    """Motors with the same equations."""
+    """Motors with the same equations; the parameters are the fields of ``make``, with kd_over_kp [s] instead of kd."""
 
     name: str  # in a fleet file and in bench.json
     motor: str  # description for the report
     kind: ActuatorKind
-    make: Callable[..., TrueMotors]  # constructor; its fields are the parameters, with kd instead of kd_over_kp
-    units: Mapping[str, str]  # of the parameters, in the order of sampling
+    make: type[MotorParameters | OutOfFamilyMotors]
     positive: frozenset[str]  # parameters above 0
-    max_values: Mapping[str, float]  # upper bounds, where not 1e9
-    signed: frozenset[str]  # parameters that may be negative
     substep: float  # maximum substep of the rotor [s]
     stiffness: tuple[str, ...]  # parameters [N·m/rad] of the springs on the rotor
     damping: tuple[str, ...]  # parameters [N·m·s/rad] of the explicit dampers on the rotor
-    optional: frozenset[str] = frozenset()  # parameters that default to 0, which disables their term
+    has_optional: bool = False  # whether parameters that may be 0 default to it, which disables their term
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units of the parameters, in the order of sampling."""
+        hints = get_type_hints(self.make, include_extras=True)
+        units = {field.name: hints[field.name].__metadata__[0] for field in fields(self.make)}
+        return {"kd_over_kp" if name == "kd" else name: "s" if name == "kd" else unit for name, unit in units.items()}
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """Parameters that default to 0."""
+        return frozenset(self.units) - self.positive - {"kd_over_kp"} if self.has_optional else frozenset()
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Bounds of a parameter in SI units; samples are clipped to them."""
+        # load friction above 1 locks the gear
+        high = 1.0 if self.units[name] == "1" or name in _SECONDS else MAX_VALUE
+        return -high if name in _SIGNED else 0.0, high
 
     def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
         """Motors with these parameters, (n,) each."""
         given = {**values, "kd": values["kp"] * values["kd_over_kp"]}
         disabled = np.zeros(len(given["kp"]))
-        return self.make(**{name: given.get(name, disabled) for name in (*self.units, "kd") if name != "kd_over_kp"})
+        return self.make(**{field.name: given.get(field.name, disabled) for field in fields(self.make)})
 
     def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
         """Raise `ConfigError` unless the rotor of every motor is stable on its gear; ``values`` are (n,) each.
@@ -80,45 +100,14 @@ GEARED = Family(
     "limit, a delay and a velocity filter; its encoder sits on the rotor.",
     kind=physical.PHYSICAL,
     make=MotorParameters,
-    units={
-        "kp": "N·m/rad", "kd_over_kp": "s", "delay": "s", "velocity_filter": "s", "torque_limit": "N·m",
-        "stall_torque": "N·m", "no_load_speed": "rad/s", "armature": "kg·m²", "coulomb": "N·m",
-        "stribeck_torque": "N·m", "stribeck_velocity": "rad/s", "viscous_damping": "N·m·s/rad", "load_friction": "1",
-        "backlash": "rad", "gear_stiffness": "N·m/rad", "gear_damping": "N·m·s/rad", "encoder_zero": "rad",
-    },
     positive=frozenset((
         "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
         "stribeck_velocity", "gear_stiffness",
     )),
-    max_values={"delay": 1.0, "velocity_filter": 1.0, "load_friction": 1.0},  # load friction above 1 locks the gear
-    signed=frozenset({"encoder_zero"}),
     substep=physical.SUBSTEP,
     stiffness=("gear_stiffness",),
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
-
-_OUT_OF_FAMILY_UNITS = {
-    "kp": "N·m/rad", "kd_over_kp": "s", "torque_limit": "N·m",
-    "delay": "s", "servo_period": "s", "profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad",
-    "ki": "N·m/(rad·s)", "integral_limit": "N·m",
-    "output_encoder": "1", "encoder_quantum": "rad", "encoder_zero": "rad", "velocity_filter": "s",
-    "current_time": "s", "stall_torque": "N·m", "no_load_speed": "rad/s", "sag": "1",
-    "heat_loss": "1", "heat_time": "s", "warmth": "1",
-    "ripple": "1", "ripple_order": "1/rev", "ripple_phase": "rad",
-    "cogging": "N·m", "cogging_order": "1/rev", "cogging_phase": "rad",
-    "armature": "kg·m²", "viscous_damping": "N·m·s/rad", "coulomb": "N·m", "static_torque": "N·m",
-    "stribeck_velocity": "rad/s", "bristle_stiffness": "N·m/rad", "bristle_damping": "N·m·s/rad", "load_friction": "1",
-    "asymmetry": "1", "position_friction": "1", "position_order": "1/rev", "position_phase": "rad",
-    "backlash": "rad", "gear_stiffness": "N·m/rad", "gear_hardening": "N·m/rad³", "gear_damping": "N·m·s/rad",
-    "slider_stiffness": "N·m/rad", "slider_torque": "N·m", "output_damping": "N·m·s/rad",
-    "log_position_noise": "rad", "log_position_quantum": "rad", "log_velocity_filter": "s",
-    "log_velocity_noise": "rad/s", "log_torque_noise": "N·m",
-}  # fmt: skip
-_REQUIRED = frozenset({"kp", "torque_limit", "armature", "gear_stiffness"})
-_SHARES: tuple[str, ...] = (
-    "output_encoder", "sag", "heat_loss", "warmth", "ripple", "load_friction", "asymmetry", "position_friction",
-)  # fmt: skip
-
 # motors of `actuator.out_of_family`
 OUT_OF_FAMILY = Family(
     name="foreign",
@@ -126,19 +115,13 @@ OUT_OF_FAMILY = Family(
     "gear that hardens and has play and hysteresis; most of its equations are in no learned model.",
     kind=out_of_family.OUT_OF_FAMILY,
     make=OutOfFamilyMotors,
-    units=_OUT_OF_FAMILY_UNITS,
-    positive=_REQUIRED,
-    max_values=dict.fromkeys((*_SHARES, "delay", "servo_period", "velocity_filter"), 1.0),
-    signed=frozenset({"encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase"}),
+    positive=frozenset({"kp", "torque_limit", "armature", "gear_stiffness"}),
     substep=out_of_family.SUBSTEP,
     stiffness=("gear_stiffness", "slider_stiffness", "bristle_stiffness"),
     damping=("gear_damping", "bristle_damping"),
-    optional=frozenset(_OUT_OF_FAMILY_UNITS) - _REQUIRED - {"kd_over_kp"},
+    has_optional=True,
 )
-
 FAMILIES = {family.name: family for family in (GEARED, OUT_OF_FAMILY)}
-# of the parameters of all families
-UNITS = {name: unit for family in FAMILIES.values() for name, unit in family.units.items()}
 
 
 def require_geared(motors: TrueMotors) -> MotorParameters:

@@ -15,12 +15,12 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import write_text
 from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
-from motorprior.bounds import generator_of, require_count
+from motorprior.bounds import TABLE, TEXT, Field, exactly, generator_of, number, one_of, require, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.files import read_toml
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
-from motorprior.schema import TABLE, TEXT, Field, Schema, exactly, number, one_of, require
+from motorprior.schema import Schema
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"
@@ -38,7 +38,7 @@ class Distribution:
     """One parameter over the fleet.
 
     constant: center. uniform: [low, high]. normal: center + s·ε, at least ``minimum``. lognormal: center·exp(s·ε).
-    s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet clips samples to `bounds_of`.
+    s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet clips samples to `Family.bounds`.
 
     Motors of one robot share the sample of center_uncertainty, and of a uniform range the fraction ``shared`` (default
     0) of the variance: low + (high - low)·Φ(√shared·ε of the robot + √(1 - shared)·ε of the motor).
@@ -59,7 +59,13 @@ class Distribution:
         if self.kind == "constant":
             return np.full(count, self.center)
         if self.kind == "uniform":
-            return self._uniform(rng, count, of_one_robot)
+            low, high, shared = self.values["low"], self.values["high"], self.values.get("shared", 0.0)
+            if not (of_one_robot and shared):
+                return rng.uniform(low, high, count)
+            from scipy.special import ndtr  # imported here: it takes 0.3 s, and few fleets need it
+
+            robot, motors = rng.standard_normal(), rng.standard_normal(count)
+            return low + (high - low) * ndtr(np.sqrt(shared) * robot + np.sqrt(1.0 - shared) * motors)
         spread, uncertainty = self.values["spread"], self.values["center_uncertainty"]
         if of_one_robot:
             noise = spread * rng.standard_normal(count) + uncertainty * rng.standard_normal()
@@ -68,15 +74,6 @@ class Distribution:
         if self.kind == "lognormal":
             return self.center * np.exp(noise)
         return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
-
-    def _uniform(self, rng: np.random.Generator, count: int, of_one_robot: bool) -> np.ndarray:
-        low, high, shared = self.values["low"], self.values["high"], self.values.get("shared", 0.0)
-        if not (of_one_robot and shared):
-            return rng.uniform(low, high, count)
-        from scipy.special import ndtr  # imported here: it takes 0.3 s, and few fleets need it
-
-        robot, motors = rng.standard_normal(), rng.standard_normal(count)
-        return low + (high - low) * ndtr(np.sqrt(shared) * robot + np.sqrt(1.0 - shared) * motors)
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ class Fleet:
         require_count("count", count)
         rng, family = generator_of(seed), FAMILIES[self.family]
         values = {
-            name: np.clip(d.sample(rng, count, of_one_robot), *bounds_of(name, family))
+            name: np.clip(d.sample(rng, count, of_one_robot), *family.bounds(name))
             for name, d in self.parameters.items()
         }
         family.require_stable(values, f"fleet {self.name}, a sampled motor")
@@ -154,7 +151,7 @@ def fleet_path(name_or_path: str | Path) -> Path:
         path = Path(shipped.get(str(name_or_path), name_or_path))
     if path.suffix != ".toml" or not path.is_file():
         known = ", ".join(sorted(shipped))
-        raise ArtifactError(f"no fleet {name_or_path!r}", remedy=f"use one of {known}, or a path to a .toml file")
+        raise ArtifactError(f"no fleet {str(name_or_path)!r}", remedy=f"use one of {known}, or a path to a .toml file")
     return path
 
 
@@ -166,53 +163,31 @@ def distributions_of(
     Raises:
         ArtifactError: unknown or missing keys, wrong unit, or a value out of range.
     """
-    Schema(dict.fromkeys(family.units, TABLE), remedy, family.optional, "parameters").check(tables, where)
-    kind_key = "distribution" if with_sources else "kind"
-    found = {}
-    for name, unit in family.units.items():
-        if name in tables:
-            fields = {kind_key: TEXT} | ({"unit": exactly(unit), "source": TEXT} if with_sources else {})
-            found[name] = _distribution_of(tables[name], kind_key, fields, name, family, f"{where}[{name}]", remedy)
+    units, kind_key, found = family.units, "distribution" if with_sources else "kind", {}
+    Schema(dict.fromkeys(units, TABLE), remedy, family.optional, "parameters").check(tables, where)
+    for name in (name for name in units if name in tables):
+        table, place, kind = tables[name], f"{where}[{name}]", tables[name].get(kind_key)
+        require(kind_key, kind, one_of(*_KEYS), place, remedy)
+        numbers = _number_fields(kind, name, family)
+        texts = {"unit": exactly(units[name]), "source": TEXT} if with_sources else {}
+        Schema({kind_key: TEXT, **texts, **numbers}, remedy, frozenset({"minimum", "shared"})).check(table, place)
+        values = {key: float(table[key]) for key in numbers if key in table}
+        if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
+            problem = "a normal distribution can give values that are not above 0"
+            raise ArtifactError(problem, where=place, remedy="give a minimum above 0, or use lognormal")
+        if kind == "uniform" and values["low"] > values["high"]:
+            raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=place, remedy="swap them")
+        found[name] = Distribution(kind, values)
     return found
 
 
-def _distribution_of(
-    table: Mapping[str, Any],
-    kind_key: str,
-    fields: dict[str, Field],
-    name: str,
-    family: Family,
-    where: str,
-    remedy: str,
-) -> Distribution:
-    kind = table.get(kind_key)
-    require(kind_key, kind, one_of(*_KEYS), where, remedy)
-    numbers = _number_fields(str(kind), name, family)
-    Schema(fields | numbers, remedy, optional=frozenset({"minimum", "shared"})).check(table, where)
-    values = {key: float(table[key]) for key in numbers if key in table}
-    if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
-        problem = "a normal distribution can give values that are not above 0"
-        raise ArtifactError(problem, where=where, remedy="give a minimum above 0, or use lognormal")
-    if kind == "uniform" and values["low"] > values["high"]:
-        raise ArtifactError(f"low {values['low']} exceeds high {values['high']}", where=where, remedy="swap them")
-    return Distribution(str(kind), values)
-
-
 def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
-    (low, high), unit, positive = bounds_of(name, family), family.units[name], name in family.positive
-    unit = "" if unit == "1" else unit
-    center = number(low, high, above=0.0 if positive else -inf, unit=unit)
+    (low, high), unit = family.bounds(name), family.units[name].removesuffix("1")
+    center = number(low, high, above=0.0 if name in family.positive else -inf, unit=unit)
     relative = kind == "lognormal"  # the spread is that of the logarithm
     spread = number(0.0, _MAX_LOG_SPREAD, unit="of the center") if relative else number(0.0, high, unit=unit)
     shape = {"spread": spread, "center_uncertainty": spread, "minimum": number(low, high, unit=unit)}
-    shape["shared"] = number(0.0, 1.0)
-    return {key: shape.get(key, center) for key in _KEYS[kind]}
-
-
-def bounds_of(name: str, family: Family) -> tuple[float, float]:
-    """Bounds of a parameter in SI units; samples are clipped to them."""
-    high = family.max_values.get(name, 1e9)
-    return -high if name in family.signed else 0.0, high
+    return {key: shape.get(key, number(0.0, 1.0) if key == "shared" else center) for key in _KEYS[kind]}
 
 
 def write_fleet(path: Path, fleet: Fleet, sources: Mapping[str, str], heading: str) -> None:

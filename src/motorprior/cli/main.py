@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, NoReturn, Union
 
@@ -15,8 +14,6 @@ import tyro  # noqa: E402
 
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.cli.demo import demo  # noqa: E402
-from motorprior.cli.deploy import Deploy, run_deploy_command  # noqa: E402
-from motorprior.cli.doctor import Doctor, run_doctor_command  # noqa: E402
 from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
 from motorprior.cli.motors import (  # noqa: E402
     AdaptCommand,
@@ -28,9 +25,9 @@ from motorprior.cli.motors import (  # noqa: E402
     validate_log,
 )
 from motorprior.cli.play import PlayCommand, play  # noqa: E402
-from motorprior.cli.record import Record, run_record_command  # noqa: E402
 from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
 from motorprior.cli.report import MakeReport, run_report  # noqa: E402
+from motorprior.cli.robot import Deploy, Doctor, Record, deploy, doctor, record  # noqa: E402
 from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
 from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
@@ -39,15 +36,6 @@ from motorprior.commands.identify import run_identify  # noqa: E402
 from motorprior.commands.logs_import import import_logs  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.exceptions import MotorPriorError  # noqa: E402
-from motorprior.simulation.motor_choice import MotorChoice  # noqa: E402
-
-
-@dataclass(frozen=True)
-class SimulateCommand(Simulate):
-    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
-
-    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
-
 
 LOGS: dict[str, tuple[type, Any]] = {
     "import": (LogsImportCommand, partial(import_logs, progress=TERMINAL)),
@@ -61,14 +49,14 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "validate": (ValidateCommand, validate),
     "validate-log": (ValidateLogCommand, validate_log),
     "adapt": (AdaptCommand, adapt),
-    "simulate": (SimulateCommand, partial(run_simulate, progress=TERMINAL)),
+    "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
     "replay": (ReplayCommand, replay),
     "walk": (WalkCommand, walk),
     "play": (PlayCommand, play),
     "transfer": (TransferCommand, transfer),
-    "doctor": (Doctor, run_doctor_command),
-    "deploy": (Deploy, run_deploy_command),
-    "record": (Record, run_record_command),
+    "doctor": (Doctor, doctor),
+    "deploy": (Deploy, deploy),
+    "record": (Record, record),
     "report": (MakeReport, run_report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])

@@ -16,7 +16,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.report.tables import TRANSFER_COLUMNS, transfer_rows
 from motorprior.results import Results
 from motorprior.stage import PAGE
-from motorprior.studies.twin import DRAWS
+from motorprior.studies.compare import DRAWS
 
 
 @dataclass(frozen=True)

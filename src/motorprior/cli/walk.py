@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Annotated
-
-import tyro
+from dataclasses import dataclass, fields
 
 from motorprior.cli.console import TERMINAL, table
 from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import PICTURE, SEED_FOLDER, run_walk_seeds
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
 
 
 @dataclass(frozen=True)
 class WalkCommand(Walk):
     """Train a walking policy."""
 
-    motors: Annotated[MotorChoice, tyro.conf.arg(name="")] = field(default_factory=MotorChoice)
     seeds: int = 1
     """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
 

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from motorprior.artifacts import write_json
-from motorprior.bench.bench_folder import BENCH_JSON, LOG, BenchSettings, require_bench_size, training_motors
+from motorprior.bench.bench_folder import BENCH_JSON, LOG, BenchSettings
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
-from motorprior.bench.recording import bench_preset, record
+from motorprior.bench.recording import bench_preset, record, require_bench_size, training_motors
 from motorprior.bounds import require_seed
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress

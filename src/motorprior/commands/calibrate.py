@@ -10,15 +10,14 @@ import numpy as np
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.replay import plotted_joint, read_logs
-from motorprior.progress import SILENT, Progress, Task
+from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.calibration import Calibration, calibrate, calibrated_fleet, is_identifiable, num_searches
+from motorprior.studies.calibration import Calibration, calibrate, calibrated_fleet
 from motorprior.studies.fleet_problem import FleetProblem
-from motorprior.studies.log_replay import with_logged_gains
-from motorprior.studies.posture import PostureName, replayers_of
+from motorprior.studies.log_replay import PostureName, replayers_of, with_logged_gains
 
 FLEET, PICTURE = "fleet.toml", "calibration.png"
 
@@ -58,124 +57,108 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
         require_count(name, getattr(config, name))
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    fleet = load_robot_fleet(robot, config.fleet)
-    folder, prepared = read_logs(config.logs, robot)
+    fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
     inputs = [*fleet_files(robot, config.fleet), *folder.files, *robot.files]
     wanted = description("calibrate", asdict(config), inputs)
-    if not is_finished(config.out, wanted):
-        with working(config.out, wanted):
-            replayers = replayers_of(folder.logs, prepared, robot, fleet, config.posture, progress.note)
-            _calibrate(config, FleetProblem(fleet, robot, replayers), progress)
+    if is_finished(config.out, wanted):
+        return read_results(config.out)
+    with working(config.out, wanted):
+        replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
+        problem = FleetProblem(fleet, robot, replayers)
+        found = calibrate(problem, config.starts, config.iterations, config.seed, progress)
+        fitted = calibrated_fleet(problem, found)
+        heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(replayers)}; spread is between motors."
+        write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
+        covered = _draw_bands(config, problem, found, fitted, progress)
+        rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted), *_motors(problem, found)]
+        write_results(config.out, Results.of(rows))
     return read_results(config.out)
 
 
-def _calibrate(config: Calibrate, problem: FleetProblem, progress: Progress) -> None:
-    names = list(problem.replayers)
-    with progress.start(f"calibrate on {len(names)} real logs", num_searches(len(names), config.starts)) as task:
-        found = calibrate(problem, config.starts, config.iterations, config.seed, task.advance)
-    fleet = calibrated_fleet(problem, found)
-    heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(names)}; spread is between motors."
-    write_fleet(config.out / FLEET, fleet, _sources(problem, found), heading)
-    with progress.start(f"{config.draws} draws of the fleet", len(names)) as task:
-        picture, covered = draw_bands(problem, found.center, fleet, config.draws, config.seed, task)
-    (config.out / PICTURE).write_bytes(picture)
-    write_results(config.out, _errors(problem, found) + covered + _constants(problem, found) + _motors(problem, found))
-
-
-def draw_bands(
-    problem: FleetProblem, center: np.ndarray, fleet: Fleet, draws: int, seed: int, task: Task
-) -> tuple[bytes, Results]:
-    """Replay every log on samples of a fleet.
-
-    Args:
-        problem: logs and robot.
-        center: (unknowns,) of the fit.
-        fleet: the fitted one.
-        draws: samples of the robot's motors.
-        seed: of the samples.
-        task: advances with every log.
-
-    Returns:
-        A PNG with the 90 % band of the plotted joint of every log, and per log the share of the measured angles of
-        excited joints within the bands.
-    """
+def _draw_bands(
+    config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
+) -> list[Result]:
+    """Draw the 90 % band of samples of the fitted fleet, and return the share of the measured angles within it."""
     from motorprior.report.plots_motor import LogPanel, calibration  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
-    rng, panels, covered, count = np.random.default_rng(seed), [], [], problem.robot.num_joints
-    for name, replayer in problem.replayers.items():
-        log = replayer.prepared
-        motors = [with_logged_gains(fleet.sample(count, rng), log).actuator() for _ in range(draws)]
-        low, high = np.quantile([replayer.joint_pos(each) for each in motors], [0.05, 0.95], axis=0)
-        inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
-        covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-        joint = plotted_joint(problem.robot, log)
-        central = replayer.joint_pos(problem.actuator(name, center))
-        columns = (each[:, joint] for each in (log.position_target, log.joint_pos, central, low, high))
-        panels.append(LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns))
-        task.advance()
-    return png_bytes(calibration(panels)), Results.of(covered)
+    rng, panels, covered = np.random.default_rng(config.seed), [], []
+    with progress.start(f"{config.draws} draws of the fleet", len(problem.replayers)) as task:
+        for name, replayer in problem.replayers.items():
+            log, joint = replayer.log, plotted_joint(problem.robot, replayer)
+            motors = [with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
+            replayed = [replayer.joint_pos(each.actuator()) for each in motors]
+            low, high = np.quantile(replayed, [0.05, 0.95], axis=0)
+            inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
+            covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
+            central = replayer.joint_pos(problem.actuator(name, found.center))
+            columns = (each[:, joint] for each in (log.position_target, log.joint_pos, central, low, high))
+            panels.append(LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns))
+            task.advance()
+    (config.out / PICTURE).write_bytes(png_bytes(calibration(panels)))
+    return covered
 
 
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     """Source of each constant, for the fleet's file."""
-    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
+    start = problem.fleet.name
+    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {start}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
-    logs = ", ".join(problem.replayers)
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
-        result = "identified" if is_identifiable(unknown, error) else f"not identified, near fleet {problem.fleet.name}"
-        spread = "" if unknown.name in found.motors.spread else f"; spread as in fleet {problem.fleet.name}"
-        sources[unknown.name] = f"{result}: replay of the logs {logs}{spread}"
+        result = "identified" if unknown.is_identifiable(error) else f"not identified, near fleet {start}"
+        spread = "" if unknown.name in found.spread else f"; spread as in fleet {start}"
+        sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}{spread}"
     return sources
 
 
-def _errors(problem: FleetProblem, found: Calibration) -> Results:
+def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
     """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
-    rows = []
+    rows: list[Result] = []
     for name in problem.replayers:
-        values = {
-            "start": problem.rmse(name, problem.prior.mean),
-            "center": problem.rmse(name, found.center),
-            "per_motor": problem.rmse(name, found.center, found.motors.offsets),
+        fits = {
+            "start": (problem.mean, None),
+            "center": (found.center, None),
+            "per_motor": (found.center, found.offsets),
         }
         if found.left_out:
-            values["left_out"] = problem.rmse(name, found.left_out[name])
-            values["per_motor_left_out"] = problem.rmse(name, found.left_out[name], found.motors.left_out[name])
-        rows += [Result("calibrate_rmse", "rad", v, model, log=name) for model, v in values.items()]
+            center, offsets = found.left_out[name]
+            fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
+        rows += [Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name) for m, fit in fits.items()]
     results = Results.of(rows)
-    means = [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
-    return results + Results.of(means)
+    return rows + [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
 
 
-def _constants(problem: FleetProblem, found: Calibration) -> Results:
+def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:
     """Fitted value and standard errors of every constant, and all optima; of logarithms if lognormal."""
-    rows, fleet = [], calibrated_fleet(problem, found)
+    rows = []
     for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
-        unit, name = problem.unit(unknown), unknown.name
-        share = "1" if unknown.is_log else unit
+        share = "1" if unknown.is_log else unknown.unit
+        values = {
+            "center": (unknown.unit, unknown.value(x)),
+            "start": (unknown.unit, unknown.value(unknown.mean)),
+            "error": (share, error),
+            "belief": (share, unknown.deviation),
+            "spread": (share, fleet.parameters[unknown.name].values["spread"]),
+            "identified": ("1", unknown.is_identifiable(error)),
+        }
         rows += [
-            Result("calibrate_center", unit, unknown.value(x), part=name),
-            Result("calibrate_start", unit, unknown.value(unknown.mean), part=name),
-            Result("calibrate_error", share, float(error), part=name),
-            Result("calibrate_belief", share, unknown.deviation, part=name),
-            Result("calibrate_spread", share, fleet.parameters[name].values["spread"], part=name),
-            Result("calibrate_identified", "1", float(is_identifiable(unknown, error)), part=name),
+            Result(f"calibrate_{key}", unit, float(value), part=unknown.name) for key, (unit, value) in values.items()
         ]
     for place, optimum in enumerate(found.optima, start=1):
-        rows.append(Result("calibrate_cost", "1", optimum.cost, model=f"optimum_{place}"))
+        model = f"optimum_{place}"
+        rows.append(Result("calibrate_cost", "1", optimum.cost, model=model))
         for unknown, x in zip(problem.unknowns, optimum.x, strict=True):
-            value, model = unknown.value(x), f"optimum_{place}"
-            rows.append(Result("calibrate_optimum", problem.unit(unknown), value, model, part=unknown.name))
-    return Results.of(rows)
+            rows.append(Result("calibrate_optimum", unknown.unit, unknown.value(x), model, part=unknown.name))
+    return rows
 
 
-def _motors(problem: FleetProblem, found: Calibration) -> Results:
+def _motors(problem: FleetProblem, found: Calibration) -> list[Result]:
     """Constants that differ between motors, per joint that moved; `model` is the constant."""
-    rows, each_motor = [], found.motors.offsets.reshape(len(problem.joints), len(problem.differing))
+    rows, each_motor = [], found.offsets.reshape(len(problem.joints), len(problem.differing))
     for joint, offsets in zip(problem.joints, each_motor, strict=True):
         for place, offset in zip(problem.differing, offsets, strict=True):
             unknown, part = problem.unknowns[place], problem.robot.joint_names[joint]
             value = unknown.value(found.center[place] + offset)
-            rows.append(Result("calibrate_motor", problem.unit(unknown), value, unknown.name, part=part))
-    return Results.of(rows)
+            rows.append(Result("calibrate_motor", unknown.unit, value, unknown.name, part=part))
+    return rows

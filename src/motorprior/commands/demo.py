@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motorprior.artifacts import read_json, write_text
-from motorprior.bench.bench_folder import require_bench_size
-from motorprior.bench.fleet import load_robot_fleet
-from motorprior.bounds import require_count, require_seed
+from motorprior import stage
+from motorprior.actuator.registry import motor_text
+from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.real_motors import RealMotors, Show, is_replayed, run_real_motors
-from motorprior.commands.replay import Replay, read_logs, run_replay
-from motorprior.commands.robustness import Robustness, run_robustness
+from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.commands.walk import Walk, run_walk
+from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import SEEDS_APART
 from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
+from motorprior.identification.presets import network_steps
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.stage import FIGURES, PAGE, RESULTS, in_parallel, locked, write_results
-from motorprior.studies.robustness import MAPS, load_maps
+from motorprior.studies.robustness import UprightMap, robustness
 
 if TYPE_CHECKING:
     from motorprior.report.page import Section
 
+MAPS = "robustness.json"
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 
 
@@ -92,34 +92,52 @@ def run_demo(
         MotorPriorError: a stage cannot run; finished stages remain.
     """
     from motorprior.report import chapters  # here: it imports matplotlib
+    from motorprior.report.page import page
     from motorprior.report.real_motors import real_motors
 
+    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
+        if is_given and config.logs is None:
+            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     given, config = config, with_walking_robot(config)
     real = RealMotors(
         given.logs, given.out / "real_motors", given.columns, given.suspended, given.seed, given.robot
     ) if given.logs is not None else None  # fmt: skip
     replayed = real is not None and is_replayed(real, config.robot)
-    _require_settings(config, replayed)
     robot, out, results = load_robot(config.robot), config.out, Results()
+    robot.require_legs()
+    require_count("motors", config.motors, robot.num_joints)
+    for name in ("iterations", "seeds", "workers"):
+        require_count(name, getattr(config, name))
     sections: list[Section] = []
-    with locked(out):
-        for name in (RESULTS, FIGURES):  # of other settings
+
+    def write_page(complete: bool = False) -> Path:
+        title = "motorprior: motor logs, motor prior, walking policies, transfer"
+        write_text(out / stage.PAGE, page(title, sections, asdict(given), command or repr(given), complete))
+        return out / stage.PAGE
+
+    with stage.locked(out):
+        for name in (stage.RESULTS, stage.FIGURES):  # of other settings
             (out / name).unlink(missing_ok=True)
         if real is not None:
             results += run_real_motors(real, progress, show)
             sections += real_motors(out)
-            page = _write_page(given, sections, command)
-            progress.note(f"your motors: {page}; the next stages use a virtual {config.robot}")
-        _identify_priors(config, progress)
-        results += _validate(config, progress)
+            progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
+        priors = _identify_priors(config, progress)
+        validate = Validate(tuple(priors.values()), out / "validate", config.seed, held_out=False, robot=config.robot)
+        results += run_validate(validate, progress)
         sections += [chapters.bench(out / "bench" / "rollout"), *chapters.validate(out / "validate")]
-        progress.note(f"first pictures: {_write_page(given, sections, command)}")
-        if replayed:
-            results += _replay(config, progress)
+        progress.note(f"first pictures: {write_page()}")
+        if replayed and config.logs is not None:
+            posture = "suspended" if config.suspended else "auto"
+            replay = Replay(
+                config.logs, priors["rollout"], out / "replay", config.fleet, seed=config.seed, robot=config.robot,
+                posture=posture,
+            )  # fmt: skip
+            results += run_replay(replay, progress)
             sections.append(chapters.replay(out / "replay"))
-        walks = _walks(config)
+        walks = _walks(config, priors)
         # the longest training first, otherwise it runs alone at the end
-        longest_first = sorted(walks, key=lambda walk: walk.motors.physics_dt(robot))
+        longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
         trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
         in_parallel(trainings, config.workers, progress)
         folders: dict[str, list[Path]] = {}
@@ -127,27 +145,19 @@ def run_demo(
             folders.setdefault(folder.name.rsplit("_", 1)[0], []).append(folder)
         sections.append(chapters.learning(folders))
         transfer = Transfer(
-            tuple(sorted(walk.out for walk in walks)), out / "transfer", config.fleet, robot=config.robot,
-            workers=config.workers,
+            tuple(folder for seeds in folders.values() for folder in seeds), out / "transfer", config.fleet,
+            robot=config.robot, workers=config.workers,
         )  # fmt: skip
         results += run_transfer(transfer, progress)
         sections.append(chapters.transfer(out / "transfer", robot))
-        first = {name: out / "robustness" / seeds[0].name for name, seeds in folders.items()}
-        maps = [Robustness(out / "walk" / folder.name, folder, config.robot) for folder in first.values()]
-        in_parallel([partial(run_robustness, each) for each in maps], config.workers, progress)
-        sections.append(chapters.robustness_section({name: load_maps(path / MAPS) for name, path in first.items()}))
-        write_results(out, results)
-        _write_page(given, sections, command, complete=True)
+        works = [
+            partial(_robustness, seeds[0], out / "robustness" / seeds[0].name, robot) for seeds in folders.values()
+        ]
+        maps = in_parallel(works, config.workers, progress)
+        sections.append(chapters.robustness_section(dict(zip(folders, maps, strict=True))))
+        stage.write_results(out, results)
+        write_page(complete=True)
         return results
-
-
-def _write_page(config: Demo, sections: Sequence[Section], command: str, complete: bool = False) -> Path:
-    from motorprior.report.page import page
-
-    title = "motorprior: motor logs, motor prior, walking policies, transfer"
-    path = config.out / PAGE
-    write_text(path, page(title, sections, asdict(config), command or repr(config), complete))
-    return path
 
 
 def with_walking_robot(config: Demo) -> Demo:
@@ -157,66 +167,32 @@ def with_walking_robot(config: Demo) -> Demo:
     return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
 
 
-def _require_settings(config: Demo, replayed: bool) -> None:
-    """Check settings before anything is written.
-
-    Raises:
-        MotorPriorError: names the setting.
-    """
-    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
-        if is_given and config.logs is None:
-            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
-    robot = load_robot(config.robot)
-    robot.require_legs()
-    require_count("motors", config.motors, robot.num_joints)
-    require_bench_size(config.motors, config.bench_steps, "bench_steps")
-    for name in ("iterations", "seeds", "workers"):
-        require_count(name, getattr(config, name))
-    if config.adam_steps is not None:
-        require_count("adam_steps", config.adam_steps)
-    require_seed(config.seed)
-    load_robot_fleet(robot, config.fleet)
-    if replayed and config.logs is not None:
-        read_logs(config.logs, robot)
-
-
-def _identify_priors(config: Demo, progress: Progress) -> None:
+def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
+    """Preset -> file of its prior, from two benches."""
     benches = {preset: config.out / "bench" / preset for preset in ("rollout", "paper")}
     for preset, out in benches.items():
         bench = Bench(out, config.fleet, preset, config.motors, config.bench_steps, config.seed, config.robot)
         run_bench(bench, progress)
-    fits = []
-    for preset in PRESETS:
-        bench, out = benches["paper" if preset == "paper" else "rollout"], config.out / "priors" / preset
-        fits.append(partial(run_identify, Identify(bench, out, preset, config.seed, config.adam_steps)))
-    in_parallel(fits, config.workers, progress)
+    folders = {preset: config.out / "priors" / preset for preset in PRESETS}
+    fits = [
+        Identify(
+            benches.get(preset, benches["rollout"]), out, preset, config.seed, network_steps(preset, config.adam_steps)
+        )
+        for preset, out in folders.items()
+    ]
+    in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
+    return {preset: out / PRIOR for preset, out in folders.items()}
 
 
-def _validate(config: Demo, progress: Progress) -> Results:
-    priors = tuple(config.out / "priors" / preset / PRIOR for preset in PRESETS)
-    settings = Validate(priors, config.out / "validate", config.seed, held_out=False, robot=config.robot)
-    return run_validate(settings, progress)
-
-
-def _replay(config: Demo, progress: Progress) -> Results:
-    assert config.logs is not None
-    prior = config.out / "priors" / "rollout" / PRIOR
-    posture = "suspended" if config.suspended else "auto"
-    replay = Replay(
-        config.logs, prior, config.out / "replay", config.fleet, seed=config.seed, robot=config.robot, posture=posture
-    )
-    return run_replay(replay, progress)
-
-
-def _walks(config: Demo) -> list[Walk]:
+def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
     """Trainings of all policies, the first seed of every condition first."""
     gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
-        "rollout": MotorChoice("prior", config.out / "priors" / "rollout" / PRIOR, fleet=config.fleet),
-        "oracle": MotorChoice("fleet", fleet=config.fleet),
-        "ideal_pd": MotorChoice("pd", fleet=config.fleet, **gains),
-        "tuned_pd": MotorChoice("pd", fleet=config.fleet, **tuned),
-        "paper": MotorChoice("prior", config.out / "priors" / "paper" / PRIOR, fleet=config.fleet),
+        "rollout": motor_text("prior", file=priors["rollout"]),
+        "oracle": motor_text("fleet", fleet=config.fleet),
+        "ideal_pd": motor_text("pd", **gains),
+        "tuned_pd": motor_text("pd", **tuned),
+        "paper": motor_text("prior", file=priors["paper"]),
     }
     policies = config.seeds * len(conditions)
     return [
@@ -234,3 +210,12 @@ def _walks(config: Demo) -> list[Walk]:
         for seed in range(config.seeds)
         for name, motors in conditions.items()
     ]
+
+
+def _robustness(walk: Path, out: Path, robot: Robot, progress: Progress) -> list[UprightMap]:
+    """Robustness maps of a policy, on its training motors."""
+    wanted = stage.description("robustness", {"file": MAPS}, [walk / POLICY, *robot.files])
+    if not stage.is_finished(out, wanted):
+        with stage.working(out, wanted):
+            write_json(out / MAPS, [asdict(each) for each in robustness(walk / POLICY, robot, progress=progress)])
+    return [UprightMap(**each) for each in read_json(out / MAPS)]

@@ -31,7 +31,7 @@ class Identify:
     preset: str = "rollout"
     """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for real servos),
     quick (long_runs without a search for optional terms), paper (torque regression), or one of the baselines
-    one_motor, per_motor, latent_network, one_network, actuator_net, paper_wide."""
+    per_motor, latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None

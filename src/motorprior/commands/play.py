@@ -26,14 +26,14 @@ from motorprior.simulation.rendering import show
 from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import locked, write_results
+from motorprior.studies.compare import evaluation_seed, run_walks, with_shared_speeds
+from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
-from motorprior.studies.training_scene import policy_for, training_scene
-from motorprior.studies.twin import EVALUATION_SEED, HARD, NOISY, twin_of, with_shared_speeds
+from motorprior.studies.trained_policy import TrainedPolicy
 
 EnvironmentName = Literal["own", "twin", "hard"]
 MAX_SECONDS, MAX_POLICIES = 600.0, 4
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
-_TWINS = {"twin": NOISY, "hard": HARD}
 _STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures that need one constant command
 
 
@@ -88,7 +88,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> Played:
     require_seed(config.seed)
     commands = commands_of(config, with_shared_speeds(robot, map(Policy.load, names.values())))
     steps = max(1, round(config.seconds / robot.control_dt))
-    commanded = commands.schedule(robot, EVALUATION_SEED + config.seed, steps)
+    commanded = commands.schedule(robot, evaluation_seed(config.seed), steps)
     episodes: dict[str, Episode] = {}
     with locked(config.out):
         with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
@@ -162,16 +162,14 @@ def _names(policies: Iterable[Path]) -> dict[str, Path]:
 
 
 def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
-    policy, robot = policy_for(path, robot)
-    if config.environment in _TWINS:  # without the training motors
-        other = replace(walk, randomization=_TWINS[config.environment], gait=policy.gait)
-        simulator = twin_of(robot, load_robot_fleet(robot, config.fleet), other)
+    trained = TrainedPolicy.load(path, robot)
+    if config.environment == "own":
+        scene = trained.scene(walk)
     else:
-        simulator = training_scene(policy, path, robot, walk).simulator()
-    try:
-        return simulator.run(policy.arrays(), EVALUATION_SEED + config.seed, trace=True)
-    finally:
-        simulator.close()
+        randomization = {"twin": NOISY, "hard": HARD}[config.environment]
+        walk = replace(walk, randomization=randomization, gait=trained.policy.gait)
+        scene = twin_scene(trained.robot, load_robot_fleet(robot, config.fleet), walk)
+    return run_walks(scene, trained.policy.arrays(), [config.seed])[0]
 
 
 def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded: np.ndarray) -> Results:
@@ -186,7 +184,7 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
     speeds = commanded[:, 0]
     slowest = 0.0 if speeds.min() < 0.0 < speeds.max() else float(speeds[np.abs(speeds).argmin()])
     quality = gait_quality(robot, episode, slowest, float(commanded[0, 1]), len(commanded))
-    measured = quality_results(quality, robot, name, config.environment)
+    measured = quality_results(quality, name, config.environment)
     if (commanded == commanded[0]).all():
         return measured
     rows = [row for row in measured if row.quantity not in _STEADY_ONLY]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.playback import excitation_targets, simulated_log
 from motorprior.stage import description, is_finished, working
 
@@ -26,10 +26,10 @@ class Simulate:
 
     out: Path
     """Folder for log.parquet."""
-    motors: MotorChoice = field(default_factory=MotorChoice)
-    """The robot's motors."""
+    motors: str
+    """The robot's motors, such as prior:FILE, pd or fleet; see docs/training.md."""
     excitation: str = "sine"
-    """Signal of every joint about the nominal pose: sine, held_steps, gait, creep or chirp."""
+    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine."""
     seconds: float = 10.0
     """Duration [s]."""
     amplitude: float = 0.4
@@ -51,14 +51,14 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
     require_number("amplitude", config.amplitude)
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    draw = config.motors.sampler(robot)
+    found = simulated_motors(config.motors, robot)
     targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
-    wanted = description("simulate", asdict(config), [*config.motors.inputs(robot), *robot.files])
+    wanted = description("simulate", asdict(config), [*found.files, *robot.files])
     if is_finished(config.out, wanted):
         return
     title = f"simulate {robot.name}: {config.excitation}, {config.seconds:g} s"
     with working(config.out, wanted), progress.start(title, 1) as task:
-        motors = draw(np.random.default_rng(config.seed))
-        log = simulated_log(robot, motors, targets, config.motors.physics_dt(robot))
+        motors = found.draw(np.random.default_rng(config.seed))
+        log = simulated_log(robot, motors, targets, found.physics_dt)
         write_log(config.out / LOG, with_loads(log, robot))
         task.advance()

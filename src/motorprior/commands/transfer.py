@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -12,20 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.artifacts import write_tensors
-from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet
+from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy import Policy
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.scene import Engine
-from motorprior.stage import description, in_parallel, is_finished, read_results, usable_threads, working, write_results
-from motorprior.studies import twin
-from motorprior.studies.training_scene import TrainedWalk, trained_walk
+from motorprior.simulation.scene import Engine, Scene, WalkConfig
+from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.studies import compare
+from motorprior.studies.trained_policy import TrainedPolicy
 
 TRACES = "traces.safetensors"
 
@@ -61,48 +58,33 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     if not files:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     require_count("workers", config.workers)
-    policies = [Policy.load(path) for path in files]
+    policies = [TrainedPolicy.load(path, robot) for path in files]
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
     wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
-    if not is_finished(config.out, wanted):
-        commands = twin.straight_ahead(twin.with_shared_speeds(robot, policies))
-        walks: list[TrainedWalk] = []
-        with ExitStack() as simulators:
-            for path in files:
-                walks.append(trained_walk(path, robot, config.engine, commands=commands))
-                simulators.callback(walks[-1].simulator.close)
-            with working(config.out, wanted):
-                _evaluate_all(config, walks, fleet, commands, progress)
+    if is_finished(config.out, wanted):
+        return read_results(config.out)
+    commands = compare.straight_ahead(compare.with_shared_speeds(robot, (each.policy for each in policies)))
+    works, seeds = [], Counter[str]()
+    for each in policies:
+        walk = WalkConfig(compare.DURATION_STEPS, randomization=each.randomization, commands=commands)
+        twin = compare.motors_scene(robot, each.policy, fleet, commands)
+        scenes, condition = {"own": each.scene(walk, config.engine), "twin": twin}, each.motors.condition
+        works.append(partial(_evaluate, each, scenes, condition, seeds[condition]))
+        seeds[condition] += 1
+    with working(config.out, wanted):
+        found = in_parallel(works, usable_threads(config.workers, progress), progress)
+        traces: dict[str, np.ndarray] = {}
+        for _, walked in found:
+            traces = walked | traces  # of the first seed
+        write_results(config.out, Results.of(row for rows, _ in found for row in rows))
+        write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
     return read_results(config.out)
 
 
-def _evaluate_all(
-    config: Transfer, walks: list[TrainedWalk], fleet: Fleet, commands: Commands, progress: Progress
-) -> None:
-    rows: list[Result] = []
-    seeds, traces = Counter[str](), dict[str, np.ndarray]()
-    works = [partial(_own_and_twin, walk, fleet, commands) for walk in walks]
-    found = in_parallel(works, usable_threads(config.workers, progress), progress)
-    for walk, environments in zip(walks, found, strict=True):
-        condition, seed = walk.condition, seeds[walk.condition]
-        for name, (walking, trace) in environments.items():
-            rows += [
-                Result(key, unit, getattr(walking, key), condition, name, seed=seed)
-                for key, unit in twin.WALKING_UNITS.items()
-            ]
-            traces.setdefault(f"{name}/{condition}", trace)
-        seeds[condition] += 1
-    write_results(config.out, Results.of(rows))
-    write_tensors(config.out / TRACES, traces, {"control_dt": walks[0].robot.control_dt, "robot": config.robot})
-
-
-def _own_and_twin(
-    walk: TrainedWalk, fleet: Fleet, commands: Commands, progress: Progress
-) -> dict[str, tuple[twin.Walking, np.ndarray]]:
-    robot, policy = walk.robot, walk.policy
-    simulators = {"own": walk.simulator, "twin": twin.twin_simulator(robot, fleet, policy.gait, commands)}
-    with progress.start(
-        f"transfer of {walk.name}: {len(simulators)} x {twin.DRAWS} walks", len(simulators) * twin.DRAWS
-    ) as task:
-        return {name: twin.evaluate(robot, policy, simulator, task.advance) for name, simulator in simulators.items()}
+def _evaluate(
+    trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
+) -> tuple[list[Result], dict[str, np.ndarray]]:
+    name = f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks"
+    with progress.start(name, 1):
+        return compare.evaluate(trained.policy, scenes, condition, seed)

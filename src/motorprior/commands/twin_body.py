@@ -8,7 +8,6 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import Fleet
 from motorprior.hardware.virtual.firmware import Drive, SensorReadings
-from motorprior.hardware.wire_conversion import servo_current
 from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot
 
@@ -49,7 +48,5 @@ class TwinBody:
         """See `RobotBody.sense`; the current is that of the control law at the present target."""
         state = self.simulated.state()
         pos, vel = self._signs * state.joint_pos, self._signs * state.joint_vel
-        current = np.zeros_like(pos)
-        if (drive := self._drive) is not None:
-            current = servo_current(drive.target, pos, vel, drive.kp, drive.kd, drive.max_current)
+        current = np.zeros_like(pos) if self._drive is None else self._drive.current(pos, vel)
         return SensorReadings(pos, vel, current, state.attitude, state.rates)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
@@ -15,6 +17,7 @@ from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import ModelOfMotors
 from motorprior.identification.held_out import (
     adapt_all,
@@ -107,14 +110,11 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
 def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
 ) -> None:
-    from motorprior.identification.baselines.pd_fit import repeated
-    from motorprior.identification.evaluation.passivity import residual_results
-
     motors = bench.physical_motors()
     tuned = _tune_baselines(config.out, robot, motors, bench, progress)
     baselines: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
-        "tuned_pd": lambda index: repeated(tuned, len(index)),
+        "tuned_pd": lambda index: IdealPd.uniform(len(index), **tuned),
     }
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
@@ -123,7 +123,6 @@ def _measure(
         task.advance()
     if config.held_out:
         results += _held_out(config, robot, priors, bench, baselines, progress)
-    results += residual_results(priors)
     for name, path in zip(priors, config.priors, strict=True):
         with suppress(ArtifactError):  # not in a folder that identify wrote
             results += Results.of([Result("identify_seconds", "s", seconds_of(path.parent), model=name)])
@@ -145,7 +144,7 @@ def _held_out(
         models = baselines | adapted_models(priors, adapted, len(motors))
         task.advance()
         results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=FIDELITY_METRICS)
-        of_physics = [name for name, prior in priors.items() if name in adapted and prior.network.motor is not None]
+        of_physics = [name for name, prior in priors.items() if name in adapted and isinstance(prior.model, GreyBox)]
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
             seconds, seed = config.adapt_seconds, config.seed
@@ -154,15 +153,13 @@ def _held_out(
     return results
 
 
-def _tune_baselines(out: Path, robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress) -> IdealPd:
-    """Fit both PDs to the bench log, write them, and return the tuned one."""
-    # Imported here: scipy's optimizers take half a second.
-    from motorprior.identification.baselines.pd_fit import GAINS_ALONE, TUNING, best_gains, tuned_pd
-
-    nominal = nominal_pd(bench.fleet, 1)
-    with progress.start("tune the PD baselines on the bench log", GAINS_ALONE + TUNING) as task:
+def _tune_baselines(
+    out: Path, robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress
+) -> Mapping[str, float]:
+    """Fit both PDs to the bench log, write them, and return the constants of the tuned one."""
+    with progress.start("tune the PD baselines on the bench log", 2 * RESTARTS) as task:
         log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
-        gains, tuned = best_gains(log, nominal, task.advance), tuned_pd(log, task.advance)
-    for name, model in ((GAINS_FILE, gains), (TUNED, tuned)):
-        write_json(out / name, {key: float(value[0]) for key, value in asdict(model).items()})
+        gains, tuned = (fit_pd(log, free, report=task.advance).constants for free in (GAINS, WITH_ROTOR))
+    for name, constants in ((GAINS_FILE, gains), (TUNED, tuned)):
+        write_json(out / name, constants)
     return tuned

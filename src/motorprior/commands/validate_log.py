@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.bounds import require_count, require_seed
@@ -118,8 +117,8 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
         posterior = adapt_to(prior, train)
         task.advance()
     models: dict[str, MotorModel] = {
-        ADAPTED: LatentActuator(prior.network, posterior.mean),
-        PRIOR: LatentActuator(prior.network, prior.expected(test.joint_names)),
+        ADAPTED: prior.model.motors(posterior.mean),
+        PRIOR: prior.model.motors(prior.expected(test.joint_names)),
     }
     models |= fitted_baselines(train, preset, config.out / "baselines", config.adam_steps, config.seed, progress)
     results, errors = Results(), {}

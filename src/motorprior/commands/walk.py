@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import fleet_files
 from motorprior.exceptions import ConfigError
-from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.executor import Kind, require_executor
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motor_choice import MotorChoice
-from motorprior.simulation.motor_provenance import choice_as_json
+from motorprior.simulation.motors import motors_as_json
 from motorprior.simulation.training import Training, WalkSettings
 from motorprior.simulation.training_files import CHECKPOINT, TrainingFiles
 from motorprior.stage import description, digest, is_finished, working
@@ -31,8 +29,9 @@ class Walk(WalkSettings):
 
     out: Path
     """Folder for policy.safetensors, curve.json, metrics.jsonl and the checkpoint."""
-    motors: MotorChoice = field(default_factory=MotorChoice)
-    """The motors of every episode."""
+    motors: str
+    """The motors of every episode: prior:FILE, posterior:FILE,prior=FILE, pd, pd:kp=8.8,kd=0.84, fleet or fleet:NAME.
+    docs/training.md has their options."""
     start: Path | None = None
     """A policy in another folder to continue from, with other motors for example, within its range of speeds; the plain
     gait if not given."""
@@ -66,8 +65,8 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
         )  # fmt: skip
     robot, start = load_robot(config.robot), None if config.start is None else Policy.load(config.start)
     settings = WalkSettings(**{each.name: getattr(config, each.name) for each in fields(WalkSettings)})
-    training = Training(robot, config.motors.sampler(robot), settings, start, config.start or "start")
-    inputs = [*config.motors.inputs(robot), *robot.files, *([] if config.start is None else [config.start])]
+    training = Training(robot, config.motors, settings, start, config.start or "start")
+    inputs = [*training.motors.files, *robot.files, *([] if config.start is None else [config.start])]
     if config.validation is not None:
         inputs += fleet_files(robot, config.validation)
     wanted = description(
@@ -77,11 +76,11 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
         return False
     require_executor(config.executor, config.ray_address)
     files = TrainingFiles(config.out, wanted, config.tensorboard)
-    training.note(None if config.motors.prior is None else load_prior(config.motors.prior, robot), progress)
+    training.note(progress)
     with working(config.out, wanted):
         training.run(config.workers, progress, name, config.executor, config.ray_address, files)
         training.policy(
-            config.motors.nominal(robot), motors=choice_as_json(config.motors, config.out),
+            motors=motors_as_json(config.motors, config.out),
             start_sha256=None if config.start is None else digest(config.start),
         ).save(config.out / POLICY)  # fmt: skip
         write_json(config.out / CURVE, training.curve)

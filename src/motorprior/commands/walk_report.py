@@ -11,10 +11,11 @@ from motorprior.commands.walk import CURVE, POLICY
 from motorprior.exceptions import ConfigError
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
+from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import PAGE
+from motorprior.studies.compare import DURATION_STEPS, run_walks, straight_ahead
 from motorprior.studies.robustness import robustness
-from motorprior.studies.training_scene import trained_walk
-from motorprior.studies.twin import EVALUATION_SEED
+from motorprior.studies.trained_policy import TrainedPolicy
 
 
 def build_walk_report(
@@ -46,9 +47,10 @@ def build_walk_report(
         raise ConfigError(f"no {POLICY} in it or one folder below", where=run, remedy=remedy)
     robot, traces, maps, learned = load_robot(robot_name), {}, {}, {}
     for name, seeds in trainings.items():
-        walker = trained_walk(seeds[0] / POLICY, robot)
-        traces[name] = walker.simulator.run(walker.policy.arrays(), EVALUATION_SEED, trace=True).trace
-        walker.simulator.close()
+        trained = TrainedPolicy.load(seeds[0] / POLICY, robot)
+        commands = straight_ahead(trained.robot)
+        walk = WalkConfig(DURATION_STEPS, randomization=trained.randomization, commands=commands)
+        traces[name] = run_walks(trained.scene(walk), trained.policy.arrays(), [0])[0].trace
         if with_robustness:
             maps[name] = robustness(seeds[0] / POLICY, robot, min(2, os.cpu_count() or 1), progress)
         if with_curve := [folder for folder in seeds if (folder / CURVE).is_file()]:

@@ -11,9 +11,9 @@ from motorprior.artifacts import atomic_path, read_json
 from motorprior.bounds import require_count
 from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
-from motorprior.stage import in_parallel, usable_threads, write_results
+from motorprior.stage import write_results
 
 PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed

@@ -10,7 +10,7 @@ import re
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 from motorprior.exceptions import MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
@@ -21,8 +21,9 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 def parser() -> argparse.ArgumentParser:
     """The command line, from the settings and their docstrings."""
-    top = argparse.ArgumentParser(prog="motorprior", description="Deploy to, record from, or check a robot.")
-    commands = top.add_subparsers(dest="command", required=True)
+    usage = "motorprior {deploy,record,doctor} ...; for other commands: pip install 'motorprior[full]'"
+    top = argparse.ArgumentParser(usage=usage, description="Deploy to, record from, or check a robot.")
+    commands = top.add_subparsers(dest="command", required=True, prog="motorprior")
     deploy, record, doctor = (commands.add_parser(name) for name in ("deploy", "record", "doctor"))
     for command in (deploy, record, doctor):
         command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one if not given")
@@ -37,9 +38,9 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
-    """One option per field of a settings dataclass; the help is its line in the docstring's Attributes."""
-    section = (settings.__doc__ or "").partition("Attributes:")[2]
-    texts = dict(re.findall(r"(\w+): ((?:.|\n)*?)(?=\n {8}\w+: |\Z)", section))
+    """One option per field of a settings dataclass; the help is its line in the docstrings' Attributes."""
+    docs = "\n".join((each.__doc__ or "").partition("Attributes:")[2] for each in settings.__mro__[:-1])
+    texts = dict(re.findall(r"\n {8}(\w+): ((?:.|\n {9,})*)", docs))
     hints = get_type_hints(settings)
     for field in fields(settings):
         option, text = f"--{field.name.replace('_', '-')}", " ".join(texts[field.name].split()).replace("%", "%%")
@@ -57,9 +58,7 @@ def main() -> None:
     """Run a command line; exit code 2 and one line on bad input or a robot fault."""
     show = non_blocking(lambda text: print(text, file=sys.stderr, flush=True), sys.stderr)
     try:
-        arguments = vars(parser().parse_args())
-        require_robot_extra()
-        _run(arguments, show)
+        _run(show, **vars(parser().parse_args()))
     except (MotorPriorError, OSError) as error:
         show(f"error: {error.on_command_line() if isinstance(error, MotorPriorError) else error}")
         raise SystemExit(2) from None
@@ -67,24 +66,18 @@ def main() -> None:
         raise SystemExit(130) from None
 
 
-def _run(arguments: dict[str, Any], show: Print) -> None:
-    from motorprior.hardware.commands import require_ok, run_deploy, run_doctor, run_record
+def _run(show: Print, command: str, kind: str, port: str | None, policy: Path = Path(), **settings: object) -> None:
+    require_robot_extra()
+    from motorprior.hardware.commands import run_deploy, run_doctor, run_record
     from motorprior.hardware.serial_link import resolve_port
 
-    command, policy = arguments.pop("command"), arguments.pop("policy", None)
-    robot, port = load_robot(arguments.pop("kind")), resolve_port(arguments.pop("port"))
+    robot, found = load_robot(kind), resolve_port(port)
     if command == "deploy":
-        results = run_deploy(robot, policy, port, DeploySettings(**arguments), show)
-        for name, value in results.to_figures().items():
-            show(f"{name} {value:.4g}")
+        run_deploy(robot, policy, found, DeploySettings(**settings), show)  # pyright: ignore[reportArgumentType]
     elif command == "record":
-        show(f"recorded {run_record(robot, port, RecordSettings(**arguments), show)}")
+        run_record(robot, found, RecordSettings(**settings), show)  # pyright: ignore[reportArgumentType]
     else:
-        checks = run_doctor(robot, port, arguments["seconds"], arguments["idle"])
-        for check in checks:
-            remedy = "" if check.ok else f" -> {check.remedy}"
-            show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{remedy}")
-        require_ok(checks)
+        run_doctor(robot, found, show=show, **settings)  # pyright: ignore[reportArgumentType]
 
 
 if __name__ == "__main__":

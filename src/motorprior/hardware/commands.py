@@ -5,37 +5,39 @@ The command line `motorprior` and, on the robot's own computer, `python -m motor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
+from motorprior.artifacts import write_json
 from motorprior.bounds import require_number, require_seed
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import ArtifactError
 from motorprior.hardware import deploy, teleop
-from motorprior.hardware.control_loop import clock_results
-from motorprior.hardware.doctor import Check, check_telemetry
+from motorprior.hardware.control_loop import clock_figures
+from motorprior.hardware.doctor import check_telemetry, require_ok
 from motorprior.hardware.excitations import excitation_targets, excite, joints_of
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.run_files import RunFiles
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import StopRequest, stop_on_signals
-from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
+from motorprior.hardware.session import Session, fault_of, stop_on_signals
+from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings, RunSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
-from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 _LOG = "run.csv"
 _FAST_TARGETS, _SLOW_TARGETS = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
+_DRY_RUN = 5.0  # [s]
 
 
-def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> Results:
-    """Walk with the policy at ``path``; returns the timing of the control loop.
+def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> None:
+    """Walk with the policy at ``path``, and show the timing of the control loop.
 
     Raises:
         ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
@@ -51,32 +53,30 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         require_number("forward", settings.forward, *gait.forward)
     require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
     gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
-    gains.check(robot.require_wire().safety)
+    has_imu = not settings.without_imu
     if settings.dry_run:
         command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
-            seconds, has_imu = settings.seconds or 5.0, not settings.without_imu
-            steps = deploy.dry_run(link, policy, stop, seconds, show, command, has_imu)
+            steps = deploy.dry_run(link, policy, stop, settings.seconds or _DRY_RUN, command, has_imu, show)
         show(f"dry run: {steps} control steps, nothing was sent")
-        return Results()
+        return
     teleop.require_terminal(settings.yes)
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
     out = settings.out or _dated_folder("deploy")
-    with _recorded_run(robot, port, out) as (link, stop, files):
+    with _session(robot, port, out, gains, show) as (session, files):
 
         def confirm() -> None:
-            teleop.confirm_arming(stop, settings.yes, teleop.WALKING, show)
-            files.begin("deploy", port, settings, gains, policy=str(path), provenance=dict(policy.provenance))
+            teleop.confirm_arming(session.stop, settings.yes, teleop.WALKING, show)
+            files.begin("deploy", port, settings, policy=str(path), provenance=dict(policy.provenance))
 
-        files.outcome = deploy.walk(
-            link, policy, gains, stop,
-            seconds=settings.seconds, need_imu=not settings.without_imu, confirm=confirm,
-            teleop=lambda: teleop.teleop(gait, settings.forward, settings.yaw_rate), status=show, timing=files.timing,
-        )  # fmt: skip
-    show(f"stopped by {files.outcome}; {out / _LOG}")
-    return clock_results([files.timing], policy.control_dt)
+        session.need_imu, session.confirm = has_imu, confirm
+        steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
+        deploy.walk(session, policy, steering, settings.seconds)
+    show(f"stopped by {session.outcome}; {out / _LOG}")
+    for name, value in clock_figures([session.timing], policy.control_dt).items():
+        show(f"{name} {value:.4g}")
 
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -> Path:
@@ -86,78 +86,129 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
         ConfigError, ArtifactError: settings out of range, or a folder in use.
         RobotFault: a fault ended it early; the recording is kept.
     """
-    safety, settings = robot.require_wire().safety, _with_defaults(robot, settings)
-    excitation, amplitude, speed = settings.excitation, settings.amplitude, settings.speed
-    assert excitation is not None and amplitude is not None and speed is not None, "defaults"
+    safety, standing = robot.require_wire().safety, settings.standing
+    # Steps of a leg that carries weight would tip a standing robot.
+    excitation: Excitation = settings.excitation or ("multisine" if standing else "varied")
+    amplitude, speed = settings.amplitude, settings.speed
+    if amplitude is None:  # small on the ground: feet that push into it look blocked
+        amplitude = 0.1 if standing else 0.4
+    if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
+        fast = excitation in ("steps", "varied") and not standing
+        speed = min(safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
+    settings = replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
     require_number("seconds", settings.seconds, 1.0, 3600.0)
     require_number("amplitude", amplitude, 0.0, 1.5, positive=True)
     require_number("speed", speed, 0.0, safety.target_speed, positive=True)
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
-    gains.check(safety)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     teleop.require_terminal(settings.yes)
     out = settings.out or _dated_folder("record")
-    limits = replace(safety, target_speed=speed)
-    if not settings.standing:
-        limits = replace(limits, max_tilt=float("inf"))  # it may hang tilted
-    with _recorded_run(robot, port, out, limits) as (link, stop, files):
+    # A suspended robot may hang tilted.
+    limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else float("inf"))
+    with _session(robot, port, out, gains, show, limits) as (session, files):
 
         def confirm() -> None:
-            teleop.confirm_arming(stop, settings.yes, teleop.STANDING if settings.standing else teleop.SUSPENDED, show)
-            files.begin("record", port, settings, gains)
+            how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
+            teleop.confirm_arming(session.stop, settings.yes, how_to_stop, show)
+            files.begin("record", port, settings)
 
-        excite(
-            link, targets, gains, stop,
-            suspended=not settings.standing, need_imu=settings.standing and not settings.without_imu,
-            confirm=confirm, status=show, timing=files.timing,
-        )  # fmt: skip
-        files.outcome = stop.reason or "time"
+        session.need_imu, session.confirm = standing and not settings.without_imu, confirm
+        excite(session, targets, suspended=not standing)
+    show(f"recorded {out / _LOG}")
     return out / _LOG
 
 
+class RunFiles:
+    """Settings, gains, limits, outcome and timing of a session.
+
+    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
+    the name of a signal, or the kind of a fault and its message. Infinite limits are null.
+    """
+
+    def __init__(self, folder: Path, session: Session):
+        self._folder, self._session = folder, session
+        self._record: dict[str, Any] = {}
+
+    def begin(self, command: str, port: str, settings: RunSettings, **more: Any) -> None:
+        """Before the first command, write the settings, gains, limits and ``more``."""
+        link = self._session.link
+        self._record = {
+            "command": command,
+            "port": port,
+            "robot": link.robot.name,
+            "started": _now(),
+            "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
+            "gains": asdict(self._session.gains),
+            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
+            **more,
+        }
+        write_json(self._folder / "run.json", self._record)
+
+    @contextmanager
+    def written_at_end(self) -> Iterator[None]:
+        """On exit, when the robot is idle, write how the run ended, if it had begun."""
+        try:
+            yield
+        except BaseException as error:
+            kind = fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
+            with suppress(ArtifactError):  # the error that ended the run is more important
+                self._end(kind, str(error))
+            raise
+        self._end(self._session.outcome, None)
+
+    def _end(self, outcome: str, message: str | None) -> None:
+        if not self._record:
+            return
+        link = self._session.link
+        frames = {name: getattr(link.stream, name) for name in ("accepted", "repeated", "impossible")}
+        ending = {
+            "ended": _now(),
+            "outcome": outcome,
+            "message": message,
+            "position_clips": link.position_clips,
+            "slew_clips": link.slew_clips,
+            "commands": link.sent,
+            "frames": frames | {"damaged": link.rejected},
+        }
+        write_json(self._folder / "run.json", self._record | ending)
+        write_json(self._folder / "figures.json", clock_figures([self._session.timing], link.robot.control_dt))
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(timespec="seconds")
+
+
 @contextmanager
-def _recorded_run(
-    robot: Robot, port: str, out: Path, limits: SafetyLimits | None = None
-) -> Iterator[tuple[RobotLink, StopRequest, RunFiles]]:
-    """Open a link that records to ``out``; at the end the robot is idle and the files of the run are written."""
+def _session(
+    robot: Robot, port: str, out: Path, gains: Gains, show: Print, limits: SafetyLimits | None = None
+) -> Iterator[tuple[Session, RunFiles]]:
+    """A session that is recorded to ``out``; at the end the robot is idle and the files of the run are written."""
     recorder = Recorder(robot, out / _LOG)
-    link = RobotLink(robot, SerialLink(robot, port), limits, recorder)
-    files = RunFiles(out, link)
-    with link, stop_on_signals() as stop, files.written_at_end():
-        yield link, stop, files
+    with RobotLink(robot, SerialLink(robot, port), limits, recorder) as link, stop_on_signals() as stop:
+        session = Session(link, gains, stop, status=show)
+        files = RunFiles(out, session)
+        with files.written_at_end():
+            yield session, files
 
 
-def run_doctor(robot: Robot, port: str, seconds: float, idle: bool) -> list[Check]:
-    """Check the telemetry of a robot; sends nothing, or only idle. Raises RobotFault if no telemetry comes."""
+def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:
+    """Check the telemetry of a robot and show every finding; sends nothing, or only idle.
+
+    Raises:
+        ConfigError: settings out of range.
+        RobotFault: no telemetry comes, or the first check that failed.
+    """
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
             check_telemetry(link, 0.3)  # an error for a device that is not a robot, before anything is sent
             link.relax()
-        return check_telemetry(link, seconds)
-
-
-def require_ok(checks: list[Check]) -> None:
-    """Raise RobotFault if a check failed."""
-    if failed := [check.name for check in checks if not check.ok]:
-        raise RobotFault("doctor", f"failed: {', '.join(failed)}", remedy="see the remedies above")
-
-
-def _with_defaults(robot: Robot, settings: RecordSettings) -> RecordSettings:
-    """Excitation, amplitude and speed for a robot in the air or standing, where they are not given."""
-    standing = settings.standing
-    # Steps of a leg that carries weight would tip a standing robot.
-    excitation: Excitation = settings.excitation or ("multisine" if standing else "varied")
-    amplitude = settings.amplitude
-    if amplitude is None:  # small on the ground: feet that push into it look blocked
-        amplitude = 0.1 if standing else 0.4
-    speed = settings.speed
-    if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
-        fast = excitation in ("steps", "varied") and not standing
-        speed = min(robot.require_wire().safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
-    return replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
+        checks = check_telemetry(link, seconds)
+    for check in checks:
+        show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{'' if check.ok else f' -> {check.remedy}'}")
+    require_ok(checks)
 
 
 def _dated_folder(command: str) -> Path:

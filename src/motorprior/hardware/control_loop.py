@@ -13,7 +13,6 @@ from motorprior.hardware.health import SlowHost
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.readers.robot_run import Mode
-from motorprior.results import Result, Results
 from motorprior.robots.wire import SafetyLimits
 
 # Function of the latest measurement: the (joints,) position targets [rad] of this control step, or None at the end.
@@ -33,17 +32,22 @@ def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, h
     """
     duration = max(_MIN_RAMP, 0.5 * math.pi * float(np.abs(goal - start).max()) / speed)
     moving, holding = math.ceil(duration / control_dt), round(hold / control_dt)
-    step = 0
+    shares = (0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving)) for step in range(1, moving + holding + 1))
+    targets = (start + share * (goal - start) for share in shares)
+    return lambda _: next(targets, None)
 
-    def target(_: Measurement) -> np.ndarray | None:
-        nonlocal step
-        step += 1
-        if step > moving + holding:
-            return None
-        share = 0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving))
-        return start + share * (goal - start)
 
-    return target
+def every(steps: int, act: Callable[[int, Measurement], None]) -> Callable[[Measurement], None]:
+    """A function of the measurement that calls ``act`` with the count of calls every so many of them."""
+    count = 0
+
+    def after_step(measurement: Measurement) -> None:
+        nonlocal count
+        count += 1
+        if count % steps == 0:
+            act(count, measurement)
+
+    return after_step
 
 
 @dataclass
@@ -57,7 +61,7 @@ class Timing:
     aborted: float | None = None  # lateness of the step in which a fault prevented the command
 
 
-def clock_results(runs: Sequence[Timing], period: float) -> Results:
+def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
     """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
 
     period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
@@ -66,27 +70,18 @@ def clock_results(runs: Sequence[Timing], period: float) -> Results:
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
-        return Results()
+        return {}
     aborted = [run.aborted for run in runs if run.aborted is not None]
     jitter = np.concatenate([*(np.diff(run.sent) - period for run in runs), aborted])
     late, age = np.concatenate([*(run.late for run in runs), aborted]), np.concatenate([run.age for run in runs])
     skipped = sum(run.skipped for run in runs)
-    missed = (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped)
-    return Results.of(
-        [
-            *_quantiles_ms("period_jitter_ms", np.abs(jitter)),
-            Result("missed_share", "1", missed),
-            *_quantiles_ms("telemetry_age_ms", age),
-            Result("control_steps", "1", float(sum(len(run.sent) for run in runs))),
-        ]
-    )
-
-
-def _quantiles_ms(quantity: str, seconds: np.ndarray) -> list[Result]:
-    quantiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
-    return [
-        Result(quantity, "ms", 1e3 * float(np.percentile(seconds, q)), statistic=name) for name, q in quantiles.items()
-    ]
+    figures = {
+        f"{name}/{quantile}": 1e3 * float(np.percentile(seconds, percent))
+        for name, seconds in (("period_jitter_ms", np.abs(jitter)), ("telemetry_age_ms", age))
+        for quantile, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))
+    }
+    figures["missed_share"] = (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped)
+    return figures | {"control_steps": float(sum(len(run.sent) for run in runs))}
 
 
 class ControlLoop:
@@ -106,8 +101,8 @@ class ControlLoop:
         mode: Mode,
         after_step: Callable[[Measurement], None] = lambda _: None,
         timing: Timing | None = None,
-    ) -> Measurement | None:
-        """Play ``motion`` until it ends or ``stop`` returns True; returns the last measurement.
+    ) -> None:
+        """Play ``motion`` until it ends or ``stop`` returns True.
 
         ``after_step`` is called after each command, in the rest of the period, and must be fast. ``timing`` is filled
         also if a fault ends the motion.
@@ -115,14 +110,14 @@ class ControlLoop:
         Raises:
             RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
         """
-        timing, measurement = timing or Timing(), None
+        timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
             try:
                 measurement = self._next_measurement()
                 target = motion(measurement)
                 if target is None:
-                    return measurement
+                    return
                 sent = self._link.send(target, mode)
             except Exception:
                 timing.aborted = max(0.0, time.monotonic() - self._deadline)
@@ -132,7 +127,6 @@ class ControlLoop:
             timing.age.append(sent - measurement.sampled)
             after_step(measurement)
             self._next_deadline(measurement, sent, timing)
-        return measurement
 
     def _next_measurement(self) -> Measurement:
         """Wait for the deadline; returns the latest measurement then."""

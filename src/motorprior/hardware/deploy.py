@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 
 import numpy as np
 
+from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion, Timing
+from motorprior.hardware.control_loop import ControlLoop, Motion, every
+from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.session import StopRequest, check_and_confirm, check_before_arming, run_armed
+from motorprior.hardware.session import Session, StopRequest, check_before_arming
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
-from motorprior.hardware.wire_conversion import backend_state
 from motorprior.locomotion.body import YAW_RATE, action_size, body_of
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
 from motorprior.locomotion.policy import Policy, act
@@ -41,7 +43,7 @@ class PolicyMotion:
     """
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
-        self._robot, self._policy, self._has_imu = robot, policy.arrays(), has_imu
+        self._policy, self._has_imu = policy.arrays(), has_imu
         self._body = body_of(robot.with_speed_range(policy.forward), policy.gait)
         self._gait = new_gait(self._body)
         self._action = np.zeros(action_size(robot.num_joints))
@@ -55,9 +57,8 @@ class PolicyMotion:
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """The (joints,) targets [rad] for a measurement: observe, act, command."""
-        state = backend_state(self._robot, measurement.telemetry, np.zeros(self._robot.num_joints))
-        gait, state = self._gait, state._replace(base_ang_vel=state.base_ang_vel - self.gyro_bias)
-        observe(self._body, state, gait.observation)
+        gait = self._gait
+        observe(self._body, _state(measurement.telemetry, self.gyro_bias), gait.observation)
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
             gait.observation[YAW_RATE] = gait.twist[1]
         follow_command(self._body, gait, self.forward, self.yaw_rate)
@@ -83,6 +84,30 @@ class PolicyMotion:
         begin_gait(self._body, self._gait)
 
 
+def _state(telemetry: Telemetry, gyro_bias: np.ndarray) -> BackendState:
+    """What the sensors of a robot measure; the rest is NaN."""
+    unknown = np.full(3, np.nan)
+    return BackendState(
+        base_pos=unknown,
+        base_quat=_quaternion(*telemetry.attitude),
+        base_lin_vel=unknown,
+        base_ang_vel=np.array(telemetry.rates) - gyro_bias,
+        measured_joint_pos=telemetry.pos,
+        foot_pos=unknown[None],
+        torque_squared_sum=math.nan,
+    )
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """(4,) rotation_base_to_world (w, x, y, z) of intrinsic z-y'-x'' angles [rad]; inverse of `roll_pitch_yaw`."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return np.array([w, x, y, z])
+
+
 def gains_for(
     robot: Robot, policy: Policy, kp: float | None = None, kd: float | None = None, max_current: float | None = None
 ) -> Gains:
@@ -92,15 +117,14 @@ def gains_for(
     to 15 %, the wire's gains are sent, since the fleets were identified at these.
 
     Raises:
-        ConfigError: the policy was trained with other gains, and none were given.
+        ConfigError: gains out of range, or the policy was trained with other gains, and none were given.
     """
     wire = robot.require_wire()
-    maxima = {"kp": wire.safety.max_kp, "kd": wire.safety.max_kd}
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
         trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
         if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
             mean, remedy = float(trained.mean()), "train it with the robot's gains"
-            if mean <= maxima[name]:
+            if mean <= getattr(wire.safety, f"max_{name}"):
                 remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
             problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
             raise ConfigError(problem, remedy=remedy, argument=name)
@@ -108,50 +132,34 @@ def gains_for(
 
 
 def walk(
-    link: RobotLink,
-    policy: Policy,
-    gains: Gains,
-    stop: StopRequest,
-    *,
-    command: tuple[float, float] = (0.0, 0.0),
-    seconds: float | None = None,
-    need_imu: bool = True,
-    confirm: Callable[[], None] = lambda: None,
-    teleop: Callable[[], AbstractContextManager[Teleop | None]] = nullcontext,
-    status: Callable[[str], None] = lambda _: None,
-    timing: Timing | None = None,
-) -> str:
-    """Check an idle robot, arm it, stand up, walk, crouch; returns "time", "operator" or the signal that ended it.
+    session: Session, policy: Policy, steering: AbstractContextManager[Teleop], seconds: float | None = None
+) -> None:
+    """Check an idle robot, arm it, stand up, walk, crouch.
 
-    It walks at ``command`` (speed [m/s], yaw rate [rad/s]), or as ``teleop`` commands at every control step, for
-    ``seconds`` [s] or until ``stop`` is set. A robot whose IMU is not read is rejected if ``need_imu``. ``confirm``
-    raises if the user does not confirm arming. ``status`` gets a line twice a second. ``timing`` is filled also if a
-    fault ends the walk.
+    It walks as ``steering`` commands at every control step, for ``seconds`` [s] or until the session is stopped. The
+    status is a line twice a second.
 
     Raises:
         RobotFault: a fault ended the walk early; the robot is idle.
     """
-    motion = PolicyMotion(link.robot, policy, need_imu)
-    motion.gyro_bias = check_and_confirm(link, confirm, need_imu, motion.warm_up)
-    ended_by = ""
+    motion = PolicyMotion(session.link.robot, policy, session.need_imu)
+    motion.gyro_bias = session.check(motion.warm_up)
 
     def work(loop: ControlLoop) -> None:
         end = time.monotonic() + seconds if seconds is not None else float("inf")
 
         def steered(measurement: Measurement) -> np.ndarray | None:
-            nonlocal ended_by
-            commanded = operator.command() if operator is not None else command
-            if commanded is None or time.monotonic() >= end:
-                ended_by = "operator" if commanded is None else "time"
+            command = operator.command()
+            if command is None or time.monotonic() >= end:
+                session.outcome = "operator" if command is None else "time"
                 return None
-            motion.forward, motion.yaw_rate = commanded
+            motion.forward, motion.yaw_rate = command
             return motion(measurement)
 
-        with teleop() as operator:
-            loop.play(steered, Mode.WALK, _status_line(link, motion, status), timing)
+        with steering as operator:
+            loop.play(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
 
-    run_armed(link, gains, stop, work, stopping=motion.stopping)
-    return ended_by or stop.reason or ""
+    session.run(work, stopping=motion.stopping)
 
 
 def dry_run(
@@ -159,20 +167,19 @@ def dry_run(
     policy: Policy,
     stop: StopRequest,
     seconds: float,
+    command: tuple[float, float],
+    has_imu: bool,
     status: Callable[[str], None],
-    command: tuple[float, float] = (0.0, 0.0),
-    has_imu: bool = True,
 ) -> int:
-    """Compute targets from an idle robot's telemetry, and send nothing; returns the number of control steps.
+    """Compute targets for a command (speed [m/s], yaw rate [rad/s]) from an idle robot's telemetry, and send nothing.
 
-    Arguments and errors are those of `walk`.
+    Returns the number of control steps. Other arguments and errors are those of `walk`.
     """
     motion = PolicyMotion(link.robot, policy, has_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
     motion.warm_up(measurement)
     motion.forward, motion.yaw_rate = command
-    show, steps = _status_line(link, motion, status), 0
-    deadline = time.monotonic()
+    show, steps, deadline = _status_line(link, motion, status), 0, time.monotonic()
     end = deadline + seconds
     while deadline < end and not stop():
         deadline += policy.control_dt
@@ -188,20 +195,15 @@ def dry_run(
 
 def _status_line(link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]) -> Callable[[Measurement], None]:
     """A function of the measurement that calls ``status`` with a line every 50 control steps."""
-    count, period = 0, link.robot.control_dt
 
-    def show(measurement: Measurement) -> None:
-        nonlocal count
-        count += 1
-        if count % _STATUS_PERIOD:
-            return
-        telemetry, stream = measurement.telemetry, link.stream
+    def show(count: int, measurement: Measurement) -> None:
+        telemetry = measurement.telemetry
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
-            f"{period * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  command "
-            f"{motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
-            f"{link.rejected + stream.impossible}{battery}"
+            f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
+            f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
+            f"{link.rejected + link.stream.impossible}{battery}"
         )
 
-    return show
+    return every(_STATUS_PERIOD, show)

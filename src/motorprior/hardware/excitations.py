@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from motorprior.bench import excitation
+from motorprior.bench.excitation import excitation_named
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.control_loop import ControlLoop, Timing
-from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.session import StopRequest, check_and_confirm, run_armed
+from motorprior.hardware.control_loop import ControlLoop, every
+from motorprior.hardware.session import Session
 from motorprior.hardware.settings import Excitation
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
@@ -19,12 +17,7 @@ from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 
-_SIGNALS: dict[str, excitation.Signal] = {
-    "sine": excitation.sine,
-    "chirp": excitation.chirp,
-    "steps": excitation.held_steps,
-    "multisine": excitation.multisine,
-}
+OF_ROBOTS = ("varied", "trot")  # excitations of a whole robot
 _SLOW = 0.5  # frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
 _FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
 _STATUS_PERIOD = 500  # control steps
@@ -49,11 +42,12 @@ def excitation_targets(
     """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
 
     Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
-    [rad/s]; ``gait`` is a trot of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate
-    limits their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
+    [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits
+    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
 
     Raises:
-        ConfigError: none of the joints would move, such as abductions in a trot; or a trot without legs.
+        ConfigError: an unknown excitation; none of the joints would move, such as abductions in a trot; or a trot
+            without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
     parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
@@ -68,13 +62,14 @@ def excitation_targets(
 
 def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np.random.Generator) -> np.ndarray:
     """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
-    if kind == "gait":
+    if kind == "trot":
         body = body_of(robot)
         forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
         gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
         away = gait - robot.nominal_pose
     else:
-        away = np.stack([_SIGNALS[kind](rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
+        signal = excitation_named(kind, OF_ROBOTS).target
+        away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
     if not away.any():
@@ -87,10 +82,10 @@ def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control
     """The same motion within amplitude and speed, faded in from 0 and out to it."""
     time = np.arange(len(away)) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    over = None if kind == "gait" else 0  # a gait keeps its shape; other signals are scaled joint by joint
+    over = None if kind == "trot" else 0  # a trot keeps its shape; other signals are scaled joint by joint
     away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
     away *= fade
-    if kind != "steps":
+    if kind == "trot" or not excitation_named(kind).jumps:
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
@@ -106,33 +101,18 @@ def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
     return alone
 
 
-def excite(
-    link: RobotLink,
-    targets: np.ndarray,
-    gains: Gains,
-    stop: StopRequest,
-    *,
-    suspended: bool,
-    need_imu: bool,
-    confirm: Callable[[], None] = lambda: None,
-    status: Callable[[str], None] = lambda _: None,
-    timing: Timing | None = None,
-) -> None:
+def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
     """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
 
-    A ``suspended`` robot does not crouch at the end. ``status`` gets a line every five seconds. Other arguments and
-    errors are those of `deploy.walk`.
+    A ``suspended`` robot does not crouch at the end. The status is a line every five seconds. Raises as `deploy.walk`.
     """
-    check_and_confirm(link, confirm, need_imu)
-    done, period, rows = 0, link.robot.control_dt, iter(targets)
+    session.check()
+    period, rows = session.link.robot.control_dt, iter(targets)
 
-    def count(_: Measurement) -> None:
-        nonlocal done
-        done += 1
-        if done % _STATUS_PERIOD == 0:
-            status(f"{done * period:6.1f} of {len(targets) * period:g} s recorded")
+    def show(count: int, _: Measurement) -> None:
+        session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(lambda _: next(rows, None), Mode.EXCITE, count, timing)
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, every(_STATUS_PERIOD, show), session.timing)
 
-    run_armed(link, gains, stop, work, crouch=not suspended)
+    session.run(work, crouch=not suspended)

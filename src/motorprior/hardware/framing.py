@@ -10,67 +10,46 @@ otherwise the reader skips one byte and searches on. The result does not depend 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic
 
 from motorprior.exceptions import ProtocolError
-from motorprior.hardware.protocol import (
-    IDLE,
-    MAX_COMMAND,
-    MAX_TELEMETRY,
-    Command,
-    Telemetry,
-    decode_command,
-    decode_telemetry,
-    encode,
-)
+from motorprior.hardware.protocol import IDLE, MAX_PAYLOAD, Command, Message, Telemetry, decode, encode
 
 MAX_LINE = 256  # [bytes]; of a longer line of text only the end is kept
 # Only the printable end of a line: what precedes it may be the rest of a damaged frame.
 _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
-Message = TypeVar("Message")
 
 
 @dataclass(frozen=True)
-class Framing:
+class _Framing:
     """Layout of a frame."""
 
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian
     end: bytes  # after the payload
-    max_payload: int  # [bytes]
-
-    def wrap(self, payload: bytes) -> bytes:
-        """A frame with this payload."""
-        return self.start + len(payload).to_bytes(self.length_bytes, "big") + payload + self.end
 
 
-COMMAND_FRAMING = Framing(b"\x00", 1, b"", MAX_COMMAND)
-TELEMETRY_FRAMING = Framing(b"\x45\x45", 2, b"\r\n", MAX_TELEMETRY)
+_FRAMINGS: dict[type, _Framing] = {Command: _Framing(b"\x00", 1, b""), Telemetry: _Framing(b"\x45\x45", 2, b"\r\n")}
 
 
-def command_frame(command: Command, joints: int) -> bytes:
-    """The bytes of a command on the wire; raises as `encode`."""
-    return COMMAND_FRAMING.wrap(encode(command, joints))
+def framed(message: Command | Telemetry, joints: int) -> bytes:
+    """The bytes of a message on the wire; raises as `encode`."""
+    framing, payload = _FRAMINGS[type(message)], encode(message, joints)
+    return framing.start + len(payload).to_bytes(framing.length_bytes, "big") + payload + framing.end
 
 
-def telemetry_frame(telemetry: Telemetry, joints: int) -> bytes:
-    """The bytes of telemetry on the wire; raises as `encode`."""
-    return TELEMETRY_FRAMING.wrap(encode(telemetry, joints))
-
-
-IDLE_FRAME = command_frame(IDLE, 0)  # the same for every robot: it holds no array
+IDLE_FRAME = framed(IDLE, 0)  # the same for every robot: it holds no array
 
 
 class FrameReader(Generic[Message]):
-    """Reads messages and lines of text from bytes. Buffers at most one frame and one line.
+    """Reads messages of a kind and lines of text from bytes: telemetry on the host, commands on the robot.
 
-    ``decode`` turns a payload into a message and raises ProtocolError for an invalid one.
+    It buffers at most one frame and one line.
     """
 
-    def __init__(self, framing: Framing, decode: Callable[[bytes], Message]):
-        self._framing, self._decode = framing, decode
+    def __init__(self, kind: type[Message], joints: int):
+        self._kind, self._joints, self._framing = kind, joints, _FRAMINGS[kind]
         self._buffer, self._line = bytearray(), b""
         self.rejected = 0  # frame starts without a valid frame
 
@@ -81,11 +60,6 @@ class FrameReader(Generic[Message]):
         while self._advance(out):
             pass
         return out
-
-    @property
-    def pending(self) -> int:
-        """Buffered bytes."""
-        return len(self._buffer) + len(self._line)
 
     def _advance(self, out: list[Message | str]) -> bool:
         """Read one frame or skip bytes; False when more bytes are needed."""
@@ -103,7 +77,7 @@ class FrameReader(Generic[Message]):
             return False
         length = int.from_bytes(buffer[len(framing.start) : head], "big")
         total = head + length + len(framing.end)
-        if not 0 < length <= framing.max_payload or (len(buffer) > head and not _begins_map(buffer[head])):
+        if not 0 < length <= MAX_PAYLOAD[self._kind] or (len(buffer) > head and not _begins_map(buffer[head])):
             self._reject(out)
             return True
         if len(buffer) < total:
@@ -111,7 +85,7 @@ class FrameReader(Generic[Message]):
         try:
             if buffer[total - len(framing.end) : total] != framing.end:
                 raise ProtocolError("the end of the frame is missing")
-            out.append(self._decode(bytes(buffer[head : head + length])))
+            out.append(decode(bytes(buffer[head : head + length]), self._kind, self._joints))
             del buffer[:total]
         except ProtocolError:
             self._reject(out)
@@ -129,16 +103,6 @@ class FrameReader(Generic[Message]):
         for line in lines:
             if text := _PRINTABLE_END.search(line[-MAX_LINE:].rstrip(b"\r")):
                 out.append(text.group().decode("ascii").strip())
-
-
-def command_reader(joints: int) -> FrameReader[Command]:
-    """Reads commands, on the robot."""
-    return FrameReader(COMMAND_FRAMING, lambda payload: decode_command(payload, joints))
-
-
-def telemetry_reader(joints: int) -> FrameReader[Telemetry]:
-    """Reads telemetry and text, on the host."""
-    return FrameReader(TELEMETRY_FRAMING, lambda payload: decode_telemetry(payload, joints))
 
 
 def _begins_map(byte: int) -> bool:

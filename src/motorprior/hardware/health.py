@@ -1,12 +1,14 @@
-"""Fault detection in telemetry, sent targets and the host's timing. One small class per kind of fault.
+"""Fault detection in telemetry, sent targets and the host's timing.
 
-Each check is called once per measurement or control step and raises `RobotFault` when a limit of
+Each check is called once per measurement or control step and yields or raises a `RobotFault` when a limit of
 `robots.wire.SafetyLimits` has been exceeded for the given time. Angles have the library's signs.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -28,41 +30,52 @@ class _Debounce:
         return now - self._since >= self._duration - 1e-3  # time stamps are whole milliseconds
 
 
-class Tilt:
-    """Detects a fall."""
+class Sensors:
+    """Detects a fall, a frozen IMU, overcurrent, overheating and an empty battery.
 
-    def __init__(self, limits: SafetyLimits):
-        self._limits, self._tilted = limits, _Debounce(limits.tilt_time)
-
-    def check(self, telemetry: Telemetry, now: float) -> None:
-        """Raise once roll or pitch has exceeded ``max_tilt`` for ``tilt_time``."""
-        if self._tilted(max(abs(telemetry.roll), abs(telemetry.pitch)) > self._limits.max_tilt, now):
-            raise RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
-
-
-class FrozenImu:
-    """Detects an IMU that worked and now repeats its values or sends zeros, so that a fall would not be detected.
-
-    Active once it has worked for ``imu_time``: one damaged frame of a firmware without IMU does not count.
+    An IMU is frozen if it worked and now repeats its values or sends zeros, so that a fall would not be detected. It
+    has worked once its values were not 0 for ``imu_time``: one damaged frame of a firmware without IMU does not count.
     """
 
-    def __init__(self, limits: SafetyLimits):
-        self._limits, self._works = limits, _Debounce(limits.imu_time)
-        self._has_worked = False
+    def __init__(self, robot: Robot, limits: SafetyLimits):
+        self._names, self._limits = robot.joint_names, limits
+        self._tilted, self._imu_works = _Debounce(limits.tilt_time), _Debounce(limits.imu_time)
+        self._overcurrent = _Debounce(limits.current_time)
+        self._hot, self._empty = _Debounce(limits.warning_time), _Debounce(limits.warning_time)
+        self._imu_has_worked = False
         self._last: tuple[float, ...] = ()
         self._since = 0.0
 
-    def check(self, telemetry: Telemetry, now: float) -> None:
-        """Raise once all six values have been constant for ``imu_time``."""
-        values = (telemetry.roll, telemetry.pitch, telemetry.yaw)
-        values += (telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate)
-        self._has_worked = self._works(is_imu_alive(telemetry), now) or self._has_worked
-        if values != self._last or not self._has_worked:
+    def faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
+        """The faults in a measurement at ``now`` [s] on the robot's clock."""
+        limits = self._limits
+        joint, current = _largest(None if telemetry.cur is None else np.abs(telemetry.cur))
+        if self._overcurrent(current > limits.measured_current, now):
+            yield RobotFault("current", f"{self._names[joint]} draws {current:.1f} A")
+        joint, temperature = _largest(telemetry.temp)
+        if self._hot(temperature > limits.temperature, now):
+            problem = f"{self._names[joint]} is at {temperature:.0f} °C"
+            yield RobotFault("temperature", problem, safe_state="crouch", remedy="let the motors cool down")
+        if self._empty(telemetry.bat is not None and telemetry.bat < limits.battery, now):
+            yield RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
+        values = (*telemetry.attitude, *telemetry.rates)
+        self._imu_has_worked = self._imu_works(telemetry.has_imu, now) or self._imu_has_worked
+        if values != self._last or not self._imu_has_worked:
             self._last, self._since = values, now
-        elif now - self._since >= self._limits.imu_time:
+        elif now - self._since >= limits.imu_time:
             problem = f"roll, pitch, yaw and their rates have been constant for {now - self._since:.2f} s"
             remedy = "look for a loose IMU, switch the robot off and on"
-            raise RobotFault("frozen IMU", problem, safe_state="crouch", remedy=remedy)
+            yield RobotFault("frozen IMU", problem, safe_state="crouch", remedy=remedy)
+        if self._tilted(max(abs(telemetry.roll), abs(telemetry.pitch)) > limits.max_tilt, now):
+            yield RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
+
+
+def _largest(values: np.ndarray | None) -> tuple[int, float]:
+    """Joint and value of the largest of (joints,) values."""
+    if values is None:
+        return 0, -math.inf
+    joint = int(np.argmax(values))
+    return joint, float(values[joint])
 
 
 class Tracking:
@@ -91,8 +104,8 @@ class Tracking:
         if now - self._restart >= 1.0:
             self._window, self._restart = [], now
 
-    def check(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> None:
-        """Raise for a joint that is too far from the reference for too long, or does not move at all."""
+    def faults(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> Iterator[RobotFault]:
+        """The fault of a joint that is too far from the reference for too long, or does not move at all."""
         if self._reference is None:
             self._reference, self._last = joint_pos.copy(), now
         step, self._last = max(0.0, now - self._last), now
@@ -104,72 +117,42 @@ class Tracking:
             name, away = self._names[worst], self._away[worst]
             problem = f"{name} is {error[worst]:.2f} rad from its lagged target, for {away:.2f} s"
             remedy = "look for a motor without power, a loose cable or an obstacle"
-            raise RobotFault("tracking", problem, remedy=remedy)
+            yield RobotFault("tracking", problem, remedy=remedy)
         if now >= self._restart:
-            self._check_stuck(joint_pos, self._reference, now)
+            yield from self._stuck(joint_pos, self._reference, now)
 
-    def _check_stuck(self, joint_pos: np.ndarray, reference: np.ndarray, now: float) -> None:
+    def _stuck(self, joint_pos: np.ndarray, reference: np.ndarray, now: float) -> Iterator[RobotFault]:
+        limits = self._limits
         self._window.append((now, joint_pos.copy(), reference.copy()))
-        if now - self._window[0][0] < self._limits.stuck_time - 1e-3:
+        if now - self._window[0][0] < limits.stuck_time - 1e-3:
             return
-        while now - self._window[1][0] >= self._limits.stuck_time - 1e-3:
+        while now - self._window[1][0] >= limits.stuck_time - 1e-3:
             del self._window[0]
         moved = np.ptp([angles for _, angles, _ in self._window], axis=0)
         expected = np.abs(reference - self._window[0][2])
-        stuck = (moved < self._limits.stuck_motion) & (expected > self._limits.stuck_target)
+        stuck = (moved < limits.stuck_motion) & (expected > limits.stuck_target)
         if stuck.any():
             joint = int(np.argmax(stuck))
-            problem = f"{self._names[joint]} moved less than {self._limits.stuck_motion} rad while its lagged target "
+            problem = f"{self._names[joint]} moved less than {limits.stuck_motion} rad while its lagged target "
             problem += f"moved {expected[joint]:.2f} rad"
-            raise RobotFault("stuck", problem, remedy="look for a frozen encoder or a blocked joint")
-
-
-class Electrical:
-    """Detects overcurrent, overheating and an empty battery, where the robot measures them."""
-
-    def __init__(self, robot: Robot, limits: SafetyLimits):
-        self._names, self._limits = robot.joint_names, limits
-        self._overcurrent = _Debounce(limits.current_time)
-        self._hot, self._empty = _Debounce(limits.warning_time), _Debounce(limits.warning_time)
-
-    def check(self, telemetry: Telemetry, now: float) -> None:
-        """Raise once a current has been too high for ``current_time``, or another value bad for ``warning_time``."""
-        limits = self._limits
-        joint, current = _largest(None if telemetry.cur is None else np.abs(telemetry.cur))
-        if self._overcurrent(current > limits.measured_current, now):
-            raise RobotFault("current", f"{self._names[joint]} draws {current:.1f} A")
-        joint, temperature = _largest(telemetry.temp)
-        if self._hot(temperature > limits.temperature, now):
-            problem = f"{self._names[joint]} is at {temperature:.0f} °C"
-            raise RobotFault("temperature", problem, safe_state="crouch", remedy="let the motors cool down")
-        if self._empty(telemetry.bat is not None and telemetry.bat < limits.battery, now):
-            raise RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
-
-
-def _largest(values: np.ndarray | None) -> tuple[int, float]:
-    """Joint and value of the largest of (joints,) values."""
-    if values is None:
-        return 0, -math.inf
-    joint = int(np.argmax(values))
-    return joint, float(values[joint])
+            yield RobotFault("stuck", problem, remedy="look for a frozen encoder or a blocked joint")
 
 
 class SlowHost:
     """Detects a host that is too slow for a control period [s]."""
 
     def __init__(self, limits: SafetyLimits, period: float):
-        self._limits, self._period, self._late = limits, period, [0.0] * 100
-        self._count = 0
+        self._limits, self._period = limits, period
+        self._late = deque([0.0] * 100, maxlen=100)
 
     def check(self, late: float) -> None:
         """Add the lateness [s] of a step: of its command, or of its end if that missed the next deadline.
 
         Raise if one step is far too late, too many steps are late, or the sum is too large.
         """
-        limits, steps = self._limits, self._late
-        steps[self._count % len(steps)] = late if late > 0.5 * self._period else 0.0
-        self._count += 1
-        num_late, total = len(steps) - steps.count(0.0), sum(steps)
+        limits = self._limits
+        self._late.append(late if late > 0.5 * self._period else 0.0)
+        num_late, total = len(self._late) - self._late.count(0.0), sum(self._late)
         if late > limits.tick_delay or num_late > limits.late_ticks or total > limits.stalled_time:
             problem = f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
             problem += f"{1e3 * total:.0f} ms in all"
@@ -189,8 +172,3 @@ def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> M
         problem = f"the last measurement is {age:.2f} s old, {limits.telemetry_age} s is the limit"
         raise RobotFault("stale telemetry", problem)
     return stream.latest
-
-
-def is_imu_alive(telemetry: Telemetry) -> bool:
-    """False if every value is exactly 0, as the current firmware sends."""
-    return any((telemetry.roll, telemetry.pitch, telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))

@@ -1,23 +1,21 @@
 """Messages between host and robot, and their msgpack payloads, with numbers as float32.
 
 Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`wire_conversion`. ``temp`` and ``bat`` are not in that firmware; a robot that measures them may send these keys.
+`Wire.signs`. ``temp`` and ``bat`` are not in that firmware; a robot that measures them may send these keys.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import msgpack
 import numpy as np
 
 from motorprior.exceptions import ProtocolError
 
-MAX_COMMAND = 255  # [bytes] of payload: the length of a command travels in one byte
-MAX_TELEMETRY = 1023  # [bytes] of payload; all keys need about 650, so a greater length is damaged
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
@@ -49,12 +47,33 @@ class Telemetry:
     temp: np.ndarray | None = None  # (joints,) motor temperatures [°C]
     bat: float | None = None  # battery voltage [V]
 
+    def with_signs(self, signs: np.ndarray) -> Telemetry:
+        """The same with (joints,) ``signs`` on positions, velocities and currents, to the library's signs or back."""
+        current = None if self.cur is None else signs * self.cur
+        return replace(self, pos=signs * self.pos, vel=signs * self.vel, cur=current)
+
+    @property
+    def attitude(self) -> tuple[float, float, float]:
+        """Roll, pitch, yaw [rad]."""
+        return self.roll, self.pitch, self.yaw
+
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """Rates about the body's axes x, y, z [rad/s]."""
+        return self.roll_rate, self.pitch_rate, self.yaw_rate
+
+    @property
+    def has_imu(self) -> bool:
+        """False if the attitude and rates are exactly 0, as the current firmware sends."""
+        return any((self.roll, self.pitch, *self.rates))
+
 
 IDLE = Command(idle=True)
-
-_COMMAND_KEYS = tuple(field.name for field in fields(Command))
-_TELEMETRY_KEYS = tuple(field.name for field in fields(Telemetry))
-_REQUIRED = _TELEMETRY_KEYS[: _TELEMETRY_KEYS.index("cur")]
+# [bytes]: the length of a command travels in one byte; all keys of telemetry need about 650
+MAX_PAYLOAD: dict[type, int] = {Command: 255, Telemetry: 1023}
+Message = TypeVar("Message", bound=Command | Telemetry)
+_KEYS = {kind: tuple(field.name for field in fields(kind)) for kind in (Command, Telemetry)}
+_REQUIRED = _KEYS[Telemetry][: _KEYS[Telemetry].index("cur")]
 _ARRAYS = ("pos", "vel", "cur", "temp")
 
 
@@ -66,48 +85,39 @@ def encode(message: Command | Telemetry, joints: int) -> bytes:
     """
     values = {key: value for key, value in vars(message).items() if value is not None}
     values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
-    _validated(values, values, joints)
+    _validated(values, joints)
     if "ts" in values:
         values["ts"] = round(values["ts"])
     payload = msgpack.packb(values, use_single_float=True)
-    max_size = MAX_COMMAND if isinstance(message, Command) else MAX_TELEMETRY
-    if not values or payload is None or len(payload) > max_size:
+    if not values or payload is None or len(payload) > MAX_PAYLOAD[type(message)]:
         raise ProtocolError(f"a message with {', '.join(values) or 'no keys'} has no valid size")
     return payload
 
 
-def decode_command(payload: bytes, joints: int) -> Command:
-    """Decode a command, as the firmware does; raises ProtocolError for an invalid payload or unknown key."""
-    values = _unpack(payload, joints)
-    if not values or any(key not in _COMMAND_KEYS for key in values):
-        raise ProtocolError("not a command")
-    return Command(**_validated(values, values, joints))
+def decode(payload: bytes, kind: type[Message], joints: int) -> Message:
+    """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored.
 
-
-def decode_telemetry(payload: bytes, joints: int) -> Telemetry:
-    """Decode telemetry; raises ProtocolError for an invalid payload or missing key. Unknown keys are ignored."""
-    values = _unpack(payload, joints)
-    if any(key not in values for key in _REQUIRED):
-        raise ProtocolError("incomplete telemetry")
-    return Telemetry(**_validated(values, [key for key in _TELEMETRY_KEYS if key in values], joints))
-
-
-def _unpack(payload: bytes, joints: int) -> dict[Any, Any]:
+    Raises:
+        ProtocolError: an invalid payload, a command without or with unknown keys, or telemetry with missing ones.
+    """
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
         values = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise ProtocolError("not msgpack") from error
-    if not isinstance(values, dict):
-        raise ProtocolError("not a msgpack map")
-    return values
+    if not isinstance(values, dict) or not values:
+        raise ProtocolError("not a msgpack map with keys")
+    known = {key: values[key] for key in _KEYS[kind] if key in values}
+    complete = len(known) == len(values) if kind is Command else all(key in known for key in _REQUIRED)
+    if not complete:
+        raise ProtocolError(f"unknown or missing keys in a {kind.__name__}")
+    return kind(**_validated(known, joints))
 
 
-def _validated(values: Mapping[Any, Any], keys: Collection[Any], joints: int) -> dict[str, Any]:
-    """The values of these keys: a flag, a finite number, or an array of one finite number per joint."""
+def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:
+    """The values: a flag, a finite number, or an array of one finite number per joint."""
     validated: dict[str, Any] = {}
-    for key in keys:
-        value = values[key]
+    for key, value in values.items():
         if key == "idle":
             valid = type(value) is bool
         elif key in _ARRAYS:

@@ -18,7 +18,9 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
 def real_time() -> Iterator[None]:
     """Real-time priority, locked memory and no garbage collection within this context."""
     normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
-    libc = ctypes.CDLL(None) if _may_lock_memory() else None
+    # With a limit of locked memory, a later allocation would fail in the middle of a motion.
+    unlimited = sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    libc = ctypes.CDLL(None) if unlimited else None
     if libc is not None:
         libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
     gc.collect()
@@ -31,11 +33,6 @@ def real_time() -> Iterator[None]:
             libc.munlockall()
         if normal is not None:
             _set_scheduler(*normal)
-
-
-def _may_lock_memory() -> bool:
-    """Whether locked memory is unlimited: with a limit, a later allocation would fail in the middle of a motion."""
-    return sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
 
 
 def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:

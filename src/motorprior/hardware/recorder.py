@@ -75,6 +75,4 @@ class Recorder:
         values = [now, int(mode), since, *target.tolist(), *telemetry.pos.tolist(), *telemetry.vel.tolist()]
         if self._with_current and telemetry.cur is not None:
             values += telemetry.cur.tolist()
-        values += [telemetry.roll, telemetry.pitch, telemetry.yaw]
-        values += [telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate]
-        return self._format % tuple(values)
+        return self._format % (*values, *telemetry.attitude, *telemetry.rates)

@@ -5,19 +5,18 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
-from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.health import Electrical, FrozenImu, Tilt, Tracking, check_stream
+from motorprior.hardware.health import Sensors, Tracking, check_stream
 from motorprior.hardware.protocol import IDLE, Command
 from motorprior.hardware.recorder import Recorder
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
-from motorprior.hardware.wire_conversion import from_wire
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
@@ -60,8 +59,7 @@ class RobotLink:
         self.sent = self.position_clips = self.slew_clips = 0
         self._gate: SafetyGate | None = None
         self._watchdog: Watchdog | None = None
-        self._sensors = Electrical(robot, limits), FrozenImu(limits), Tilt(limits)
-        self._tracking = Tracking(robot, limits)
+        self._sensors, self._tracking = Sensors(robot, limits), Tracking(robot, limits)
         self._unchecked: deque[Measurement] = deque(maxlen=1000)  # bounded: an idle host may never check
         self._error_line: str | None = None
         self._ignored: set[str] = set()
@@ -100,7 +98,7 @@ class RobotLink:
                     if "ERROR" in message:
                         self._error_line = message
                     continue
-                measurement = self.stream.accept(from_wire(self._wire, message), arrival)
+                measurement = self.stream.accept(message.with_signs(self._wire.joint_signs), arrival)
                 if measurement is not None:
                     self._unchecked.append(measurement)
                     self._record(measurement)
@@ -208,15 +206,10 @@ class RobotLink:
 
     def _check_robot(self, measurement: Measurement) -> None:
         telemetry, target, now = measurement.telemetry, self.target, 1e-3 * measurement.telemetry.ts
-        checks = [partial(sensor.check, telemetry, now) for sensor in self._sensors]
-        if target is not None:
-            checks.append(partial(self._tracking.check, telemetry.pos, target, now))
-        for check in checks:
-            try:
-                check()
-            except RobotFault as fault:
-                if fault.kind not in self._ignored:
-                    raise
+        tracking = () if target is None else self._tracking.faults(telemetry.pos, target, now)
+        for fault in chain(self._sensors.faults(telemetry, now), tracking):
+            if fault.kind not in self._ignored:
+                raise fault
 
     def _record(self, measurement: Measurement) -> None:
         if self._recorder is None:

@@ -29,14 +29,15 @@ class Gains:
     def of(
         cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
     ) -> Gains:
-        """The given gains, and the robot's own in place of None."""
+        """The given gains, and the robot's own in place of None; raises ConfigError as `check`."""
         given = {"kp": kp, "kd": kd, "max_current": max_current}
-        return cls(**{name: getattr(wire, name) if value is None else value for name, value in given.items()})
+        gains = cls(**{name: getattr(wire, name) if value is None else value for name, value in given.items()})
+        gains.check(wire.safety)
+        return gains
 
     def check(self, limits: SafetyLimits) -> None:
         """Raise ConfigError unless every value is positive and within the limits."""
-        maxima = {"kp": limits.max_kp, "kd": limits.max_kd, "max_current": limits.max_current}
-        for name, maximum in maxima.items():
+        for name, maximum in (("kp", limits.max_kp), ("kd", limits.max_kd), ("max_current", limits.max_current)):
             require_number(name, getattr(self, name), 0.0, maximum, positive=True)
 
 

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.framing import command_frame, telemetry_reader
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.robots.robot import Robot
 
@@ -33,7 +33,7 @@ class SerialLink:
             reason, remedy = _explanation(error)
             raise RobotFault("no port", f"cannot open {self.port} ({reason})", remedy=remedy) from error
         self._joints = robot.num_joints
-        self._reader = telemetry_reader(self._joints)
+        self._reader = FrameReader(Telemetry, self._joints)
         self._unsent = bytearray()
 
     @property
@@ -68,7 +68,7 @@ class SerialLink:
 
     def send(self, command: Command) -> float:
         """Write a command; returns the time [s]. Raises RobotFault if the port is gone or the robot stops reading."""
-        self._unsent += command_frame(command, self._joints)
+        self._unsent += framed(command, self._joints)
         try:
             sent = os.write(self.fileno(), self._unsent)
             del self._unsent[:sent]
@@ -97,9 +97,7 @@ class SerialLink:
 
 def resolve_port(port: str | None) -> str:
     """The given port, or the only USB serial port; raises ConfigError if there are none or several."""
-    if port is not None:
-        return port
-    ports = _usb_ports()
+    ports = _usb_ports() if port is None else [port]
     if len(ports) == 1:
         return ports[0]
     if not ports:
@@ -118,12 +116,10 @@ def _explanation(error: Exception) -> tuple[str, str]:
     number, cause = getattr(error, "errno", None), error.__context__
     if not number and isinstance(cause, termios.error):
         number = cause.args[0]
-    remedy = "close every other program that uses the port"
-    if number == errno.ENOTTY:
-        remedy = "this is no serial port; give one such as /dev/ttyACM0"
-    elif number == errno.EACCES:
-        remedy = "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again"
-    elif number == errno.ENOENT:
-        ports = _usb_ports()
-        remedy = f"use one of {', '.join(ports)}" if ports else "plug the robot in and switch it on; no port was found"
-    return os.strerror(number) if number else str(error), remedy
+    remedies = {
+        errno.ENOTTY: "this is no serial port; give one such as /dev/ttyACM0",
+        errno.EACCES: "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again",
+        errno.ENOENT: f"plug the robot in and switch it on; ports found: {', '.join(_usb_ports()) or 'none'}",
+    }
+    reason = os.strerror(number) if number else str(error)
+    return reason, remedies.get(number or 0, "close every other program that uses the port")

@@ -12,14 +12,14 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import FrameType
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion, ramp
-from motorprior.hardware.health import is_imu_alive
+from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, ramp
+from motorprior.hardware.doctor import Check, frame_rate, imu, joint_ranges, require_ok
 from motorprior.hardware.real_time import real_time
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
@@ -27,10 +27,6 @@ from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.readers.robot_run import Mode
 
 _CHECK_DURATION = 0.5  # [s]
-# Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest
-# may be lost.
-_MIN_FRAMES = 0.8
-_RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 _MAX_MOTION = 0.1  # [rad] during the check; more means homing, or a user who moves the legs
 _MAX_GYRO_BIAS = 0.1  # [rad/s]; 0.05 rad/s are common in a cheap gyroscope before calibration
 _HOLD = 0.5  # [s] at the nominal pose
@@ -77,101 +73,117 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
     The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
 
     Raises:
-        RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, a tilted body, or a
-            fault.
+        RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, or a fault.
     """
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
-    first, before = link.check().telemetry, link.stream.accepted
-    rates, robot = _mean_rates(link, 0.8 * _CHECK_DURATION), link.robot
+    received, before, robot = [link.check().telemetry], link.stream.accepted, link.robot
+    end = time.monotonic() + 0.8 * _CHECK_DURATION
+    while (now := time.monotonic()) < end:
+        link.receive(min(end, now + robot.control_dt))
+        received.append(link.check().telemetry)
     measurement = link.check()
-    telemetry, frames = measurement.telemetry, link.stream.accepted - before
-    seconds, min_rate = 1e-3 * (telemetry.ts - first.ts), _MIN_FRAMES / robot.control_dt
-    if frames < max(2.0, min_rate * seconds):
-        problem = f"{frames} frames in {seconds:.2f} s, at least {min_rate:.0f} per second are needed"
-        remedy = "see `motorprior doctor`; PRINT_DELAY in the firmware's main.cpp is their period"
-        raise RobotFault("stale telemetry", problem, remedy=remedy)
-    if need_imu and not is_imu_alive(telemetry):
-        raise RobotFault(
-            "no IMU",
-            "roll, pitch and their rates are all 0: the firmware does not read it, so a fall cannot be detected",
-            remedy="flash a firmware that reads the IMU, or give without_imu and stay within reach of the robot",
-            argument="without_imu",
-        )
-    outside = (telemetry.pos < robot.lower - _RANGE_SLACK) | (telemetry.pos > robot.upper + _RANGE_SLACK)
-    if outside.any():
-        worst = int(np.argmax(outside))
-        limits = f"{robot.lower[worst]:+.2f} to {robot.upper[worst]:+.2f}"
-        problem = f"{robot.joint_names[worst]} is at {telemetry.pos[worst]:+.2f} rad, its range is {limits}"
-        remedy = "switch the robot on with its legs free so that it finds its end stops"
-        raise RobotFault("joint range", problem, remedy=remedy)
-    moved = np.abs(telemetry.pos - first.pos)
-    if moved.max() > _MAX_MOTION:
-        name = robot.joint_names[int(np.argmax(moved))]
-        problem = f"{name} moved {moved.max():.2f} rad, although this host sent nothing"
-        remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
-        raise RobotFault("moving", problem, remedy=remedy)
-    if max(abs(telemetry.roll), abs(telemetry.pitch)) > link.limits.max_tilt:
-        raise RobotFault("fall", "the robot lies on its side", remedy="put it on its feet")
+    moved = np.abs(measurement.telemetry.pos - received[0].pos)
+    moving = f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, although this host sent nothing"
+    remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
+    require_ok(
+        [
+            frame_rate(robot, link.stream.accepted - before, received),
+            *([imu(received[-1])] if need_imu else []),
+            *joint_ranges(robot, received[-1:]),
+            Check("moving", moving, bool(moved.max() <= _MAX_MOTION), remedy),
+        ]
+    )
+    rates = np.mean([telemetry.rates for telemetry in received[1:]], axis=0)
     return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
 
 
-def _mean_rates(link: RobotLink, seconds: float) -> np.ndarray:
-    """(3,) mean rates over the next ``seconds`` [rad/s]."""
-    end, rates = time.monotonic() + seconds, []
-    while (now := time.monotonic()) < end:
-        link.receive(min(end, now + link.robot.control_dt))
-        telemetry = link.check().telemetry
-        rates.append((telemetry.roll_rate, telemetry.pitch_rate, telemetry.yaw_rate))
-    return np.mean(rates, axis=0)
+@dataclass
+class Session:
+    """A run of a robot, from idle to idle.
 
-
-def check_and_confirm(
-    link: RobotLink,
-    confirm: Callable[[], None],
-    need_imu: bool,
-    prepare: Callable[[Measurement], None] = lambda _: None,
-) -> np.ndarray:
-    """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s]."""
-    measurement, gyro_bias = check_before_arming(link, need_imu)
-    before = time.monotonic()
-    prepare(measurement)
-    confirm()
-    return check_before_arming(link, need_imu)[1] if time.monotonic() - before > _RECHECK_AFTER else gyro_bias
-
-
-def run_armed(
-    link: RobotLink,
-    gains: Gains,
-    stop: StopRequest,
-    work: Callable[[ControlLoop], None],
-    *,
-    crouch: bool = True,
-    stopping: Callable[[], Motion] | None = None,
-) -> None:
-    """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, also after a fault.
-
-    A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch. An error
-    is raised once the robot is idle.
+    Attributes:
+        link: to the robot.
+        gains: to send.
+        stop: ends the run when it is set.
+        need_imu: reject a robot whose IMU is not read.
+        confirm: raises if the user does not confirm arming.
+        status: gets a line to show now and then.
+        timing: of the motion between ramp and crouch, also if a fault ends it.
+        outcome: reason for the end, if not an error: "time", "operator" or the name of a signal.
     """
-    descent = _Descent(link)
-    with real_time():
-        try:
-            link.arm(gains)
-            loop = ControlLoop(link, link.limits, stop)
-            ramp_to(link, loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
-            if not stop():
-                link.gate.slow, descent.stopping = False, stopping
-                work(loop)
-            if crouch:
-                descent.play()
-        except Exception as error:
-            fault = fault_of(error)
-            if crouch and fault.safe_state == "crouch":
-                with contextlib.suppress(MotorPriorError):  # a second fault: idle follows anyway
-                    descent.play(fault)
-            raise
-        finally:
-            link.idle()
+
+    link: RobotLink
+    gains: Gains
+    stop: StopRequest = field(default_factory=StopRequest)
+    need_imu: bool = True
+    confirm: Callable[[], None] = lambda: None
+    status: Callable[[str], None] = lambda _: None
+    timing: Timing = field(default_factory=Timing)
+    outcome: str = ""
+    _stopping: Callable[[], Motion] | None = None  # a motion that slows down; None if nothing moves or it is untrusted
+
+    def check(self, prepare: Callable[[Measurement], None] = lambda _: None) -> np.ndarray:
+        """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s]."""
+        measurement, gyro_bias = check_before_arming(self.link, self.need_imu)
+        before = time.monotonic()
+        prepare(measurement)
+        self.confirm()
+        is_old = time.monotonic() - before > _RECHECK_AFTER
+        return check_before_arming(self.link, self.need_imu)[1] if is_old else gyro_bias
+
+    def run(
+        self, work: Callable[[ControlLoop], None], crouch: bool = True, stopping: Callable[[], Motion] | None = None
+    ) -> None:
+        """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, also after a fault.
+
+        A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch. An
+        error is raised once the robot is idle.
+        """
+        link = self.link
+        with real_time():
+            try:
+                link.arm(self.gains)
+                loop = ControlLoop(link, link.limits, self.stop)
+                self._ramp(loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
+                if not self.stop():
+                    link.gate.slow, self._stopping = False, stopping
+                    work(loop)
+                if crouch:
+                    self._descend()
+            except Exception as error:
+                fault = fault_of(error)
+                if crouch and fault.safe_state == "crouch":
+                    with contextlib.suppress(MotorPriorError):  # a second fault: idle follows anyway
+                        self._descend(fault)
+                raise
+            finally:
+                link.idle()
+        self.outcome = self.outcome or self.stop.reason or "time"
+
+    def _ramp(self, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> None:
+        """Move the armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
+        gate = self.link.gate
+        assert gate.target is not None, "armed"
+        gate.slow = True
+        loop.play(ramp(gate.target, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
+
+    def _descend(self, fault: RobotFault | None = None) -> None:
+        """Slow down, then crouch; after a fault in the descent it continues from there."""
+        link = self.link
+        if fault is not None:
+            link.gate.latch(fault)
+            link.ignore(fault.kind)
+            if fault.kind in _UNTRUSTED:
+                self._stopping = None
+        link.gate.allow_crouch()
+        link.ignore("stuck")  # the ground may block a foot while the body descends; to continue is safer than to fall
+        never = float("inf")  # a late crouch is better than none
+        lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
+        loop = ControlLoop(link, lenient, lambda: False)  # a stop of the previous motion must not stop this one
+        if self._stopping is not None:
+            loop.play(self._stopping(), Mode.WALK)
+        self._stopping = None
+        self._ramp(loop, link.robot.require_wire().crouch_pose, Mode.CROUCH)
 
 
 def fault_of(error: Exception) -> RobotFault:
@@ -180,41 +192,3 @@ def fault_of(error: Exception) -> RobotFault:
         return error
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
-
-
-def ramp_to(link: RobotLink, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> Measurement | None:
-    """Move an armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
-    target = link.gate.target
-    assert target is not None, "armed"
-    link.gate.slow = True
-    return loop.play(ramp(target, pose, link.limits.slow_speed, link.robot.control_dt, hold), mode)
-
-
-class _Descent:
-    """Slow down, then crouch. After a fault in the descent it continues from there.
-
-    Attributes:
-        stopping: the motion that slows down; None if nothing moves any more, or the motion cannot be trusted.
-    """
-
-    def __init__(self, link: RobotLink):
-        self._link = link
-        self.stopping: Callable[[], Motion] | None = None
-
-    def play(self, fault: RobotFault | None = None) -> None:
-        """Use a new control loop: a stop of the previous motion must not stop this one."""
-        link, robot = self._link, self._link.robot
-        if fault is not None:
-            link.gate.latch(fault)
-            link.ignore(fault.kind)
-            if fault.kind in _UNTRUSTED:
-                self.stopping = None
-        link.gate.allow_crouch()
-        link.ignore("stuck")  # the ground may block a foot while the body descends; to continue is safer than to fall
-        never = float("inf")  # a late crouch is better than none
-        lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
-        loop = ControlLoop(link, lenient, lambda: False)
-        if self.stopping is not None:
-            loop.play(self.stopping(), Mode.WALK)
-        self.stopping = None
-        ramp_to(link, loop, robot.require_wire().crouch_pose, Mode.CROUCH)

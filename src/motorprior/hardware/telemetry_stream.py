@@ -88,9 +88,7 @@ class TelemetryStream:
         limits = self._limits
         if new.ts < 0 or np.abs(new.pos).max() > _MAX_ANGLE or np.abs(new.vel).max() > 3.0 * limits.joint_speed:
             return False
-        if max(map(abs, (new.roll, new.pitch, new.yaw))) > _MAX_ANGLE:
-            return False
-        if max(map(abs, (new.roll_rate, new.pitch_rate, new.yaw_rate))) > limits.body_rate:
+        if max(map(abs, new.attitude)) > _MAX_ANGLE or max(map(abs, new.rates)) > limits.body_rate:
             return False
         if self.latest is None:
             return True

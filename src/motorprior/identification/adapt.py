@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import named_multiples, with_logged_gains
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import LogError, listed
@@ -92,7 +92,7 @@ def adapt_and_show(prior: MotorPrior, log: MotorLog, anyway: bool, progress: Pro
         )  # fmt: skip
     _note_findings(prior, log, found, progress)
     p_value = tuple(float(value) for value in outliers.p_value)
-    gains = log.gains if prior.network.gain_unit else None
+    gains = log.gains if prior.model.gain_unit else None
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
 
 
@@ -103,7 +103,7 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
     preset, data, temperature, _ = _prepared(prior, log)
     std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
     expected = LatentPrior(prior.expected(log.joint_names), std)
-    return fit_posterior(prior.network, data, preset, temperature, prior=expected)
+    return fit_posterior(prior.model, data, preset, temperature, prior=expected)
 
 
 def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierTest:
@@ -115,7 +115,7 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierT
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
     if len(prior.mean) > 1:
-        far = outliers(prior.network, prior.mean, found.mean, data, preset, temperature)
+        far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature)
         p_value = np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value))
         for motor in np.flatnonzero(far.p_value < p_fit):
             reason[motor] = f"{far.latent[motor]} {far.deviation[motor]:+.1f} standard deviations from the fleet's"
@@ -141,12 +141,12 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
 
     Constants in units of a firmware are multiples with names of their own (`named_multiples`).
     """
-    if prior.network.motor is None:
+    if not isinstance(prior.model, GreyBox):
         return {}
-    values, gains = prior.network.constants(latents), log.gains
-    if prior.network.gain_unit == PHYSICAL_GAINS and gains is not None:
+    values, gains = prior.model.constants(latents), log.gains
+    if prior.model.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_logged_gains(values, *gains)
-    return named_multiples(values) if prior.network.gain_unit else values
+    return named_multiples(values) if prior.model.gain_unit else values
 
 
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
@@ -164,17 +164,17 @@ def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress:
     recipe = recipe_of(prior)
     for line in log_warnings(log, recipe):
         progress.note(line)
-    if prior.network.motor is not None:
-        evaluate_replay(LatentActuator(prior.network, found.mean), None, log, recipe, progress)
+    if isinstance(prior.model, GreyBox):
+        evaluate_replay(prior.model.motors(found.mean), None, log, recipe, progress)
     if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
         progress.note(advice)
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
-    if prior.network.motor is None:
+    if not isinstance(prior.model, GreyBox):
         return ""
-    share, (motor_bound, robot_bound) = kp_ratio(prior.network, latents), weak_below(prior.network)
+    share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents), weak_below(prior.model)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:
         return ""
@@ -185,9 +185,9 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     )
 
 
-def weak_below(network: LatentNetwork) -> tuple[float, float]:
+def weak_below(model: GreyBox) -> tuple[float, float]:
     """Shares of the central motor's kp below which a motor, and the median of a robot's motors, is weak [-]."""
-    samples = np.random.default_rng(0).standard_normal((1000, network.num_latents))
-    deviation = float(np.std(np.log(kp_ratio(network, samples))))
+    samples = np.random.default_rng(0).standard_normal((1000, model.num_latents))
+    deviation = float(np.std(np.log(kp_ratio(model, samples))))
     bounds = np.exp(-_FAR_MOTOR * deviation), np.exp(-_FAR_ROBOT * deviation)
     return min(WEAK_MOTOR, float(bounds[0])), min(WEAK_ROBOT, float(bounds[1]))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
@@ -138,26 +138,26 @@ def _fitted(
     for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
     found = _identified(data, recipe, preset, seed, progress, checkpoint)
-    network, mean, log_var = found.network, found.mean, found.log_var
+    model, mean, log_var = found.model, found.mean, found.log_var
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
-    metrics |= reference_metrics(network, data, found.preset, mean, log)
+    metrics |= reference_metrics(model, data, found.preset, mean, log)
     for line in found.notes:
         progress.note(line)
-    if network.motor is not None:
-        errors = evaluate_replay(LatentActuator(network, mean), tuned, log, found.preset, progress)
+    if isinstance(model, GreyBox):
+        errors = evaluate_replay(model.motors(mean), tuned, log, found.preset, progress)
         unexplained = float(np.median(errors.unexplained("prior")))
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
-        network, mean, log_var = with_scaled_spread(network, mean, log_var, factor)
-        if network.copula is not None and factor > 1.0:
+        model, mean, log_var = with_scaled_spread(model, mean, log_var, factor)
+        if model.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     trained = {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": seed}
     return MotorPrior(
-        network, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
-        log.gains if network.gain_unit else None,
+        model, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
+        log.gains if model.gain_unit else None,
     )  # fmt: skip
 
 
@@ -166,7 +166,7 @@ def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
 
     if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
         return []
-    deviation = "assumed" if recipe.physics_first and log.num_joints < MIN_MOTORS else "uncertain"
+    deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
     return [
         f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
         f"reproduces these motors, but the standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.behaviour import Behaviours, behaviours
 from motorprior.bench.bench_folder import BenchSettings
@@ -41,7 +41,7 @@ def held_out_motors(bench: BenchSettings) -> TrueMotors:
 
 def _held_out_log(robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float) -> MotorLog:
     """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
-    preset = preset_of_period(prior.network.period)
+    preset = preset_of_period(prior.model.period)
     preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
     preset = preset.for_robot(robot)
     return record(
@@ -54,7 +54,7 @@ def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettin
     return {
         name: adapt_to(prior, _held_out_log(robot, prior, bench, ADAPTED_SECONDS))
         for name, prior in priors.items()
-        if prior.network.num_latents
+        if prior.model.num_latents
     }
 
 
@@ -65,7 +65,7 @@ def adapted_models(
     models: dict[str, ModelOfMotors] = {}
     for name, prior in priors.items():
         z = adapted[name].mean if name in adapted else np.zeros((num_motors, 0))
-        models[name] = lambda index, prior=prior, z=z: LatentActuator(prior.network, z[index])
+        models[name] = lambda index, prior=prior, z=z: prior.model.motors(z[index])
     return models
 
 
@@ -160,8 +160,8 @@ def armature_results(motors: TrueMotors, priors: Mapping[str, MotorPrior]) -> Re
     """Mean ratio of the decoded armature to that of the physical motors, and their correlation over the motors."""
     rows: list[Result] = []
     for name, prior in priors.items():
-        if prior.network.has_armature or prior.network.motor is not None:
-            decoded = prior.network.armature(prior.mean)
+        if isinstance(prior.model, GreyBox) or prior.model.has_armature:
+            decoded = prior.model.armature(prior.mean)
             rows.append(Result("armature_ratio", "1", float(np.mean(decoded / motors.armature)), name, "train"))
             if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
                 correlation = float(np.corrcoef(decoded, motors.armature)[0, 1])

@@ -21,31 +21,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.fleet_fit import fixed_constants
-from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import NARROW, WIDE, Fit, GaussianPrior, MotorFit
+from motorprior.identification.physics.initial_motor import grey_box, initial_center
+from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
-from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns
-from motorprior.identification.presets import PRESETS, Preset, with_logged_settings
-from motorprior.identification.residual import without_residual
+from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns, grey_boxes
+from motorprior.identification.presets import PRESETS, with_logged_settings
+from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
 from motorprior.logs.doctor.excitation import static_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.validity import checked
+from motorprior.signals import rms
 
 RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only
-# random searches per joint, rounds after each, rounds after the best one; several, since there are several optima
-STARTS, FIRST_ROUNDS, ROUNDS = 3, 3, 13
-MAX_ROUNDS = STARTS * FIRST_ROUNDS + ROUNDS  # per joint
+MAX_ROUNDS = 24  # restarts per joint, at most
 _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
 _ROWS = 30_000  # approximate maximum number of fitted rows
-_SEARCH_RADII, _RESTART_RADIUS, _SAMPLES, _STEPS = (1.0, 0.5, 0.25), 0.35, 96, 8
-_PATIENCE, _MIN_GAIN = 3, 0.01  # a fit ends after _PATIENCE rounds in a row with relative gains below _MIN_GAIN
+_RADII, _DRAWS, _STARTS, _STEPS = (1.0, 0.5, 0.35), 96, 3, ((10, WIDE), (6, NARROW))
 _STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # of the prior of a latent, of ln(J/J₀), and of s/g and c/g
 _EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
 _LANES = 32  # loads simulated at a time; each has its own rows
@@ -64,34 +61,41 @@ class FittedLoad:
     error: float  # root mean square of the residual position error [rad]
 
 
-class _LoadedRuns(WindowRuns):
-    """Free runs of one joint; the last latents are those of its load.
+class _LoadProblem(MotorProblem):
+    """Free runs of one joint; the last unknowns are those of its load.
 
     Attributes:
         start: (3,) J₀ [kg·m²], s₀ and c₀ [N·m].
         unit: g [N·m].
     """
 
-    def __init__(self, data: windows.TrainingData, preset: Preset):
-        super().__init__(data, preset)
-        self.start, self.unit = _regression(self), _SAG * float(self.gains[0, 0])
+    def __init__(self, model: GreyBox, runs: WindowRuns):
+        super().__init__(model, runs)
+        self.start, self.unit = _regression(runs), _SAG * float(runs.gains[0, 0])
 
-    def load(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of latents z (L, Z)."""
-        return self.start[0] * np.exp(z[:, -3]), self.unit * z[:, -2:].T
+    def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of unknowns x (L, K)."""
+        return self.start[0] * np.exp(x[:, -3]), self.unit * x[:, -2:].T
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
-        found = []
-        for first in range(0, len(motor), _LANES):
-            some = slice(first, first + _LANES)
-            rows = np.take(segment.rows, motor[some], axis=2)
-            inertia, gravity = self.load(z[some])
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(L, windows·channels·steps) scaled errors with unknowns x[l]."""
+        chunks = [x[first : first + _LANES] for first in range(0, len(x), _LANES)]
+        return np.concatenate(list(self.runs.threads.map(self._errors, chunks))).reshape(len(x), -1)
+
+    def _errors(self, x: np.ndarray) -> np.ndarray:
+        (inertia, gravity), lanes, found = self.load(x), np.arange(len(x)), []
+        for segment in self.runs.segments:
+            rows = np.repeat(segment.rows, len(x), axis=2)
             torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
             rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
             rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
-            lanes = np.arange(rows.shape[2])
-            found.append(super()._run(network, z[some, :-_LOAD], lanes, Segment(rows, segment.windows)))
-        return np.concatenate(found)
+            loaded = Segment(rows, segment.windows)
+            found.append(self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
+        return np.concatenate(found, axis=1)
+
+    def rmse(self, x: np.ndarray) -> float:
+        """Root mean square error of positions [rad] with unknowns x (1, K)."""
+        return POSITION_SCALE * float(rms(self._errors(x)[:, :, 0].astype(np.float64)))
 
 
 def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,76 +148,49 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None)
     preset = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
     data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
-    runs = _LoadedRuns(data, preset)
+    runs = WindowRuns(data, preset)
     same = same_conditions(runs)
     terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
-    fit = MotorFit(with_motor(without_residual(data.scales, preset), initial_center(terms, runs), terms), runs)
     constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
-    mean = np.array([[0.0] * constants + [np.log(0.5), *runs.start[1:] / runs.unit]])
-    std = np.array([[_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY]])
-    prior = GaussianPrior(mean, std**-2.0)
-    searches = [_Search(fit, prior, fixed, start, report) for start in range(STARTS)]
-    starts = [(search, search.rounds(search.first(), FIRST_ROUNDS)) for search in searches]
-    search, best = min(starts, key=lambda each: float(each[1].loss[0]))
-    found = search.rounds(best, ROUNDS)
+    problem = _LoadProblem(grey_box(initial_center(terms, runs), terms, preset), runs)
+    mean = np.array([0.0] * constants + [np.log(0.5), *problem.start[1:] / problem.unit])
+    std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
+    search, prior = Search(problem), GaussianPrior(mean, std**-2.0)
+    found = _searched(search, prior, fixed, report)
     if not found.loss[0] < _DIVERGED:
         raise LogError(
             f"the simulation of joint {log.joint_names[0]} diverges with every motor", where=log.source,
             remedy="check the log, its signs and its gains",
         )  # fmt: skip
-    prior_std = np.where(fixed, 0.0, prior.precision**-0.5)[0]
-    curvature = fit.curvatures(found.z, WIDE) / found.loss[:, None, None]
+    prior_std = np.where(fixed, 0.0, std)
+    curvature = search.curvatures(found.x, WIDE) / found.loss[:, None, None]
     scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones(1))[0]
     covariance = scaled * prior_std * prior_std[:, None]
     deviation = np.sqrt(np.diagonal(covariance))
-    inertia, gravity = runs.load(found.z)
-    errors = runs.residuals(fit.network, found.z, np.zeros(1, np.int64))[:, :, 0]
-    error = POSITION_SCALE * np.sqrt(np.mean(np.square(errors, dtype=np.float64)))
+    inertia, gravity = problem.load(found.x)
     return FittedLoad(
         float(inertia[0]), float(deviation[-_LOAD]), float(deviation[PARAMETERS.index("armature")]), gravity[:, 0],
-        runs.unit**2 * covariance[-2:, -2:], float(error),
+        problem.unit**2 * covariance[-2:, -2:], problem.rmse(found.x),
     )  # fmt: skip
 
 
-class _Search:
-    """A random search around the prior, then rounds of Gauss-Newton steps from the best and from other starts."""
+def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
+    """The best fit; the prior counts as much as one window that is fitted as well as the average one."""
+    rng, shape = np.random.default_rng(_STREAM), (1, _DRAWS, len(fixed))
 
-    def __init__(self, fit: MotorFit, prior: GaussianPrior, fixed: np.ndarray, start: int, report: Callable[[], None]):
-        self._fit, self._prior, self._fixed, self._report = fit, prior, fixed, report
-        self._rng = np.random.default_rng([_STREAM, start])
+    def weighted(loss: np.ndarray) -> GaussianPrior:
+        return GaussianPrior(prior.mean, loss[0] / search.problem.observations * prior.precision).fixing(fixed)
 
-    def _weighted(self, loss: np.ndarray) -> GaussianPrior:
-        weight = loss / self._fit.windows
-        return GaussianPrior(self._prior.mean, weight * self._prior.precision).fixing(self._fixed)
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        sampled = (rng.random(shape) < 0.5) & ~fixed
+        return best.x[:, None] + np.where(sampled, _RADII[restart % len(_RADII)] * rng.standard_normal(shape), 0.0)
 
-    def _others(self, z: np.ndarray, radius: float) -> np.ndarray:
-        """(1, _SAMPLES, Z): z (1, Z), then samples in which a random half of the free latents is resampled around z."""
-        sampled = (self._rng.random((1, _SAMPLES, z.shape[1])) < 0.5) & ~self._fixed
-        sampled[:, 0] = False
-        return z[:, None] + np.where(sampled, radius * self._rng.standard_normal(sampled.shape), 0.0)
-
-    def first(self) -> Fit:
-        """The best of the random search, polished."""
-        best = np.where(self._fixed, 0.0, self._prior.mean)
-        weighted = self._weighted(_EXPECTED * self._fit.losses(best))
-        for radius in _SEARCH_RADII:
-            best = self._fit.best_of(self._others(best, radius), weighted)
-        return self._fit.polish(best, weighted, _STEPS, WIDE)
-
-    def rounds(self, found: Fit, max_rounds: int) -> Fit:
-        """Rounds of steps and restarts until _PATIENCE of them improve little."""
-        idle = 0
-        for index in range(max_rounds):
-            weighted, diff_step, before = self._weighted(found.loss), (WIDE, NARROW)[index % 2], found.loss
-            found = replace(found, energy=found.loss + weighted.energy(found.z))
-            again = self._fit.polish(found.z, weighted, _STEPS, diff_step)
-            other = self._fit.best_of(self._others(again.z, _RESTART_RADIUS), weighted)
-            found = again.better(self._fit.polish(other, weighted, _STEPS, diff_step))
-            self._report()
-            idle = idle + 1 if found.loss > (1.0 - _MIN_GAIN) * before else 0
-            if idle == _PATIENCE:
-                break
-        return found
+    first = weighted(_EXPECTED * search.losses(np.where(fixed, 0.0, prior.mean)[None]))
+    found = search.at(np.where(fixed, 0.0, prior.mean)[None], first)
+    for restart in range(_STARTS):
+        found = found.better(search.descend(search.best_of(draw(restart, found), first), first, _STEPS[:1]))
+    final = weighted(found.loss)
+    return search.until_found_again(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
 
 
 def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:

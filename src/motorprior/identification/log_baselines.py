@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motorprior.actuator.latent import LatentActuator
 from motorprior.identification import presets
-from motorprior.identification.evaluation.errors import MotorModel, fitted_tuned_pd, whole_runs
+from motorprior.identification.evaluation.errors import MotorModel, fitted_tuned_pd
 from motorprior.identification.fit_prior import fit_recipe
+from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import Preset
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
@@ -53,7 +53,7 @@ def fitted_baselines(
         if name == "pooled_network" and adam_steps is not None:
             recipe = replace(recipe, steps=adam_steps)
         fitted = fit_recipe(log, named, recipe, seed, folder / name, WithoutNotes(progress), tuned=tuned)
-        models[name] = LatentActuator(fitted.network, fitted.mean)
+        models[name] = fitted.model.motors(fitted.mean)
     return models | {"tuned_pd": tuned}
 
 
@@ -86,9 +86,10 @@ def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progres
     Raises:
         LogError: another sample period, or no segment that is long enough.
     """
-    from motorprior.identification.baselines.response_fit import fit_responses
+    from motorprior.identification.baselines.response_fit import RESTARTS, fit_responses
+    from motorprior.identification.baselines.response_models import MODELS
 
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset)
-    with progress.start("fit responses that need no load", log.num_joints) as task:
+    with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
         return fit_responses(runs, gravity, seed, task.advance, log.firmware)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.optional_terms import TERMS, UNLIMITED, terms_with
+from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
@@ -16,14 +16,15 @@ from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
 
 @dataclass(frozen=True)
 class Preset:
-    """Recipe of an identification; registers, conditions, `lacks` and `terms` need ``physics_first``."""
+    """Recipe of an identification, of grey boxes or of networks."""
 
     objective: str  # ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop)
-    period: float  # sample period of the network [s]
-    taps: tuple[int, ...]  # ages of the history inputs [periods]
-    has_armature: bool  # decode an armature from z for the engine
-    grey_box: bool = False  # decode the constants of a geared motor from z; the network adds a residual torque
-    num_latents: int = 4  # size of z; 0 gives one network for all motors
+    period: float  # sample period of the motors [s]
+    # ``together``, with a Gaussian over the motors, or ``alone``; "": a network, trained by Adam
+    grey_boxes: str = ""
+    taps: tuple[int, ...] = (0,)  # of networks: ages of the history inputs [periods]
+    has_armature: bool = False  # of networks: decode an armature from z for the engine
+    num_latents: int = 4  # of networks: size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
     kl_weight: float = 1e-3  # of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors
     # steps before a window in which the motor follows the recorded joint, until its hidden state converges; a short
@@ -34,10 +35,6 @@ class Preset:
     batch: int = 256  # windows per Adam step
     steps: int = 3000  # Adam steps
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
-    own_latents: bool = False  # each latent scales one of the constants; otherwise every latent acts on every constant
-    # fit the constants by compiled free runs first (`fleet_fit`): ``together``, with a Gaussian over the motors, or
-    # ``alone``; the network then learns the residual. "" if everything is trained at once
-    physics_first: str = ""
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
     tries_terms: bool = True  # whether terms are selected
     lacks: tuple[str, ...] = ()  # constants that the motors do not have, such as frictions
@@ -57,11 +54,6 @@ class Preset:
         return max(self.taps[-1], self.warm_up)
 
     @property
-    def trains(self) -> bool:
-        """Whether Adam trains a network, with ``steps``."""
-        return bool(self.num_neurons) or not self.physics_first
-
-    @property
     def nominal_conditions(self) -> dict[str, float]:
         """Medians by channel."""
         return {name: nominal for name, _, nominal, _ in self.conditions}
@@ -75,7 +67,7 @@ class Preset:
     def disabled_terms(self) -> tuple[str, ...]:
         """Optional terms whose constants are all logged as off."""
         off = {name for name, value in self.firmware if value == 0.0}
-        return tuple(name for name, own in TERMS.items() if own and off.issuperset(own))
+        return tuple(name for name in TERMS if (own := constants_of((name,))) and off.issuperset(own))
 
     @property
     def logged_values(self) -> dict[str, float]:
@@ -84,51 +76,41 @@ class Preset:
 
 
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
-# long_runs: rollout over windows of a second, without the residual network, for servos of real robots: a dead zone or a
-#     dry friction is hardly identifiable in an eighth of a second. The warm-up is a tenth of a second, since often only
-#     the first step of a segment identifies a torque limit.
+# rollout: grey boxes over windows of an eighth of a second, refined on longer ones.
+# long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is hardly identifiable
+#     in an eighth of a second. The warm-up is a tenth of a second, since often only the first step of a segment
+#     identifies a torque limit.
 # quick: long_runs without the selection of optional terms, which takes minutes.
 # Baselines:
-# one_motor: rollout without latents, the best single set of constants.
-# per_motor: every motor's constants by a search on its own log, no network (as PACE, Bjelonic et al., 2025).
-# latent_network: rollout without the physics; the network gives the whole torque, z also the armature.
+# per_motor: every motor's constants by a search on its own log (as PACE, Bjelonic et al., 2025).
 # pace, pace_long_runs: per_motor and its long runs without optional terms but logged ones.
 # coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
+# latent_network: a network gives the whole torque, z also the armature.
 # one_network: latent_network without latents.
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
 # paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
-_ROLLOUT = Preset(
-    "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=14, num_neurons=8, kl_weight=0.0,
-    warm_up=120, noisy=False, steps=600, learning_rate=3e-3, own_latents=True, physics_first="together",
-    standardise=True,
-)  # fmt: skip
-_PACE = Preset(
-    "rollout", 0.002, (0,), has_armature=False, grey_box=True, num_latents=14, num_neurons=0, kl_weight=0.0,
-    warm_up=120, noisy=False, steps=1, own_latents=True, physics_first="alone", tries_terms=False, standardise=True,
-)  # fmt: skip
-_LONG_RUNS = replace(_ROLLOUT, window=500, warm_up=50, num_neurons=0)
-_PACE_LONG_RUNS = replace(_PACE, window=_LONG_RUNS.window, warm_up=_LONG_RUNS.warm_up)
+_ROLLOUT = Preset("rollout", 0.002, "together", warm_up=120, standardise=True)
+_LONG_RUNS = replace(_ROLLOUT, window=500, warm_up=50)
+_PER_MOTOR = replace(_ROLLOUT, grey_boxes="alone")
+_PACE_LONG_RUNS = replace(_LONG_RUNS, grey_boxes="alone", tries_terms=False)
+_NETWORK = Preset("rollout", 0.002, taps=_TAPS, has_armature=True)
 PRESETS = {
-    "paper": Preset("torque", 0.01, (0, 1, 2, 3, 4), has_armature=False, window=1, batch=1024, steps=4000),
+    "paper": Preset("torque", 0.01, taps=(0, 1, 2, 3, 4), window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
     "long_runs": _LONG_RUNS,
     "quick": replace(_LONG_RUNS, tries_terms=False),
-    "one_motor": Preset(
-        "rollout", 0.002, _TAPS, has_armature=False, grey_box=True, num_latents=0, num_neurons=8, warm_up=90,
-        learning_rate=1e-2,
-    ),
-    "per_motor": replace(_PACE, tries_terms=True),
-    "pace": _PACE,
+    "per_motor": _PER_MOTOR,
+    "pace": replace(_PER_MOTOR, tries_terms=False),
     "pace_long_runs": _PACE_LONG_RUNS,
     "coulomb_viscous": replace(_PACE_LONG_RUNS, lacks=("load_friction", "stribeck_torque")),
     "stribeck": replace(_PACE_LONG_RUNS, lacks=("load_friction",)),
-    "latent_network": Preset("rollout", 0.002, _TAPS, has_armature=True, standardise=True),
-    "one_network": Preset("rollout", 0.002, _TAPS, has_armature=True, num_latents=0),
+    "latent_network": replace(_NETWORK, standardise=True),
+    "one_network": replace(_NETWORK, num_latents=0),
     "actuator_net": Preset(
-        "torque", 0.002, (0, 5, 10), has_armature=False, num_latents=0, num_neurons=32, window=1, batch=1024, steps=4000
+        "torque", 0.002, taps=(0, 5, 10), num_latents=0, num_neurons=32, window=1, batch=1024, steps=4000
     ),
-    "paper_wide": Preset("torque", 0.002, _TAPS, has_armature=False, window=1, batch=1024, steps=4000),
-}  # fmt: skip
+    "paper_wide": Preset("torque", 0.002, taps=_TAPS, window=1, batch=1024, steps=4000),
+}
 
 
 def identification_preset(name: str, steps: int | None = None) -> Preset:
@@ -142,11 +124,16 @@ def identification_preset(name: str, steps: int | None = None) -> Preset:
     if steps is None:
         return PRESETS[name]
     require_count("steps", steps)
-    if not PRESETS[name].trains:
-        others = ", ".join(name for name, other in PRESETS.items() if other.trains)
+    if PRESETS[name].grey_boxes:
+        others = ", ".join(name for name, other in PRESETS.items() if not other.grey_boxes)
         problem = f"steps {steps} has no effect on preset {name!r}, which trains no network"
         raise ConfigError(problem, remedy=f"leave it out, or use one of {others}", argument="steps")
     return replace(PRESETS[name], steps=steps)
+
+
+def network_steps(name: str, steps: int | None) -> int | None:
+    """``steps`` if this preset trains a network, otherwise None."""
+    return None if PRESETS[name].grey_boxes else steps
 
 
 def recipe_of(prior: MotorPrior) -> Preset:
@@ -167,10 +154,10 @@ def _hashable(value: Any) -> Any:
 
 def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
     """The recipe with the gains, registers and conditions of a log, which a grey box does not fit."""
-    if recipe.grey_box and log.stated_kp is not None:
-        recipe = replace(recipe, gain_unit=log.gain_unit)
-    if not recipe.physics_first:
+    if not recipe.grey_boxes:
         return recipe
+    if log.stated_kp is not None:
+        recipe = replace(recipe, gain_unit=log.gain_unit)
     conditions = []
     for name in sorted(CONDITIONS.keys() & channels(log).keys()):
         means = np.array([part.conditions[name] for part in log.segments()])

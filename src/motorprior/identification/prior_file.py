@@ -41,7 +41,7 @@ def load_prior(path: Path, of: Robot | MotorLog) -> MotorPrior:
 def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
     """Check that a prior has latents, a recipe of this version, and the robot of the log; a bench's log names none."""
     recipe_of(prior)
-    if prior.network.num_latents == 0:
+    if prior.model.num_latents == 0:
         raise ArtifactError("it has no latents", remedy="identify it with preset rollout")
     if log.robot not in (BENCH, prior.robot):
         raise ConfigError(
@@ -62,9 +62,15 @@ def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
 
 def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
     """(2, joints) kp and kd of the robot's description, if the prior's motors scale with gains in SI units."""
-    if prior.network.gain_unit != PHYSICAL_GAINS:
+    if prior.model.gain_unit != PHYSICAL_GAINS:
         return None
     return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+
+
+def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
+    """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
+    logged = log.gains if log.gain_unit == prior.model.gain_unit else None
+    return robot_gains(prior, robot) if logged is None else logged
 
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:

@@ -8,8 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
-from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import motor_constants
 from motorprior.identification.evaluation.errors import (
@@ -71,13 +71,13 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     collector, tuned = WarningCollector(progress), fitted_tuned_pd(train, progress)
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, collector, tuned=tuned)
     expected = prior.expected(train.joint_names)
-    models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": LatentActuator(prior.network, expected)}
+    models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(expected)}
     if train.num_joints > 1:
-        models["prior_mean"] = LatentActuator(prior.network, np.zeros_like(expected))
+        models["prior_mean"] = prior.model.motors(np.zeros_like(expected))
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))
-    names = UNITS.keys() - ({"kp", "kd_over_kp"} if prior.network.gain_unit else set())  # logged gains are not fitted
+    names = UNITS.keys() - ({"kp", "kd_over_kp"} if prior.model.gain_unit else set())  # logged gains are not fitted
     constants = {name: values for name, values in motor_constants(prior, train, prior.mean).items() if name in names}
     identified = _identified(prior, train, constants)
     results = whole.results(WHOLE_RUN_RMSE) + short.results(FREE_RUN_RMSE)
@@ -136,7 +136,8 @@ def _identified(prior: MotorPrior, train: MotorLog, constants: Mapping[str, np.n
     """The constants that the training log identifies, or in which the motors differ."""
     preset = recipe_of(prior)
     runs = WindowRuns(training_data(train, preset, train.source), preset)
-    identifiable = identifiable_constants(prior.network, runs, prior.mean, constants)
+    assert isinstance(prior.model, GreyBox)
+    identifiable = identifiable_constants(prior.model, runs, prior.mean, constants)
     return [
         name
         for name, values in constants.items()

@@ -1,13 +1,8 @@
-"""Fit a motor prior: one network, and a mean and a log-variance of z per motor.
+"""Fit a motor prior: grey boxes by one search (`motor_fit`), or a network by Adam (`networks.descent`).
 
-minimise  loss(windows, z) + kl_weight·mean_i KL(N(μ_i, σ_i²) ‖ N(0, I))
-with z_i = μ_i + exp(½·log_var_i)·ε, ε ~ N(0, I), as in the paper if the preset is ``noisy``; otherwise z_i = μ_i, and
-the variances are computed afterwards (`standard_posterior`). A preset with ``physics_first`` fits the motors'
-constants, refines them on longer runs (`fleet_fit`), and trains only the residual network this way (`residual`).
-
-Optional terms are selected on some motors and some rows (`term_selection`), where a gain may be due to chance. All
-motors are therefore fitted with the selected terms and with the logged ones alone; the selected ones are kept if they
-save MIN_GAIN of the loss of all motors.
+Optional terms of grey boxes are selected on some motors and some rows (`term_selection`), where a gain may be due to
+chance. All motors are therefore fitted without the selected terms, and with them from these fits; the terms are kept if
+they save MIN_GAIN of the loss of all motors. The constants are refined on longer runs.
 """
 
 from __future__ import annotations
@@ -15,44 +10,47 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, repeat
+from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, limit_text
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
-from motorprior.identification.networks.descent import CHUNK, Checkpoints, Report, descend
-from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.fleet_fit import STAGES, FleetFit, fit_fleet, fixed_constants, longer_runs
 from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
-from motorprior.identification.physics.initial_motor import with_motor
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.identification.physics.initial_motor import grey_box
+from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined
+from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.residual import MIN_GAIN, FittedMotors, refined_motors, with_residual, without_residual
 from motorprior.identification.training_data.windows import TrainingData, subsampled
 
-WORK = CHUNK * (len(TERMS) + STAGES)  # of the fit of physics, in Adam steps
+if TYPE_CHECKING:
+    from motorprior.identification.networks.descent import Checkpoints, Report
+
+WORK = 100  # of every stage of a fit of grey boxes, in Adam steps
+SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # of each motor in all but the last descents; rows, or windows if more
+MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A trained network with the posteriors of the training motors."""
+    """A decoder with the posteriors of the training motors."""
 
-    network: LatentNetwork  # of the prior
+    model: Decoder  # of the prior
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
-    preset: Preset  # the recipe, with the terms that were selected and without a network that was rejected
+    preset: Preset  # the recipe, with the terms that were selected
     # mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
-    # ``saved_TERM`` and ``saved_residual``, shares of the held-out loss that a term or the residual network
-    # saves; ``not_shown_LIMIT`` and ``unknown_torque_size``, see `identifiability`
+    # ``saved_TERM``, share of the held-out loss that a term saves; ``not_shown_LIMIT`` and ``unknown_torque_size``,
+    # see `identifiability`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
 
@@ -64,7 +62,7 @@ class Identified:
 
 def work_of(preset: Preset) -> int:
     """Sum of the work that `identify` reports, if nothing diverges."""
-    return (WORK if preset.physics_first else 0) + (preset.steps if preset.trains else 0)
+    return WORK * (len(TERMS) + STAGES) if preset.grey_boxes else preset.steps
 
 
 def identify(
@@ -87,55 +85,43 @@ def identify(
         MotorPriorError: the training diverged.
     """
     assumed = None
-    if preset.physics_first:
-        found, assumed = _physics_first(data, preset, seed, report, checkpoints)
+    if preset.grey_boxes:
+        found, assumed = _grey_boxes(data, preset, seed, report, checkpoints)
     else:
-        start = _initial(data, preset, np.random.default_rng([seed, 0]))
-        trained, losses = descend(start, data, preset, seed, report, checkpoints)
-        mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-        found = Identified(export(trained["network"], preset, data.scales), mean, log_var, preset, losses, {}, ())
+        from motorprior.identification.networks.descent import train_network  # here: it imports JAX
+
+        model, mean, log_var, losses = train_network(data, preset, seed, report, checkpoints)
+        found = Identified(model, mean, log_var, preset, losses, {}, ())
     if preset.standardise:
-        network, mean, log_var = standard_posterior(found.network, data, found.preset, found.mean, assumed)
-        found = replace(found, network=network, mean=mean, log_var=log_var)
+        model, mean, log_var = standard_posterior(found.model, data, found.preset, found.mean, assumed)
+        found = replace(found, model=model, mean=mean, log_var=log_var)
     return found
 
 
-def _initial(data: TrainingData, preset: Preset, rng: np.random.Generator) -> Parameters:
-    motors, latents = len(data.series), preset.num_latents
-    return {
-        "network": initial_parameters(rng, preset),
-        "mean": jnp.asarray(0.1 * rng.standard_normal((motors, latents)), jnp.float32),
-        "log_var": jnp.full((motors, latents), -2.0, jnp.float32),  # a weak type would compile a chunk twice
-    }
-
-
-def _physics_first(
+def _grey_boxes(
     data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
 ) -> tuple[Identified, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset, heartbeat=lambda: report(0, ""))
-    physics = _fit_physics(data, preset, runs, seed, report, checkpoints)
-    found = physics.fit
+    fitted = _fitted(data, preset, runs, seed, report, checkpoints)
+    found = fitted.fit
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
-    metrics = {f"saved_{name}": value for name, value in physics.saved.items()}
-    notes = _notes_on_terms(physics, preset)
-    fitted = FittedMotors(with_motor(without_residual(data.scales, preset), found.center, found.terms), found.offsets)
-    longer = longer_runs(data, preset, runs)
+    metrics = {f"saved_{name}": value for name, value in fitted.saved.items()}
+    model = grey_box(found.center, found.terms, preset)
     report(0, "refining constants")
-    motors = refined_motors(fitted, longer, preset)
-    if preset.num_neurons:
-        motors, saved, note = with_residual(fitted, motors, data, preset, seed, longer, report)
-        metrics |= {} if saved is None else {"saved_residual": saved}
-        preset = preset if motors.network.num_neurons else replace(preset, num_neurons=0)
-        notes.append(note)
-    notes += _notes_on_identifiability(motors, longer, data.joint_names, metrics)
-    log_var, losses = np.zeros_like(motors.z), MotorFit(motors.network, runs).losses(motors.z).mean(keepdims=True)
+    longer = longer_runs(data, preset, runs)
+    z = found.offsets
+    if longer is not runs:
+        z = refined(model, z, longer, preset.grey_boxes == "together")
+    notes = _notes_on_terms(fitted, preset)
+    notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
+    losses = motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
-    return Identified(motors.network, motors.z, log_var, preset, losses, metrics, tuple(notes)), assumed
+    return Identified(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
 @dataclass(frozen=True)
-class _Physics:
+class _Fitted:
     """The fit of all motors, and the share of the loss that each term saved."""
 
     fit: FleetFit
@@ -149,57 +135,57 @@ class _Physics:
         return {"has_term": has, "saved": saved} | fitted
 
     @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Physics:
+    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Fitted:
         """From a checkpoint."""
         terms = tuple(name for name, has in zip(TERMS, kept["has_term"], strict=True) if has)
         saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
         return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved)
 
 
-def _fit_physics(
+def _fitted(
     data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> _Physics:
+) -> _Fitted:
     """The fit, or that of an interrupted training; raises `MotorPriorError` if every simulation diverges."""
     kept = checkpoints.load() if checkpoints is not None else None
     if kept is not None:
-        report(WORK, "constants already fitted")
-        return _Physics.from_arrays(kept)
-    bare = without_residual(data.scales, preset)
-    chosen = _selected(bare, data, preset, seed, report)
-    fit = partial(fit_fleet, bare, runs, together=preset.physics_first == "together", seed=seed)
-    found = fit(chosen.terms, report=lambda: report(CHUNK, "constants"))
+        report(WORK * (len(TERMS) + STAGES), "constants already fitted")
+        return _Fitted.from_arrays(kept)
+    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    chosen = _selected(part, preset, seed, report)
+    some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
+    few = runs if some is data else WindowRuns(some, preset, heartbeat=runs.heartbeat)
+    fit = partial(fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=few)
+    found = fit(preset.logged_terms, report=lambda: report(WORK, "constants"))
     if set(chosen.terms) - set(preset.logged_terms):
-        without = fit(preset.logged_terms, report=lambda: report(0, "without terms"))
-        found = found if found.loss.mean() <= (1.0 - MIN_GAIN) * without.loss.mean() else without
+        more = fit(chosen.terms, report=lambda: report(0, f"with {', '.join(chosen.terms)}"), nested=found)
+        found = more if more.loss.mean() <= (1.0 - MIN_GAIN) * found.loss.mean() else found
     if not found.loss.max() < 1e6:
         raise MotorPriorError(
             f"the simulation of joint {int(found.loss.argmax())} of the log diverges with every motor",
             remedy="check the log with `motorprior logs check`",
         )
-    physics = _Physics(found, chosen.saved)
+    fitted = _Fitted(found, chosen.saved)
     if checkpoints is not None:
-        checkpoints.save(physics.arrays())
-    return physics
+        checkpoints.save(fitted.arrays())
+    return fitted
 
 
-def _selected(bare: LatentNetwork, data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+def _selected(part: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
     if not preset.tries_terms:
-        report(CHUNK * len(TERMS), "no terms are tried")
+        report(WORK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
-    motors = len(data.series)
+    motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
-    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
     few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
-    work = chain(repeat(CHUNK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
-    chosen = select_terms(bare, few, seed, lambda text: report(next(work), text))
-    if not chosen.saved:
-        report(CHUNK * len(TERMS), "the log is too short to select terms")
+    work = chain(repeat(WORK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
+    chosen = select_terms(few, seed, lambda text: report(next(work), text))
+    report(sum(iter(work.__next__, 0)), "terms selected")
     return chosen
 
 
-def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
-    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in physics.fit.terms]
-    notes = [f"optional terms: {', '.join(chosen) or ('none' if physics.saved else 'none was tried')}"]
+def _notes_on_terms(fitted: _Fitted, preset: Preset) -> list[str]:
+    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in fitted.fit.terms]
+    notes = [f"optional terms: {', '.join(chosen) or ('none' if fitted.saved else 'none was tried')}"]
     notes += [
         f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
         "terms ignores -> use preset rollout or long_runs"
@@ -210,7 +196,7 @@ def _notes_on_terms(physics: _Physics, preset: Preset) -> list[str]:
 
 
 def _notes_on_identifiability(
-    motors: FittedMotors, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
+    model: GreyBox, z: np.ndarray, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
 ) -> list[str]:
     """Notes on limits and on a scale of torques that the logs do not identify, also added to ``metrics``."""
 
@@ -218,12 +204,16 @@ def _notes_on_identifiability(
         named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
         return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
-    notes = []
-    for name, hidden in unidentifiable_limits(motors.network, runs, motors.z).items():
-        value = float(motors.network.constants(motors.z)[name][hidden].max())
+    notes, free = [], ~fixed_constants(model.motor.terms, runs)
+    reached = (np.abs(z) > 0.99 * LOG_REACH) & free
+    for name, motors in zip(parameters_of(model.motor.terms), reached.T, strict=True):
+        if motors.any():
+            notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")
+    for name, hidden in unidentifiable_limits(model, runs, z).items():
+        value = float(model.constants(z)[name][hidden].max())
         metrics[f"{UNIDENTIFIED}{name}"] = value
         notes.append(f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it")
-    hidden = unknown_torque_scale(motors.network, runs, motors.z)
+    hidden = unknown_torque_scale(model, runs, z)
     if hidden.any():
         metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())
         notes.append(

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motorprior.artifacts import require_keys, write_tensors
+from motorprior.artifacts import write_tensors
+from motorprior.bounds import TABLE, TEXT, many, number, one_of
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
 from motorprior.robots.robot import Robot
-from motorprior.schema import TABLE, TEXT, Header, Tensor, check_tensors, many, number, one_of
+from motorprior.schema import Header, Tensor, check_tensors, require_keys
 
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions

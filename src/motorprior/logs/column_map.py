@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
+from motorprior.bounds import TABLE, TEXT, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
 from motorprior.files import read_toml
 from motorprior.logs.column_units import (
@@ -40,7 +40,7 @@ from motorprior.logs.column_units import (
     optional,
 )
 from motorprior.logs.motor_log import CONDITIONS, ENCODERS, GAIN_UNITS, PHYSICAL_GAINS, POSTURES
-from motorprior.schema import TABLE, TEXT, Field, Schema, number, one_of
+from motorprior.schema import Schema
 
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
 GAINS = ("kp", "kd")

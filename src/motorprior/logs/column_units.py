@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from motorprior.bounds import is_number
+from motorprior.bounds import TABLE, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.schema import TABLE, Field, Schema, number, one_of
+from motorprior.schema import Schema
 
 REMEDY = "see docs/your-motors.md"
 TURN = 2.0 * math.pi

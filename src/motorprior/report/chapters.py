@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.bench_folder import read_bench
@@ -20,9 +21,9 @@ from motorprior.report.plots_walk import learning_curves, robustness_maps, trans
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.studies import robot_fidelity
+from motorprior.studies.compare import DRAWS
 from motorprior.studies.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
 from motorprior.studies.robustness import ROBUSTNESS_DRAWS, UprightMap
-from motorprior.studies.twin import DRAWS
 
 Tensors = dict[str, np.ndarray]
 
@@ -39,9 +40,13 @@ def bench(folder: Path) -> Section:
     figure = excitation_and_response(part.time - part.time[0], target, joint_pos, *optional, title=title)
     text = (
         f"{settings.motors} physical motors of fleet {settings.fleet.name} on a virtual dynamometer, {settings.steps} "
-        f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ.",
+        f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ."
     )
-    return Section("Bench: excitation and response", text, (picture(figure, "Excitation and response of one motor."),))
+    return _section("Bench: excitation and response", text, figure, "Excitation and response of one motor.")
+
+
+def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
+    return Section(title, (text,), (picture(figure, caption),), tables)
 
 
 def validate(folder: Path) -> list[Section]:
@@ -60,9 +65,9 @@ def _torque(tensors: Tensors) -> Section:
     figure = torque_fit(time, measured, {"paper_wide": predicted})
     text = (
         "A network trained as in the paper predicts the torque of the next step well from the recorded motion. This "
-        "error does not predict the closed-loop error in the next sections.",
+        "error does not predict the closed-loop error in the next sections."
     )
-    return Section("Torque fit: open loop, one step", text, (picture(figure, "Torque from the recorded motion."),))
+    return _section("Torque fit: open loop, one step", text, figure, "Torque from the recorded motion.")
 
 
 def _fidelity_table(results: Results, columns: tuple[str, ...], caption: str) -> Table:
@@ -97,10 +102,9 @@ def _robot_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> S
         "The same models drive a standing and a suspended robot. Torque above 20 Hz should equal that of the physical "
         "motors: more is chatter. The legs of paper_wide oscillate: a network fitted one step ahead infers the torque "
         "from the last change of velocity, which feeds back on itself in a simulator "
-        "(docs/why-the-paper-oscillates.md).",
+        "(docs/why-the-paper-oscillates.md)."
     )
-    pictures = (picture(figure, f"{header['joint']} in a trot on the ground."),)
-    return Section("Closed loop inside the robot", text, pictures, (table,))
+    return _section("Closed loop inside the robot", text, figure, f"{header['joint']} in a trot on the ground.", table)
 
 
 def replay(folder: Path) -> Section:
@@ -135,26 +139,21 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
             curves.setdefault(name, []).append((iteration, returns))
     text = (
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
-        "different motors are not comparable.",
+        "different motors are not comparable."
     )
-    return Section(
-        "Learning to walk", text,
-        (picture(learning_curves(curves), "Mean return of the perturbed policies per iteration."),),
-    )  # fmt: skip
+    caption = "Mean return of the perturbed policies per iteration."
+    return _section("Learning to walk", text, learning_curves(curves), caption)
 
 
 def transfer(folder: Path, robot: Robot) -> Section:
     """The transfer table and films on the twin."""
     results = Results.load(folder / "results.json")
     tensors, _ = read_tensors(folder / "traces.safetensors")
-    names = tables.conditions_in(results)
-    own, twin = (
-        {
-            name: tuple(results.mean(quantity=each, motors=motors, model=name) for each in ("speed", "upright"))
-            for name in names
-        }
-        for motors in ("own", "twin")
-    )
+    names, quantities = tables.conditions_in(results), ("speed", "upright")
+
+    def means(motors: str) -> dict[str, list[float]]:
+        return {name: [results.mean(quantity=q, motors=motors, model=name) for q in quantities] for name in names}
+
     caption = "Pale: in the training simulation. Full colour: on the twin."
     films = (_gait_film(robot, tensors[f"twin/{name}"], name, "on the twin") for name in names)
     table = Table(tables.TRANSFER_COLUMNS, tables.transfer_rows(results), f"{DRAWS} samples of motors, 5 s each.")
@@ -164,7 +163,7 @@ def transfer(folder: Path, robot: Robot) -> Section:
         "ideal PD: the gains with the smallest closed-loop error on the bench; tuned PD: the gains, armature and delay."
         " Seeds of one condition differ by about 0.1 m/s, so small differences are not significant.",
     )
-    return Section("Transfer", text, (picture(transfer_bars(own, twin), caption), *films), (table,))
+    return Section("Transfer", text, (picture(transfer_bars(means("own"), means("twin")), caption), *films), (table,))
 
 
 def gaits(robot: Robot, traces: Mapping[str, np.ndarray]) -> Section:
@@ -187,7 +186,6 @@ def robustness_section(maps: Mapping[str, Sequence[UprightMap]]) -> Section:
     """Time upright under disturbances: name of the training -> maps of its policy."""
     text = (
         "Time upright at the maximum commanded speed, with two disturbances varied at a time. Every cell has the same "
-        "samples of the training motors, in MuJoCo on flat ground.",
+        "samples of the training motors, in MuJoCo on flat ground."
     )
-    figure = picture(robustness_maps(maps), f"{ROBUSTNESS_DRAWS} walks of 5 s per cell.")
-    return Section("Robustness", text, (figure,))
+    return _section("Robustness", text, robustness_maps(maps), f"{ROBUSTNESS_DRAWS} walks of 5 s per cell.")

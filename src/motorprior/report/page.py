@@ -12,7 +12,6 @@ from typing import Any, Literal
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
-from motorprior.artifacts import dotted
 from motorprior.report.plots_style import model_color, model_key, model_label, png_bytes
 
 
@@ -73,7 +72,7 @@ def page(
         sections=[(_anchor(section.title), section) for section in sections],
         settings=[
             (name, ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value))
-            for name, value in dotted(settings).items()
+            for name, value in _dotted(settings).items()
         ],
         command=command,
         complete=complete,
@@ -85,3 +84,12 @@ def page(
 
 def _anchor(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+
+
+def _dotted(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten nested tables: dotted name -> value; lists and empty tables are values."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        is_table = isinstance(value, Mapping) and value
+        found |= _dotted(value, f"{prefix}{name}.") if is_table else {prefix + name: value}
+    return found

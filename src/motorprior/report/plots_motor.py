@@ -25,6 +25,8 @@ from motorprior.report.plots_style import (
 )
 from motorprior.signals import rmse
 
+_OPACITY = {50: 0.34, 90: 0.18}  # of a band [%]
+
 
 def excitation_and_response(
     time: np.ndarray,
@@ -51,7 +53,6 @@ def excitation_and_response(
     describe(velocity, y="velocity [rad/s]")
     describe(torque, x=TIME, y="torque [N·m]")
     legend_below(figure, (angle, velocity, torque))
-    figure.align_ylabels()
     return figure
 
 
@@ -108,7 +109,6 @@ def closed_loop(
     describe(angle, y="joint angle [rad]", title=title)
     describe(error, x=TIME, y="error [rad]")
     legend_below(figure, angle, columns=2)
-    figure.align_ylabels()
     return figure
 
 
@@ -136,7 +136,6 @@ def robot_traces(
     describe(angle, y="angle [rad]", title=title)
     describe(torque, x=TIME, y="torque [N·m]")
     legend_below(figure, angle)
-    figure.align_ylabels()
     return figure
 
 
@@ -167,7 +166,6 @@ def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
     for axes in grid[-1]:
         describe(axes, x=TIME)
     legend_below(figure, grid[0, 0])
-    figure.align_ylabels()
     return figure
 
 
@@ -177,3 +175,40 @@ def _with_band(axes: Axes, log: LogPanel, rows: np.ndarray, zero: float | np.nda
     axes.fill_between(time, low, high, color=color, alpha=0.2, lw=0, label="fleet, 90 % of draws")
     model_line(axes, time, unit * (log.measured[rows] - zero), "measured").set_linewidth(1.9)
     model_line(axes, time, unit * (log.center[rows] - zero), "rollout", "central motor")
+
+
+def log_against_bands(
+    time: np.ndarray,
+    position_target: np.ndarray,
+    joint_pos: np.ndarray,
+    model: np.ndarray,
+    bands: Mapping[int, tuple[np.ndarray, np.ndarray]],
+    title: str,
+) -> Figure:
+    """Free run of one motor over a whole log: angle and error, with bands.
+
+    Args:
+        time: (T,) [s].
+        position_target: (T,) [rad].
+        joint_pos: (T,) recorded [rad].
+        model: (T,) simulated with the adapted prior [rad].
+        bands: level [%] -> lower and upper bound (T,) [rad] over samples of motors.
+        title: of the figure.
+    """
+    figure, color = new_figure(4.3), model_color("rollout")
+    angle, error = panels(figure, 2, sharex=True, heights=(1.4, 1))[:, 0]
+    target_line(angle, time, position_target).set_linewidth(0.5)
+    for level, (low, high) in sorted(bands.items(), reverse=True):
+        inside = np.mean((joint_pos >= low) & (joint_pos <= high))
+        style = {"color": color, "alpha": _OPACITY.get(level, 0.2), "linewidth": 0}
+        angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **style)
+        error.fill_between(time, low - joint_pos, high - joint_pos, **style)
+    angle.plot(time, joint_pos, color=INK, linewidth=1.1, label="recorded")
+    name = f"prior, adapted: RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
+    angle.plot(time, model, color=color, linewidth=0.9, label=name)
+    error.plot(time, model - joint_pos, color=color, linewidth=0.9)
+    error.axhline(0.0, color=INK, linewidth=0.8)
+    describe(angle, y="joint angle [rad]", title=title)
+    describe(error, x="time [s]", y="simulated - recorded [rad]")
+    legend_below(figure, angle, columns=3)
+    return figure

@@ -14,54 +14,28 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-MODEL_COLORS = {
-    "truth": "#15181d",
-    "physical": "#15181d",
-    "measured": "#15181d",
-    "oracle": "#4b5360",
-    "untrained": "#c9b458",
-    "ideal_pd": "#979da6",
-    "tuned_pd": "#a8672c",
-    "one_network": "#1a9a8b",
-    "paper": "#cf3b3b",
-    "paper_wide": "#e08a1e",
-    "rollout": "#2563c9",
-    "pd_friction": "#8a8f3c",
-    "pd_randomised": "#c2459a",
-    "pd_adapted": "#5d6b1f",
-    "prior_mean": "#7fb2f0",
-    "prior": "#1d56c4",
-    "prior_adapted": "#6a3fb5",
-    "prior_robust": "#0c86a8",
+# colour; label, if it is not the key with spaces in place of underscores; dashes in units of the line width
+_STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
+    "truth": ("#15181d", "", ()),
+    "physical": ("#15181d", "", ()),
+    "measured": ("#15181d", "", ()),
+    "oracle": ("#4b5360", "", (5, 1.5)),
+    "untrained": ("#c9b458", "untrained gait", (1, 2)),
+    "ideal_pd": ("#979da6", "ideal PD", (1.2, 1.2)),
+    "tuned_pd": ("#a8672c", "tuned PD", (4, 1.2, 1, 1.2)),
+    "one_network": ("#1a9a8b", "", (3, 1.5)),
+    "paper": ("#cf3b3b", "", ()),
+    "paper_wide": ("#e08a1e", "paper, wide", ()),
+    "rollout": ("#2563c9", "", ()),
+    "pd_friction": ("#8a8f3c", "PD with friction", (2, 1)),
+    "pd_randomised": ("#c2459a", "randomised PD", (6, 1, 1, 1)),
+    "pd_adapted": ("#5d6b1f", "adapted PD", (8, 1.5)),
+    "prior_mean": ("#7fb2f0", "prior's central motor", (1.2, 1.2)),
+    "prior": ("#1d56c4", "sampled prior", ()),
+    "prior_adapted": ("#6a3fb5", "adapted prior", (5, 1.5)),
+    "prior_robust": ("#0c86a8", "prior + randomised body", (4, 1.2, 1, 1.2)),
 }
-# names that differ from the key with spaces in place of underscores
-MODEL_LABELS = {
-    "untrained": "untrained gait",
-    "ideal_pd": "ideal PD",
-    "tuned_pd": "tuned PD",
-    "paper_wide": "paper, wide",
-    "pd_friction": "PD with friction",
-    "pd_randomised": "randomised PD",
-    "pd_adapted": "adapted PD",
-    "prior_mean": "prior's central motor",
-    "prior": "sampled prior",
-    "prior_adapted": "adapted prior",
-    "prior_robust": "prior + randomised body",
-}
-# in units of the line width, so that lines differ without colour; all others are solid
-MODEL_DASHES: dict[str, tuple[float, ...]] = {
-    "oracle": (5, 1.5),
-    "untrained": (1, 2),
-    "ideal_pd": (1.2, 1.2),
-    "tuned_pd": (4, 1.2, 1, 1.2),
-    "one_network": (3, 1.5),
-    "pd_friction": (2, 1),
-    "pd_randomised": (6, 1, 1, 1),
-    "pd_adapted": (8, 1.5),
-    "prior_mean": (1.2, 1.2),
-    "prior_adapted": (5, 1.5),
-    "prior_robust": (4, 1.2, 1, 1.2),
-}
+MODEL_COLORS = {model: color for model, (color, _, _) in _STYLES.items()}
 OTHER_COLOR = "#7d4fa8"
 INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
 TEXT = 8.5  # size of small text [pt]
@@ -70,7 +44,7 @@ TIME = "time [s]"
 
 def model_key(model: str) -> str | None:
     """Key of MODEL_COLORS for a model or a variant of it, such as `rollout` for ``rollout_adapted``."""
-    fitting = [key for key in MODEL_COLORS if model == key or model.startswith((f"{key}_", f"{key} "))]
+    fitting = [key for key in _STYLES if model == key or model.startswith((f"{key}_", f"{key} "))]
     return max(fitting, key=len, default=None)
 
 
@@ -81,8 +55,8 @@ def model_color(model: str) -> str:
 
 def model_label(model: str) -> str:
     """Display name; a variant keeps its suffix, an unknown model its name without underscores."""
-    key = model_key(model) or ""
-    return (MODEL_LABELS.get(key, key) + model[len(key) :]).replace("_", " ")
+    key = model_key(model)
+    return ((_STYLES[key][1] or key) + model[len(key) :] if key else model).replace("_", " ")
 
 
 def new_figure(height: float, width: float = 6.6) -> Figure:
@@ -124,8 +98,7 @@ def model_line(
     """The line of an actuator model, by default in its colour."""
     name = model_label(model) if label is None else label
     (line,) = axes.plot(x, y, color=color or model_color(model), linewidth=1.3, label=name)
-    dashes = MODEL_DASHES.get(model_key(model) or "")
-    if dashes:
+    if (key := model_key(model)) and (dashes := _STYLES[key][2]):
         line.set_dashes(dashes)
     return line
 
@@ -136,7 +109,8 @@ def target_line(axes: Axes, time: np.ndarray, position_target: np.ndarray) -> Li
 
 
 def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) -> None:
-    """One legend of all labels below the figure."""
+    """One legend of all labels below the figure, whose y labels are aligned."""
+    figure.align_ylabels()
     every = [axes] if isinstance(axes, Axes) else axes
     found = {text: mark for each in every for mark, text in zip(*each.get_legend_handles_labels(), strict=True)}
     figure.legend(

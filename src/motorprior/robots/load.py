@@ -1,24 +1,4 @@
-"""Load a robot by name, or from a short TOML next to its MJCF or URDF.
-
-    name = "go2"                     # stored in priors, policies and logs
-    motor = "Unitree GO2 joint motor"
-    model = "go2.xml"                # MJCF or URDF next to this file
-    actuators = "remove"             # remove the model's own actuators; otherwise they are an error
-    base = "free"                    # or "fixed"
-    nominal_pose = [0.0, 0.9, -1.8]  # [rad]: one number, one per joint of a leg, or one per joint
-    kp = 30.0                        # [N·m/rad] at the joint, in the same three forms
-    kd = 0.8                         # [N·m·s/rad]
-    torque_limit = 23.7              # [N·m]
-    encoder = "joint"                # or "rotor"
-
-    [legs.FR]                        # none for an arm
-    joints = ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"]   # abduction, hip, knee
-    foot = "FR"                      # a sphere geom
-    phase = 0.0                      # in the trot cycle
-
-Optional: `joints` (default: all hinges of the model), `load_inertia` ([min, max] in kg·m²), `foot_friction`,
-`physics_dt`, `control_dt`, `twin_physics_dt`, `reference_torque`, and a table `[gait]` with the fields of `Gait`.
-"""
+"""Load a robot by name, or from a TOML next to its MJCF or URDF, whose keys docs/your-robot.md describes."""
 
 from __future__ import annotations
 
@@ -29,19 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.bounds import is_number
+from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_of
 from motorprior.exceptions import ArtifactError
 from motorprior.files import read_toml
 from motorprior.robots.model_source import ModelFile, files_digest, model_files
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.robots.user_model import UserModel
-from motorprior.schema import TABLE, TEXT, Field, Schema, many, number, one_of
+from motorprior.schema import Schema
 
 _SEE = "see docs/your-robot.md"
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
 _POSITIVE = number(1e-9, 1e9)
-_NAME = Field("a text", lambda value: isinstance(value, str) and bool(value))
+_TEXT = Field("a text", lambda value: isinstance(value, str) and bool(value))
+
+
+def _is_new_name(value: Any) -> bool:
+    own = _TEXT.accepts(value) and value not in {shipped.name for shipped in SHIPPED}
+    return own and re.fullmatch(r"[A-Za-z0-9_-]+", value) is not None
 
 
 def _per_joint(field: Field) -> Field:
@@ -49,10 +34,14 @@ def _per_joint(field: Field) -> Field:
     return Field(f"{field.meaning}, or a list of such", lambda value: field.accepts(value) or listed.accepts(value))
 
 
-def _pair(meaning: str, low: float, high: float) -> Field:
-    """Two numbers [a, b] in [low, high] with a <= b."""
-    pair = many(number(low, high), 2)
-    return Field(meaning, lambda value: pair.accepts(value) and len(value) == 2 and value[0] <= value[1])
+def _pair(meaning: str, minimum: Field, maximum: Field) -> Field:
+    """Two numbers [min, max] with min <= max."""
+
+    def accepts(value: Any) -> bool:
+        pair = isinstance(value, list) and len(value) == 2
+        return pair and minimum.accepts(value[0]) and maximum.accepts(value[1]) and value[0] <= value[1]
+
+    return Field(f"[min, max] {meaning}", accepts)
 
 
 _PER_JOINT = {
@@ -64,26 +53,27 @@ _PER_JOINT = {
 _OPTIONAL = {
     "encoder": one_of("joint", "rotor"),
     "actuators": one_of("remove"),
-    "joints": many(TEXT, 1),
-    "load_inertia": _pair("[min, max] in kg·m²", 1e-9, 1e9),
+    "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
     **dict.fromkeys(_CLOCKS, number(1e-5, 1.0)),
     **dict.fromkeys(("legs", "gait"), TABLE),
 }
-_REQUIRED = {**dict.fromkeys(("name", "motor", "model"), _NAME), "base": one_of("free", "fixed"), **_PER_JOINT}
-_ROBOT = Schema({**_REQUIRED, **_OPTIONAL}, _SEE, frozenset(_OPTIONAL))
+_NAME = Field("a name of letters, digits, '_' and '-' that no shipped robot has", _is_new_name)
+_REQUIRED = {"name": _NAME, "motor": _TEXT, "model": _TEXT, "base": one_of("free", "fixed"), **_PER_JOINT}
+_ROBOT = Schema(_REQUIRED | _OPTIONAL, _SEE, frozenset(_OPTIONAL))
 _PHASE = Field("a number in [0, 1)", lambda value: is_number(value, 0.0, 1.0) and value < 1.0)
-_LEG = Schema({"joints": many(TEXT, 3), "foot": _NAME, "phase": _PHASE}, _SEE)
+_LEG = Schema({"joints": many(TEXT, 3), "foot": _TEXT, "phase": _PHASE}, _SEE)
 _GAIT = Schema(
     {
         "frequency": number(0.2, 10.0),
         "swing_height": number(1e-3, 1.0),
-        "forward": _pair("[min, max] speed in m/s", -10.0, 10.0),
+        "forward": _pair("speed in m/s with min <= 0 < max", number(-10.0, 0.0), number(above=0.0, maximum=10.0)),
         "yaw_rate": number(0.01, 10.0),
         "residual": number(0.0, 3.0),
     },
     _SEE,
     frozenset(field.name for field in fields(Gait)),
+    "gait",
 )
 
 
@@ -100,20 +90,15 @@ def load_robot(name_or_path: str | Path) -> Robot:
         ArtifactError: an unknown name, a file that cannot be read, an unknown, missing or bad key, or a model that does
             not fit; names file, key and joint.
     """
-    path = Path(name_or_path)
-    if path.suffix != ".toml":
-        for robot in SHIPPED:
-            if robot.name == str(name_or_path):
-                return robot
-        remedy = f"use one of {', '.join(robot.name for robot in SHIPPED)}, or the path of a .toml file"
+    path, shipped = Path(name_or_path), {robot.name: robot for robot in SHIPPED}
+    if path.suffix == ".toml":
+        table = read_toml(path, _SEE)
+        _ROBOT.check(table, path)
+        return _from_table(table, path)
+    if str(name_or_path) not in shipped:
+        remedy = f"use one of {', '.join(shipped)}, or the path of a .toml file"
         raise ArtifactError(f"no robot {str(name_or_path)!r}", remedy=remedy)
-    table = read_toml(path, _SEE)
-    _ROBOT.check(table, path)
-    name = table["name"]
-    if name in {shipped.name for shipped in SHIPPED} or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        problem = f"name {name!r} is a shipped robot's, or has characters other than letters, digits, '_' and '-'"
-        raise ArtifactError(problem, where=path, remedy="give it another name; priors, logs and policies store it")
-    return _from_table(table, path)
+    return shipped[str(name_or_path)]
 
 
 def as_robot(robot: Robot | str | Path) -> Robot:
@@ -125,40 +110,37 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     where, legs = str(path), table.get("legs", {})
     file = path.parent / table["model"]
     model = UserModel(file, table["base"] == "free", "actuators" in table)
-    names = model.joint_names(tuple(table["joints"]) if "joints" in table else None)
-    bounds = [model.limits(name) for name in names]
+    names = model.joint_names()
     per_leg = len(names) // max(1, len(legs))
     numbers = {key: _numbers(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
-    for name, angle, (lower, upper) in zip(names, numbers["nominal_pose"], bounds, strict=True):
+    pose, joints = dict(zip(names, numbers["nominal_pose"], strict=True)), []
+    for i, (name, angle) in enumerate(pose.items()):
+        lower, upper = model.limits(name)
         if not lower <= angle <= upper:
             problem = f"nominal_pose {angle:g} rad of joint {name!r} is outside its limits {lower:g} to {upper:g} rad"
             raise ArtifactError(problem, where=where, remedy="give an angle within the limits of the model")
-    joints = tuple(
-        Joint(name, *bounds[i], numbers["kp"][i], numbers["kd"][i], numbers["torque_limit"][i],
-              table.get("encoder", "joint"))
-        for i, name in enumerate(names)
-    )  # fmt: skip
-    pose = dict(zip(names, numbers["nominal_pose"], strict=True))
+        gains = (numbers[key][i] for key in ("kp", "kd", "torque_limit"))
+        joints.append(Joint(name, lower, upper, *gains, encoder=table.get("encoder", "joint")))
     made = tuple(_leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items())
-    used = [name for leg in legs.values() for name in leg["joints"]] + [f"foot {leg['foot']}" for leg in legs.values()]
+    used = [name for leg in legs.values() for name in (*leg["joints"], f"foot {leg['foot']}")]
     if shared := [name for name in used if used.count(name) > 1]:
         raise ArtifactError(f"two legs share {shared[0]!r}", where=where, remedy="give every leg its own")
     height = model.standing_height(pose, [leg.foot for leg in made]) if made else 0.0
     sources = model_files(file)
-    load_inertia = table.get("load_inertia") or model.load_inertia(pose, len(made), height)
+    low, high = table.get("load_inertia") or model.load_inertia(pose, len(made), height)
     median_limit = sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
         name=table["name"],
         motor=table["motor"],
-        joints=joints,
+        joints=tuple(joints),
         base=table["base"],
         model=ModelFile(sources, files_digest(sources)),
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
         legs=made,
         leg_mismatch=next(filter(None, (model.leg_mismatch(leg, names, pose) for leg in made)), ""),
-        gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], f"{where}[gait]"),
-        load_inertia=(float(load_inertia[0]), float(load_inertia[1])),
+        gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], path),
+        load_inertia=(float(low), float(high)),
         files=(path, *sources),
         weight=GRAVITY * model.mass,
         standing_height=height,
@@ -177,33 +159,29 @@ def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], 
     if len(joints) != 3 or len(set(joints)) != 3 or not set(joints) <= set(names):
         remedy = f"give abduction, hip and knee, of {', '.join(names)}"
         raise ArtifactError(f"joints {list(joints)} are not three joints of the robot", where=where, remedy=remedy)
-    thigh, shank, radius, rest = model.leg_geometry(joints, table["foot"], pose)
     indices = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
-    return Leg(name, indices, table["foot"], float(table["phase"]), thigh, shank, radius, rest)
+    geometry = model.leg_geometry(joints, table["foot"], pose)
+    return Leg(name, indices, table["foot"], float(table["phase"]), *geometry)
 
 
 def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
     clocks = {key: float(table.get(key, default)) for key, default in _CLOCKS.items()}
     for key in ("physics_dt", "twin_physics_dt"):
         steps = clocks["control_dt"] / clocks[key]
-        if steps < 1.0 - 1e-6 or abs(steps - round(steps)) > 1e-6:
+        if abs(steps - round(steps)) > 1e-6:
             problem = f"{key} {clocks[key]:g} s does not divide control_dt {clocks['control_dt']:g} s"
             raise ArtifactError(problem, where=where, remedy="give a step that does")
     return clocks
 
 
-def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], where: str) -> Gait | None:
+def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path) -> Gait | None:
     """The default gait for the robot's size, overridden by the table; None without legs."""
-    _GAIT.check(table, where)
+    _GAIT.check(table, path)
     if not legs:
         return None
     default = Gait.of_size(float(np.mean([leg.hip_height(np.array(pose)) for leg in legs])))
-    forward = tuple(map(float, table.get("forward", default.forward)))
-    if not forward[0] <= 0.0 < forward[1]:
-        problem = f"forward {list(forward)} m/s does not include standing and walking forward"
-        raise ArtifactError(problem, where=where, remedy="give [min, max] with min <= 0 < max")
-    numbers = {key: float(value) for key, value in table.items() if key != "forward"}
-    return replace(default, forward=(forward[0], forward[1]), **numbers)
+    given = {key: tuple(map(float, value)) if key == "forward" else float(value) for key, value in table.items()}
+    return replace(default, **given)
 
 
 def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:

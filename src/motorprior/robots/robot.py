@@ -66,22 +66,18 @@ class Leg:
     rest: tuple[float, float]
 
     def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
-        """Foot's centre forward of and below the hip axis, in the plane of the leg [m].
+        """Foot's centre forward of and below the hip axis, in the plane of the leg [m], at (joints,) angles [rad].
 
         forward = -(thigh·sin(hip) + shank·sin(hip + knee)), below = thigh·cos(hip) + shank·cos(hip + knee).
-
-        Args:
-            joint_pos: (joints,) of the robot [rad].
         """
         hip, both = float(joint_pos[self.joints[1]]), float(joint_pos[self.joints[1]] + joint_pos[self.joints[2]])
         forward = -(self.thigh * math.sin(hip) + self.shank * math.sin(both))
         return forward, self.thigh * math.cos(hip) + self.shank * math.cos(both)
 
     def hip_height(self, joint_pos: np.ndarray) -> float:
-        """Distance of the foot's lowest point below the hip axis, body upright [m]: below·cos(abduction) + foot_radius.
+        """Distance of the foot's lowest point below the hip axis, body upright [m], at (joints,) angles [rad].
 
-        Args:
-            joint_pos: (joints,) of the robot [rad].
+        height = below·cos(abduction) + foot_radius, see `reach`.
         """
         return self.reach(joint_pos)[1] * math.cos(float(joint_pos[self.joints[0]])) + self.foot_radius
 
@@ -217,11 +213,7 @@ class Robot:
 
     @property
     def default_fleet(self) -> str:
-        """Name of the shipped fleet of its motors.
-
-        Raises:
-            ConfigError: none is shipped.
-        """
+        """Name of the shipped fleet of its motors; raises ConfigError if none is shipped."""
         if not self.fleets:
             problem = f"no fleet is shipped for robot {self.name!r}"
             raise ConfigError(problem, remedy="give a .toml file as fleet", argument="fleet")
@@ -232,37 +224,22 @@ class Robot:
         return self.physics_dt if math.isinf(max_step) else min(max_step, self.twin_physics_dt)
 
     def require_legs(self) -> Gait:
-        """The gait of a robot that can walk.
-
-        Raises:
-            ConfigError: it has no legs or a fixed base.
-        """
-        if self.gait is None or not self.legs or self.base != "free":
-            raise ConfigError(
-                f"robot {self.name!r} cannot walk: it has {len(self.legs)} legs and a {self.base} base",
-                remedy="give a robot with a free base and tables [legs.…]",
-            )
-        if self.leg_mismatch:
-            raise ConfigError(
-                f"robot {self.name!r} cannot walk: {self.leg_mismatch}",
-                remedy="change the joints' axes and zeros in its model to the conventions of docs/your-robot.md",
-            )
+        """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
+        problem = self.leg_mismatch
+        remedy = "change the joints' axes and zeros in its model to the conventions of docs/your-robot.md"
+        if self.gait is None or self.base != "free":
+            problem = f"it has {len(self.legs)} legs and a {self.base} base"
+            remedy = "give a robot with a free base and tables [legs.…]"
+        if self.gait is None or problem:
+            raise ConfigError(f"robot {self.name!r} cannot walk: {problem}", remedy=remedy)
         return self.gait
 
     def with_speed_range(self, forward: tuple[float, float]) -> Robot:
-        """The same robot with another range of commanded speeds [m/s].
-
-        Raises:
-            ConfigError: it cannot walk.
-        """
+        """The same robot with another range of commanded speeds [m/s]; raises as `require_legs`."""
         return replace(self, gait=replace(self.require_legs(), forward=forward))
 
     def require_wire(self) -> Wire:
-        """The protocol constants of the real robot.
-
-        Raises:
-            ConfigError: the robot's protocol is not supported.
-        """
+        """The protocol constants of the real robot; raises ConfigError if they are unknown."""
         if self.wire is None:
             raise ConfigError(f"the protocol of robot {self.name!r} is not supported", remedy="use a shipped robot")
         return self.wire

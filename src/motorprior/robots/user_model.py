@@ -30,15 +30,9 @@ class UserModel:
     """
 
     def __init__(self, path: Path, is_free: bool, removes_actuators: bool):
-        try:
-            import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
-        except ModuleNotFoundError as error:
-            problem, remedy = "MuJoCo, which reads a robot's model, is not installed", "pip install 'motorprior[full]'"
-            raise ArtifactError(problem, where=path, remedy=remedy) from error
+        import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
 
         self._mujoco, self._path = mujoco, path
-        if not path.is_file():
-            raise ArtifactError("no such model file", where=path, remedy="correct the key model")
         try:
             self._model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, FatalError or MemoryError
@@ -58,22 +52,15 @@ class UserModel:
 
     def _require_base(self, is_free: bool) -> None:
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
-        if is_free and free != [0]:
-            problem = "its base is free, but the model has no free joint that comes first"
-            raise self._error(problem, 'add <freejoint/> to the base, or write base = "fixed"')
-        if not is_free and free:
-            problem = "its base is fixed, but the model has a free joint"
-            raise self._error(problem, 'delete the free joint, or write base = "free"')
+        if free != ([0] if is_free else []):
+            problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
+            raise self._error(problem, "add or delete a <freejoint/> of the base, or change base in the robot's file")
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
         if roots != 1:
             raise self._error(f"the world holds {roots} bodies", "leave the robot alone in its model")
 
-    def joint_names(self, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
-        """Names of the hinges in the model's order; they must be those ``wanted``.
-
-        Raises:
-            ArtifactError: no joint, one without a name or of another type, or another list or order than ``wanted``.
-        """
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the hinges in the model's order; raises ArtifactError for no joint, or one of another type."""
         names = []
         for index in range(self._model.njnt):
             kind, name = self._model.jnt_type[index], self._model.joint(index).name
@@ -85,22 +72,10 @@ class UserModel:
             names.append(name)
         if not names:
             raise self._error("the model has no hinges", "give a model with joints")
-        if wanted is None or tuple(names) == wanted:
-            return tuple(names)
-        if missing := [name for name in wanted if name not in names]:
-            raise self._error(f"no joint {missing[0]!r}", f"its joints are {', '.join(names)}")
-        if unlisted := [name for name in names if name not in wanted]:
-            problem = f"joint {unlisted[0]!r} of the model is not in the robot's joints"
-            raise self._error(problem, "list it, or weld it by deleting the joint")
-        problem = "the robot's joints are in another order than the model's"
-        raise self._error(problem, f"list them as {names}, or leave joints out")
+        return tuple(names)
 
     def limits(self, name: str) -> tuple[float, float]:
-        """Lower and upper limit of a joint [rad].
-
-        Raises:
-            ArtifactError: it has none.
-        """
+        """Lower and upper limit of a joint [rad]; raises ArtifactError if it has none."""
         joint = self._model.joint(name)
         if not self._model.jnt_limited[joint.id]:
             remedy = 'give it range="LOWER UPPER" (and autolimits or limited)'
@@ -126,9 +101,9 @@ class UserModel:
         data = self._at(pose)
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
         centre = data.geom_xpos[geom]
-        lengths = np.linalg.norm(knee - hip), np.linalg.norm(centre - knee)
-        forward, left = (float(value) for value in (centre - data.xpos[1])[:2])
-        return float(lengths[0]), float(lengths[1]), float(self._model.geom_size[geom, 0]), (forward, left)
+        thigh, shank = float(np.linalg.norm(knee - hip)), float(np.linalg.norm(centre - knee))
+        forward, left, _ = (centre - data.xpos[1]).tolist()
+        return thigh, shank, float(self._model.geom_size[geom, 0]), (forward, left)
 
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
         """How a leg's motion differs from the conventions of `Leg`; empty if it does not.
@@ -157,10 +132,9 @@ class UserModel:
 
     def standing_height(self, pose: dict[str, float], feet: list[str]) -> float:
         """Height of the base at which the lowest foot touches the ground [m]."""
-        data, base = self._at(pose), 1
-        geoms = [self._model.geom(name).id for name in feet]
+        data, geoms = self._at(pose), [self._model.geom(name).id for name in feet]
         bottoms = [data.geom_xpos[geom, 2] - self._model.geom_size[geom, 0] for geom in geoms]
-        return float(data.xpos[base, 2] - min(bottoms))
+        return float(data.xpos[1, 2] - min(bottoms))  # body 1 is the base
 
     def load_inertia(self, pose: dict[str, float], legs: int, height: float) -> tuple[float, float]:
         """Range of the load inertia of a motor [kg·m²].

@@ -17,7 +17,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motor_choice import MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, motor_sampler
 from motorprior.simulation.world import World
 from motorprior.simulation.world_step import FAULTS, WorldArrays, physics_step, read_joints
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.registry import DrawMotors
 from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GaitName
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from motorprior.simulation.rollout import WalkSimulator
     from motorprior.simulation.world import World
 
-DrawMotors: TypeAlias = Callable[[np.random.Generator], Actuator]  # draws the motors of one episode, one per joint
 Engine = Literal["mujoco", "pybullet"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 

@@ -9,10 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
+from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.identification.prior_file import prior_notes
@@ -22,15 +19,14 @@ from motorprior.locomotion.executor import Kind, make_executor
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import WARNED, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motor_choice import MotorChoice, MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.training_files import Curve, TrainingFiles
 from motorprior.simulation.world_step import FAULTS
-from motorprior.stage import usable_threads
 
 
 @dataclass(frozen=True)
@@ -79,8 +75,8 @@ def train_policy(
 
     Args:
         robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
-        motors: a prior, a posterior or a fleet to draw from; fixed motors; or a function that draws them from a
-            generator.
+        motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior or a fleet to
+            draw from; fixed motors; or a function that draws them from a generator.
         settings: of the training.
         start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
         workers: episodes at a time, on which the result does not depend; up to two if not given.
@@ -101,13 +97,10 @@ def train_policy(
     settings = replace(settings, **changes)
     if seed is not None:
         settings = replace(settings, search=replace(settings.search, seed=seed))
-    fleet = motors if isinstance(motors, Fleet) else None
-    nominal = MotorChoice().nominal(robot) if fleet is None else nominal_pd(fleet, robot.num_joints)
     training = Training(robot, motors, settings, start)
-    prior = motors.prior if isinstance(motors, MotorPosterior) else motors
-    training.note(prior if isinstance(prior, MotorPrior) else None, progress)
+    training.note(progress)
     training.run(min(2, os.cpu_count() or 1) if workers is None else workers, progress)
-    return training.policy(nominal, motors=str(type(motors).__name__))
+    return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
 
 
 class Training:
@@ -133,15 +126,15 @@ class Training:
         self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, Curve()
         fleet = None if settings.validation is None else load_robot_fleet(robot, settings.validation)
         self._validation = None if fleet is None else fleet.name
-        sources = [motors] if fleet is None else [motors, fleet]
-        samplers = [motor_sampler(source, self.robot) for source in sources]
-        self._scenes = [Scene(self.robot, draw, settings, physics_dt) for draw, physics_dt in samplers]
+        self.motors = simulated_motors(motors, self.robot)
+        drawn = [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
+        self._scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
         shape = PolicyShape.of(self.robot, settings.gait, settings.hidden_units, settings.symmetric)
         self.search = PolicySearch(settings.search, shape, start)
 
-    def note(self, prior: MotorPrior | None, progress: Progress) -> None:
-        """Report limits of the prior, and a validation fleet that biases later evaluation on the twin."""
-        for line in [] if prior is None else prior_notes(prior, self.robot):
+    def note(self, progress: Progress) -> None:
+        """Report limits of the motors' prior, and a validation fleet that biases later evaluation on the twin."""
+        for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
             progress.note(line)
         if self.robot.fleets and self._validation == self.robot.default_fleet:
             progress.note(
@@ -195,9 +188,9 @@ class Training:
             )
         self._report_faults(progress)
 
-    def policy(self, nominal: IdealPd, **provenance: Any) -> Policy:
-        """The best policy, for motors with the PD gains ``nominal``; ``provenance`` joins the settings."""
-        search, settings = self.search, asdict(self.settings)
+    def policy(self, **provenance: Any) -> Policy:
+        """The best policy; ``provenance`` joins the settings."""
+        search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
         return Policy.of(
             self.robot, self.settings.gait, search.best, nominal.kp, nominal.kd, settings | found | provenance

@@ -1,23 +1,138 @@
-"""Compare policies on sets of motors, as a tidy table."""
+"""How policies walk: numbered walks in a simulated environment, and a tidy table over policies and sets of motors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import GaitName
-from motorprior.locomotion.command import Commands, Range
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.executor import Executor, ThreadExecutor
+from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motor_choice import MotorSource, motor_sampler
-from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.motors import MotorSource, motor_sampler
+from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.studies import twin
+from motorprior.studies.environments import ENCODER_NOISE, twin_scene
+from motorprior.studies.gait_quality import share_upright
+
+DURATION_STEPS = 500  # control steps of a walk of 5 s
+DRAWS = 24  # walks of an evaluation
+EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
+
+ONE_AT_A_TIME = partial(ThreadExecutor, workers=1)
+
+
+def evaluation_seed(draw: int) -> int:
+    """Seed of walk ``draw`` of an evaluation."""
+    return EVALUATION_SEED + draw
+
+
+def run_walks(
+    scene: Scene,
+    policy: PolicyArrays,
+    draws: Sequence[int],
+    seed_of: Callable[[int], int] = evaluation_seed,
+    motors: Callable[[int], Actuator] | None = None,
+    executor: Callable[[Callable[[], Any]], Executor] = ONE_AT_A_TIME,
+) -> list[Episode]:
+    """Walk with a policy, once per number in ``draws``.
+
+    Args:
+        scene: robot, engine, motors and episode.
+        policy: of this robot.
+        draws: numbers of the walks; walks of one number are equal but for the policy.
+        seed_of: number -> seed of motors, sensors, ground and pushes.
+        motors: number -> motors, instead of those that the scene draws.
+        executor: runs the walks; for Ray, all arguments must be picklable.
+
+    Returns:
+        Episodes with their traces, in the order of ``draws``.
+    """
+    walks = executor(partial(_Walks, scene, seed_of, motors))
+    try:
+        return walks.map(_Walks.run, policy, draws)
+    finally:
+        walks.close()
+
+
+class _Walks:
+    """Simulator of numbered walks; one per thread."""
+
+    def __init__(self, scene: Scene, seed_of: Callable[[int], int], motors: Callable[[int], Actuator] | None):
+        self._number, self._seed_of = 0, seed_of
+        if motors is not None:
+            scene = replace(scene, draw_motors=lambda _: motors(self._number))
+        self._simulator = scene.simulator()
+
+    def run(self, policy: PolicyArrays, number: int) -> Episode:
+        self._number = number
+        return self._simulator.run(policy, self._seed_of(number), trace=True)
+
+    def close(self) -> None:
+        self._simulator.close()
+
+
+def evaluate(
+    policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int
+) -> tuple[list[Result], dict[str, np.ndarray]]:
+    """Walk DRAWS times with a policy in every scene.
+
+    Args:
+        policy: to evaluate.
+        scenes: environment -> simulation with episodes of DURATION_STEPS.
+        model: name of the training condition.
+        seed: of the training.
+
+    Returns:
+        Rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright (share
+        of the time before a fall) and drift (|final lateral displacement| [m]); and "ENVIRONMENT/MODEL" -> (steps,
+        7 + joints) trace of the walk with the median distance.
+    """
+    rows, traces = [], {}
+    for name, scene in scenes.items():
+        episodes = run_walks(scene, policy.arrays(), range(DRAWS))
+        forward = np.array([episode.displacement[0] for episode in episodes])
+        values = {
+            "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),
+            "upright": ("1", np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])),
+            "drift": ("m", np.mean([abs(episode.displacement[1]) for episode in episodes])),
+        }
+        rows += [Result(key, unit, float(value), model, name, seed=seed) for key, (unit, value) in values.items()]
+        traces[f"{name}/{model}"] = episodes[int(np.argsort(forward, kind="stable")[len(episodes) // 2])].trace
+    return rows, traces
+
+
+def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
+    """The robot with the range of speeds of all these policies."""
+    ranges = [policy.forward for policy in policies]
+    return robot.with_speed_range((max(low for low, _ in ranges), min(high for _, high in ranges)))
+
+
+def straight_ahead(robot: Robot) -> Commands:
+    """Constant forward command at the robot's maximum speed."""
+    return Commands.steady(robot.require_legs().forward[1])
+
+
+def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Commands) -> Scene:
+    """A walk of DURATION_STEPS with a policy's gait: on a fleet's twin with encoder noise, or on given motors."""
+    robot = robot.with_speed_range(policy.forward)
+    walk = WalkConfig(DURATION_STEPS, commands=commands, gait=policy.gait)
+    if isinstance(motors, Fleet):
+        return twin_scene(robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE)))
+    sample, physics_dt = motor_sampler(motors, robot)
+    return Scene(robot, sample, walk, physics_dt)
 
 
 def compare(
@@ -46,39 +161,21 @@ def compare(
     """
     robot = as_robot(robot)
     robot.require_legs()
-    seeds = {name: [each] if isinstance(each, Policy) else list(each) for name, each in policies.items()}
     for name, value in (("policies", policies), ("twins", twins)):
         if not value:
             raise ConfigError(f"no {name} given", remedy="give at least one by name", argument=name)
+    seeds = {name: [each] if isinstance(each, Policy) else list(each) for name, each in policies.items()}
+    every = [policy for each in seeds.values() for policy in each]
     for name, each in seeds.items():
         for policy in each:
             policy.require_robot(robot, name)
-    gaits: set[tuple[Range, GaitName]] = {(policy.forward, policy.gait) for each in seeds.values() for policy in each}
-    commands = twin.straight_ahead(
-        twin.with_shared_speeds(robot, (policy for each in seeds.values() for policy in each))
-    )
-    simulators = {
-        (name, *gait): _simulator(robot.with_speed_range(gait[0]), twins[name], gait[1], commands)
-        for name in twins
-        for gait in gaits
-    }
-    count = sum(map(len, seeds.values())) * len(twins)
-    rows = []
-    with progress.start(f"compare: {count} x {twin.DRAWS} walks", twin.DRAWS * count) as task:
+    commands = straight_ahead(with_shared_speeds(robot, every))
+    rows: list[Result] = []
+    count = len(every) * len(twins)
+    with progress.start(f"compare: {count} x {DRAWS} walks", count) as task:
         for model, each in seeds.items():
-            for motor_set in twins:
-                for seed, policy in enumerate(each):
-                    simulator = simulators[motor_set, policy.forward, policy.gait]
-                    walking, _ = twin.evaluate(robot, policy, simulator, task.advance)
-                    for quantity, unit in twin.WALKING_UNITS.items():
-                        value = getattr(walking, quantity)
-                        rows.append(Result(quantity, unit, value, model=model, motors=motor_set, seed=seed))
+            for seed, policy in enumerate(each):
+                scenes = {name: motors_scene(robot, policy, motors, commands) for name, motors in twins.items()}
+                rows += evaluate(policy, scenes, model, seed)[0]
+                task.advance(len(twins))
     return Results.of(rows)
-
-
-def _simulator(robot: Robot, motors: MotorSource, gait: GaitName, commands: Commands) -> WalkSimulator:
-    if isinstance(motors, Fleet):
-        return twin.twin_simulator(robot, motors, gait, commands)
-    sample, physics_dt = motor_sampler(motors, robot)
-    walk = WalkConfig(twin.DURATION_STEPS, commands=commands, gait=gait)
-    return WalkSimulator(Scene(robot, sample, walk, physics_dt))

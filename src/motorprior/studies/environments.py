@@ -1,17 +1,21 @@
-"""Test environments of a study; no policy was trained in them.
+"""Environments in which policies are evaluated; no policy was trained in them.
+
+The *twin* is a held-out virtual robot: unseen motors of a fleet, 1 kHz physics, sensor noise. The test environments of
+a study are twins, too, with numbered robots: a robot's motors depend on its fleet's name, the study's seed and its
+number alone.
 
     fleet     motors of the bench's fleet, with one offset of all its motors per robot
     foreign   out-of-family motors: other friction, hardening gear, torque-speed line with sag, heat, ripple
-    hard      out-of-family motors; floor, load, slope, delays, dropped readings and pushes as in `twin.HARD`
+    hard      out-of-family motors; floor, load, slope, delays, dropped readings and pushes as in HARD
     pybullet  the bench's fleet in the other engine: other contacts, other integration
 
-All have at least the sensor noise of `twin.NOISY`. Robots are numbered: a robot's motors depend on its fleet's name,
-the study's seed and its number alone.
+All have at least the sensor noise of NOISY.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from zlib import crc32
 
 import numpy as np
@@ -20,16 +24,26 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.bounds import seed_of
-from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
-from motorprior.studies.twin import HARD, NOISY
 
-ROBOT_STREAM = 0x20B0  # random stream of a robot's motors, of no bench and no training
-DRAW_STREAM = 0x20B1  # random stream of sensors, floor and pushes
+TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and no training
+ROBOT_STREAM = 0x20B0  # random stream of a numbered robot's motors, likewise
+DRAW_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
+ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
 IN_FAMILY, OUT_OF_FAMILY = "fleet", "foreign"  # populations of motors
+
+# Sensors of the twin for a policy that follows commands: white noise of a MEMS sensor at 100 Hz; bias of 0.1 °/s of a
+# consumer gyroscope after averaging at rest. Assumptions.
+NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.01, gyro_bias=0.002)
+# Unknown ground and load. Masses and delays are within Tan et al. 2018 (RSS, "Sim-to-Real: Learning Agile Locomotion
+# For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms. Assumptions: friction, an off-centre
+# load, sloping floors, jitter of a busy computer, and pushes that change the speed of 2.1 kg by up to 0.14 m/s.
+HARD = replace(
+    NOISY, friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.01, gravity_tilt=0.03, sensor_delay=(0.0, 0.02),
+    sensor_jitter=0.005, command_jitter=0.005, dropped=0.02, push=0.3, push_interval=2.0,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -49,6 +63,17 @@ ENVIRONMENTS = {
 }
 
 
+def twin_scene(robot: Robot, fleet: Fleet, walk: WalkConfig, engine: Engine = "mujoco") -> Scene:
+    """The simulation of a twin, with other motors of the fleet in every walk."""
+    walk = replace(walk, engine=engine)
+    return Scene(robot, partial(_twin_motors, robot, fleet), walk, robot.twin_physics_dt)
+
+
+def _twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
+    own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
+    return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
+
+
 def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> TrueMotors:
     """Motors of robot ``number`` of the study with seed ``study``, see `Fleet.sample`."""
     # with the name: fleets of one motor family would draw the same parameters in the same order
@@ -59,53 +84,3 @@ def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> True
 def walk_seed(study: int, draw: int) -> int:
     """Seed of the sensors, floor and pushes of walk ``draw`` of the study with seed ``study``."""
     return seed_of(DRAW_STREAM, study, draw)
-
-
-class TrainingWalks:
-    """Walks in a policy's training simulation, with samples that its training did not use."""
-
-    def __init__(self, scene: Scene, study: int):
-        self._study, self._simulator = study, scene.simulator()
-
-    def run(self, policy: PolicyArrays, draw: int) -> Episode:
-        """Walk ``draw`` of a policy, with its trace."""
-        return self._simulator.run(policy, walk_seed(self._study, draw), trace=True)
-
-    def close(self) -> None:
-        """Close the engine."""
-        self._simulator.close()
-
-
-class HeldOutWalks(TrainingWalks):
-    """Walks on numbered robots in an environment.
-
-    Args:
-        robot: description of the robot.
-        environment: one of ENVIRONMENTS.
-        fleet: of its motors.
-        walk: episode; its randomization is replaced by the environment's.
-        study: seed of the study.
-        only: number of the robot for all walks; if not given, walk d uses robot d.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        environment: Environment,
-        fleet: Fleet,
-        walk: WalkConfig,
-        study: int,
-        only: int | None = None,
-    ):
-        self._number, self._only = 0, only
-        walk = replace(walk, randomization=environment.randomization, engine=environment.engine)
-
-        def sample(_: np.random.Generator) -> Actuator:
-            return motors_of_robot(robot, fleet, study, self._number).actuator()
-
-        super().__init__(Scene(robot, sample, walk, robot.twin_physics_dt), study)
-
-    def run(self, policy: PolicyArrays, draw: int) -> Episode:
-        """Walk ``draw`` of a policy, with its trace."""
-        self._number = draw if self._only is None else self._only
-        return super().run(policy, draw)

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.kernels import reset_actuator, step_actuator
+from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
@@ -37,8 +39,8 @@ def write_traces(
     tensors = {"bench/target": case.position_target[:, 0], "bench/truth": truth.joint_pos[:, 0]}
     tensors |= {f"bench/model/{name}": run(model(index), case).joint_pos[:, 0] for name, model in models.items()}
     for name, prior in priors.items():
-        if prior.network.motor is None:
-            tensors |= _torque_traces(f"torque/{name}", robot, prior, motors, seed)
+        if not isinstance(prior.model, GreyBox):
+            tensors |= _torque_traces(f"torque/{name}", robot, prior.model, prior, motors, seed)
     header = {"bench_dt": case.dt}
     if robot.legs:
         joint = robot.legs[0].joints[-1]
@@ -47,12 +49,14 @@ def write_traces(
     write_tensors(path, tensors, header)
 
 
-def _torque_traces(name: str, robot: Robot, prior: MotorPrior, motors: TrueMotors, seed: int) -> dict[str, np.ndarray]:
+def _torque_traces(
+    name: str, robot: Robot, network: LatentNetwork, prior: MotorPrior, motors: TrueMotors, seed: int
+) -> dict[str, np.ndarray]:
     """Torque on the first joint [N·m] one step ahead, as in the paper: a network on the true motion of 1 s of a sine.
 
     It is the actuator's torque minus its damping and minus armature·acceleration, from the first full history on.
     """
-    period, first = prior.network.period, prior.network.taps[-1]
+    period, first = network.period, network.taps[-1]
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
     preset = preset_of_period(period).for_robot(robot)
     case = trial(rng, "sine", round(1.0 / period) + first, len(motors), preset, hold=False)

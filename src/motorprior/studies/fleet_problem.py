@@ -12,21 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.families import FAMILIES, TrueMotors
+from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
-from motorprior.studies.gauss_newton import GaussianPrior
 from motorprior.studies.log_replay import Replayer, logged_constants, with_logged_gains
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
 PER_MOTOR = ("kp", "coulomb")  # constants that differ between motors
+IDENTIFIABLE = 0.5  # a constant is identifiable if its posterior variance is below this share of the prior's
 DEVIATION = 0.015  # [rad] residual deviation before the first fit
 _MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
 READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
 _PRIOR_SCALE = 2.0  # on the fleet's centre uncertainty, which may stem from similar logs
-_DIFFERENCE = 3.0  # central differences over a third of the prior deviation, wide enough for stiction
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,7 @@ class Unknown:
 
     Attributes:
         name: in the fleet's file.
+        unit: of the constant.
         is_log: whether the unknown is the constant's logarithm.
         mean: prior mean of the unknown.
         deviation: prior standard deviation of the unknown.
@@ -43,46 +43,33 @@ class Unknown:
     """
 
     name: str
+    unit: str
     is_log: bool
     mean: float
     deviation: float
     spread: float
-    minimum: float = 0.0
+    minimum: float
+
+    @classmethod
+    def of(cls, name: str, unit: str, distribution: Distribution) -> Unknown:
+        """The unknown of a constant; its deviation is 0 if the fleet's centre is certain."""
+        values, is_log, center = distribution.values, distribution.kind == "lognormal", distribution.center
+        if distribution.kind == "uniform":
+            is_log = values["low"] > 0.0
+            low, high = np.log([values["low"], values["high"]]) if is_log else (values["low"], values["high"])
+            deviation = spread = float(high - low) / np.sqrt(12.0)
+        else:
+            deviation, spread = _PRIOR_SCALE * values.get("center_uncertainty", 0.0), values.get("spread", 0.0)
+        mean = float(np.log(center)) if is_log else center
+        return cls(name, unit, is_log, mean, deviation, spread, values.get("minimum", 0.0))
 
     def value(self, x: float) -> float:
         """The constant."""
         return float(np.exp(x)) if self.is_log else max(float(x), self.minimum)
 
-
-def unknowns_of(fleet: Fleet, logged: frozenset[str] = frozenset()) -> tuple[Unknown, ...]:
-    """Unknowns of a fleet's centre, without the ``logged`` constants.
-
-    Raises:
-        ConfigError: the fleet has no uncertain constant.
-    """
-    names = [name for name in FITTED if name not in logged]
-    found = [unknown for name in names if (unknown := _unknown(name, fleet.parameters.get(name))) is not None]
-    if not found:
-        raise ConfigError(
-            f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
-            remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
-            "(docs/calibrate.md)",
-        )  # fmt: skip
-    return tuple(found)
-
-
-def _unknown(name: str, distribution: Distribution | None) -> Unknown | None:
-    if distribution is None or distribution.kind == "constant":
-        return None
-    values, is_log = distribution.values, distribution.kind == "lognormal"
-    if distribution.kind == "uniform":
-        is_log = values["low"] > 0.0
-        low, high = np.log([values["low"], values["high"]]) if is_log else (values["low"], values["high"])
-        deviation = spread = float(high - low) / np.sqrt(12.0)
-    else:
-        deviation, spread = _PRIOR_SCALE * values["center_uncertainty"], values["spread"]
-    mean = float(np.log(distribution.center)) if is_log else distribution.center
-    return Unknown(name, is_log, mean, deviation, spread, values.get("minimum", 0.0)) if deviation > 0.0 else None
+    def is_identifiable(self, error: float) -> bool:
+        """Whether the logs halve the variance of the constant; ``error`` is its standard error after the fit."""
+        return error**2 < IDENTIFIABLE * self.deviation**2
 
 
 class FleetProblem:
@@ -96,21 +83,38 @@ class FleetProblem:
 
     Attributes:
         logged: constants in all logs, which are not fitted.
+        unknowns: constants that are fitted.
+        differing: indices of the unknowns that differ between motors.
+        mean: (unknowns,) prior mean of the centre.
+        prior_std: (unknowns,) its standard deviation.
+        joints: indices of the excited joints of all logs.
+
+    Raises:
+        ConfigError: the fleet has no uncertain constant.
     """
 
     def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
         self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
-        self.logged = frozenset.intersection(*(logged_constants(each.prepared) for each in replayers.values()))
-        self.unknowns = unknowns_of(fleet, self.logged)
-        prior = np.array([each.deviation for each in self.unknowns])
-        self.prior = GaussianPrior(np.array([each.mean for each in self.unknowns]), prior, prior / _DIFFERENCE)
+        self.logged = frozenset.intersection(*(logged_constants(each.log) for each in replayers.values()))
+        names, units = [name for name in FITTED if name not in self.logged], FAMILIES[fleet.family].units
+        found = [Unknown.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
+        self.unknowns = tuple(unknown for unknown in found if unknown.deviation > 0.0)
+        if not self.unknowns:
+            raise ConfigError(
+                f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
+                remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
+                "(docs/calibrate.md)",
+            )  # fmt: skip
+        self.mean = np.array([each.mean for each in self.unknowns])
+        self.prior_std = np.array([each.deviation for each in self.unknowns])
         self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 
-    def motors(self, x: np.ndarray, offsets: np.ndarray | None = None) -> TrueMotors:
-        """One motor per joint of the robot, at the fleet's gains.
+    def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
+        """One motor per joint of the robot, with the gains of a log if it states them.
 
         Args:
+            name: of the log.
             x: (unknowns,) the centre.
             offsets: of single motors from it, flat (excited joints · differing unknowns).
         """
@@ -121,35 +125,24 @@ class FleetProblem:
             own[np.ix_(self.joints, self.differing)] += offsets.reshape(len(self.joints), len(self.differing))
         for column, unknown in enumerate(self.unknowns):
             values[unknown.name] = np.array([unknown.value(each) for each in own[:, column]])
-        return FAMILIES[self.fleet.family].motors(values)
+        return with_logged_gains(FAMILIES[self.fleet.family].motors(values), self.replayers[name].log).actuator()
 
-    def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
-        """The `motors` with the gains of a log."""
-        return with_logged_gains(self.motors(x, offsets), self.replayers[name].prepared).actuator()
-
-    def errors(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> list[np.ndarray]:
-        """(rows, joints) simulated minus measured [rad] of every log; see `Replayer.error`."""
-        return [
-            self.replayers[name].error(self.replayers[name].joint_pos(self.actuator(name, x, offsets)))
-            for name in names
-        ]
+    def error(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
+        """(rows, joints) simulated minus measured [rad] of a log; see `Replayer.error`."""
+        replayer = self.replayers[name]
+        return replayer.error(replayer.joint_pos(self.actuator(name, x, offsets)))
 
     def residuals(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
         """(N,) errors in units of their deviation; every joint of every log has the same weight."""
-        weigh = np.sqrt(READINGS) / self.deviation
-        return np.concatenate([weigh / np.sqrt(len(e)) * e.ravel() for e in self.errors(names, x, offsets)])
+        weight, errors = np.sqrt(READINGS) / self.deviation, [self.error(name, x, offsets) for name in names]
+        return np.concatenate([weight / np.sqrt(len(error)) * error.ravel() for error in errors])
 
     def rmse(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> float:
         """Mean RMSE over the excited joints of a log [rad]."""
-        (error,) = self.errors([name], x, offsets)
-        return float(np.mean(rms(error, axis=0)))
-
-    def unit(self, unknown: Unknown) -> str:
-        """Unit of the constant."""
-        return FAMILIES[self.fleet.family].units[unknown.name]
+        return float(np.mean(rms(self.error(name, x, offsets), axis=0)))
 
     def with_residual_deviation(self, x: np.ndarray) -> FleetProblem:
         """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
-        errors = self.errors(list(self.replayers), x)
+        errors = [self.error(name, x) for name in self.replayers]
         deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))
         return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _MIN_DEVIATION))

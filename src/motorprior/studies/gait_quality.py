@@ -1,9 +1,10 @@
-"""Gait quality: measures of one walk, computed from simulated states."""
+"""Measures of one walk, computed from simulated states."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -25,54 +26,13 @@ _MIN_STROKE = 0.02  # of the standing height; a foot that moves less along the b
 _MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
 _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 
-UNITS = {  # of the fields of `GaitQuality`
+UNITS = {  # of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
     "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
     "foot_lift_mm": "mm", "dragged_steps": "1", "slip": "m/m", "step_frequency": "Hz", "body_rate": "rad/s",
-    "roll_deg": "°", "pitch_deg": "°", "torque": "N·m", "transport": "1",
+    "roll_deg": "°", "pitch_deg": "°", "torque": "N·m", "transport": "1", "distance": "m", "drift": "m",
+    "torque_beyond": "1",
 }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class GaitQuality:
-    """Measures of one walk after its first second and, if it fell, before the last half second; NaN if undefined.
-
-    If less than a second is left, only ``upright`` is defined, and a speed of 0 if it fell. Measures per metre need
-    5 cm of distance and a command of at least a tenth of the robot's maximum speed.
-
-    Attributes:
-        upright: 1 without a fall, else 0.
-        speed: distance along the robot's own heading over time [m/s].
-        speed_error: |speed - command| / |command| [-].
-        heading_deg_per_m: final |heading - commanded heading| over the distance [°/m].
-        lateral_share: final lateral distance from the commanded path at the walk's own speed, over the distance [-].
-        foot_lift_mm: (legs,) median over the swings of the maximum clearance of a foot [mm]; swings are above 2 mm.
-        dragged_steps: share of a foot's steps in which its lowest point stays within 2 mm of the ground, mean over the
-            feet that make steps [-]. A step lasts until the foot passes the middle of its stroke along the body again
-            in the same direction; it does not need a lift.
-        slip: distance that a foot's lowest point slides within 0.5 mm of the ground, mean over the feet, over the
-            distance [m/m].
-        step_frequency: swings per leg and second [Hz].
-        body_rate: RMS of the angular rate about the body's x and y axes [rad/s].
-        roll_deg: RMS [°].
-        pitch_deg: RMS [°].
-        torque: 99.9th percentile over time of the maximum |torque| over the joints [N·m].
-        transport: cost of transport, mean of Σ |torque · joint velocity| over weight · |speed| [-].
-    """
-
-    upright: float
-    speed: float
-    speed_error: float
-    heading_deg_per_m: float
-    lateral_share: float
-    foot_lift_mm: np.ndarray
-    dragged_steps: float
-    slip: float
-    step_frequency: float
-    body_rate: float
-    roll_deg: float
-    pitch_deg: float
-    torque: float
-    transport: float
+_OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "transport", "step_frequency", "body_rate")
 
 
 def completed(episode: Episode, steps: int) -> bool:
@@ -80,8 +40,26 @@ def completed(episode: Episode, steps: int) -> bool:
     return episode.steps >= steps and episode.fault == 0
 
 
-def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int) -> GaitQuality:
-    """Measure an episode with a constant command.
+def share_upright(episode: Episode, steps: int) -> float:
+    """Share of ``steps`` control steps before a fall or a simulation fault [-]."""
+    return (episode.steps - (not completed(episode, steps))) / steps
+
+
+def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int) -> dict[str, float]:
+    """Measure a walk with a constant command after its first second and, if it fell, before the last half second.
+
+    Undefined measures are NaN; if less than a second is left, there is only ``upright``, and a speed of 0 if it fell.
+    Measures per metre need 5 cm of distance and a command of at least a tenth of the robot's maximum speed.
+
+    upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time [m/s]; speed_error:
+    |speed - command| / |command|; heading_deg_per_m: final |heading - commanded heading| over the distance [°/m];
+    lateral_share: final lateral distance from the commanded path at the walk's own speed, over the distance;
+    foot_lift_mm/LEG: median over the swings of the maximum clearance of the foot [mm], of swings above 2 mm;
+    dragged_steps: share of a foot's steps in which its lowest point stays within 2 mm of the ground, mean over the feet
+    that make steps; slip: distance that a foot's lowest point slides within 0.5 mm of the ground, mean over the feet,
+    over the distance [m/m]; step_frequency: swings per leg and second [Hz]; body_rate: RMS of the angular rate about
+    the body's x and y axes [rad/s]; roll_deg, pitch_deg: RMS [°]; torque: 99.9th percentile over time of the maximum
+    |torque| over the joints [N·m]; transport: mean of Σ |torque · joint velocity| over weight · |speed|.
 
     Args:
         robot: of the episode.
@@ -95,36 +73,85 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     end = len(episode.trace) - (0 if upright else round(FALL_TIME / dt))
     walks = abs(forward) >= MIN_COMMAND * robot.require_legs().forward[1]
     if end < begin + round(_MIN_TIME / dt):
-        return _short_walk(upright, len(robot.legs), walks)
+        return {"upright": upright} | ({} if upright else {"speed": 0.0, "speed_error": 1.0 if walks else math.nan})
     heading = headings(episode.trace[:end])
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
     qpos, moved = episode.trace[begin:end], episode.motion[begin:end]
     qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
     roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
-    yaw, time = heading[begin:], dt * (len(qpos) - 1)
-    along = distance_along_heading(qpos[:, :2], yaw)
+    time = dt * (len(qpos) - 1)
+    along = distance_along_heading(qpos[:, :2], heading[begin:])
     speed = along / time
     defined = walks and abs(along) >= _MIN_DISTANCE
     distance, pace = (abs(along), abs(speed)) if defined else (math.nan, math.nan)
     feet = foot_motion(robot, qpos, qvel)
-    swings = _swings(feet)
+    lifts = {f"foot_lift_mm/{leg.name}": each for leg, each in zip(robot.legs, _swings(feet), strict=True)}
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
-    return GaitQuality(
-        upright=upright,
-        speed=speed,
-        speed_error=abs(speed - forward) / abs(forward) if walks else math.nan,
-        heading_deg_per_m=math.degrees(abs(float(heading[-1] - goal[-1]))) / distance,
-        lateral_share=abs(_lateral_distance(qpos[:, :2], goal[begin:], speed * dt)) / distance,
-        foot_lift_mm=np.array([1e3 * float(np.median(lifts or [0.0])) for lifts in swings]),
-        dragged_steps=_dragged(feet, _MIN_STROKE * robot.standing_height),
-        slip=float(np.mean(np.sum(feet.sliding * (feet.clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
-        step_frequency=float(np.mean([len(lifts) for lifts in swings])) / time,
-        body_rate=float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
-        roll_deg=math.degrees(float(rms(roll))),
-        pitch_deg=math.degrees(float(rms(pitch))),
-        torque=float(np.percentile(np.abs(torque).max(axis=1), 99.9)),
-        transport=power / (robot.weight * pace),
-    )
+    return {
+        "upright": upright,
+        "speed": speed,
+        "speed_error": abs(speed - forward) / abs(forward) if walks else math.nan,
+        "heading_deg_per_m": math.degrees(abs(float(heading[-1] - goal[-1]))) / distance,
+        "lateral_share": abs(_lateral_distance(qpos[:, :2], goal[begin:], speed * dt)) / distance,
+        **{name: 1e3 * float(np.median(each or [0.0])) for name, each in lifts.items()},
+        "dragged_steps": _dragged(feet, _MIN_STROKE * robot.standing_height),
+        "slip": float(np.mean(np.sum(feet.sliding * (feet.clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
+        "step_frequency": float(np.mean([len(each) for each in lifts.values()])) / time,
+        "body_rate": float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
+        "roll_deg": math.degrees(float(rms(roll))),
+        "pitch_deg": math.degrees(float(rms(pitch))),
+        "torque": float(np.percentile(np.abs(torque).max(axis=1), 99.9)),
+        "transport": power / (robot.weight * pace),
+    }
+
+
+def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) -> dict[str, float]:
+    """Measures of one walk straight ahead in a study, also of a short one.
+
+    speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the time before a fall;
+    distance: along the robot's heading before it [m]; drift: |final lateral displacement| [m], NaN after a fall;
+    torque_beyond: share of joints and time with more than the described torque limit; foot_lift_mm: mean over the legs.
+    Others: see `gait_quality`. If the engine gives no velocities, they are differences of the poses, and measures of
+    torques are NaN.
+
+    Args:
+        robot: of the walk.
+        episode: with its trace.
+        forward: commanded speed [m/s].
+        steps: control steps of a walk without a fall.
+    """
+    has_motion = len(episode.motion) == len(episode.trace)
+    moved = episode if has_motion else replace(episode, motion=_motion_of(robot, episode.trace))
+    quality = gait_quality(robot, moved, forward, 0.0, steps)
+    lifts = {name: quality.get(name, math.nan) for name in (f"foot_lift_mm/{leg.name}" for leg in robot.legs)}
+    limit = np.array([joint.torque_limit for joint in robot.joints])
+    torque = np.abs(moved.motion[:, 6 + robot.num_joints :])
+    upright = share_upright(episode, steps)
+    found = {
+        "speed": float(episode.displacement[0]) / (steps * robot.control_dt),
+        "upright": upright,
+        "distance": distance_along_heading(episode.trace[:, :2], headings(episode.trace)),
+        "drift": abs(float(episode.displacement[1])) if upright == 1.0 else math.nan,
+        **{name: quality.get(name, math.nan) for name in _OF_STUDY},
+        "torque_beyond": float(np.mean(torque > limit)),
+        "foot_lift_mm": float(np.mean(list(lifts.values()))),
+        **lifts,
+    }
+    return found if has_motion else found | {"transport": math.nan, "torque_beyond": math.nan}
+
+
+def _motion_of(robot: Robot, trace: np.ndarray) -> np.ndarray:
+    """(steps, 6 + 2 joints) velocities as differences of a trace, and zero torques."""
+    motion = np.zeros((len(trace), 6 + 2 * robot.num_joints))
+    if len(trace) < 2:
+        return motion
+    rate = np.gradient(trace, robot.control_dt, axis=0)
+    motion[:, :3], motion[:, 6 : 6 + robot.num_joints] = rate[:, :3], rate[:, 7:]
+    # angular velocity in the body's frame: 2·(conj(q)·dq/dt), its vector part
+    w, v = trace[:, 3:4], trace[:, 4:7]
+    dw, dv = rate[:, 3:4], rate[:, 4:7]
+    motion[:, 3:6] = 2.0 * (w * dv - v * dw - np.cross(v, dv))
+    return motion
 
 
 def headings(qpos: np.ndarray) -> np.ndarray:
@@ -189,18 +216,11 @@ def _step_peaks(clearance: np.ndarray, ahead: np.ndarray, min_stroke: float) -> 
     return np.array([clearance[begin:end].max() for begin, end in pairwise(edges)])
 
 
-def _short_walk(upright: float, legs: int, walks: bool) -> GaitQuality:
-    speed, error = (math.nan, math.nan) if upright else (0.0, 1.0 if walks else math.nan)
-    return GaitQuality(upright, speed, error, math.nan, math.nan, np.full(legs, math.nan), *8 * [math.nan])
-
-
-def quality_results(quality: GaitQuality, robot: Robot, model: str, motors: str) -> Results:
+def quality_results(quality: Mapping[str, float], model: str, motors: str) -> Results:
     """A row per finite measure of a policy ``model``, for the lift a row per leg; ``motors``: own, twin or hard."""
     rows = []
-    for name, unit in UNITS.items():
-        value = getattr(quality, name)
-        parts = zip((leg.name for leg in robot.legs), value, strict=True) if name == "foot_lift_mm" else [(None, value)]
-        rows += [
-            Result(name, unit, float(number), model, motors, part=leg) for leg, number in parts if math.isfinite(number)
-        ]
+    for measure, value in quality.items():
+        name, _, leg = measure.partition("/")
+        if math.isfinite(value):
+            rows.append(Result(name, UNITS[name], value, model, motors, part=leg or None))
     return Results.of(rows)

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.families import TrueMotors
-from motorprior.exceptions import LogError
+from motorprior.bench.fleet import Fleet
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample
 from motorprior.logs.settings_text import gain_texts
 from motorprior.robots.robot import Robot
-from motorprior.signals import rms
+from motorprior.signals import rms, runs_of_true
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 
 COMMAND_PERIOD = 0.002  # [s] grid on which commands are held; the rows of logs are 1.5-10 ms apart
+FALLEN_TILT = 0.8  # [rad] roll or pitch of a fallen robot
+FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
+MARGIN = 0.7  # a log counts as suspended if its error suspended is below this share of its error standing
 _SETTLING_TIME = 1.0  # [s] before the first command, from rest at the first measured angles, see `initial_targets`
 _FALLEN = POSTURES.index("fallen")
 
 Motors = TypeVar("Motors", TrueMotors, IdealPd)
+PostureName: TypeAlias = Literal["auto", "standing", "suspended"]
 
 
 def logged_constants(log: MotorLog) -> frozenset[str]:
@@ -46,45 +52,16 @@ def with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
     return replace(motors, kp=kp, kd=kp * motors.kd / motors.kp if log.stated_kd is None else kd)
 
 
-def logged_gains_note(log: MotorLog) -> str:
-    """A note on the logged gains and their use in the simulation; empty if there are none."""
-    gains = " and ".join(gain_texts(log))
-    if not gains:
-        return ""
-    if not logged_constants(log):
-        return f"logged gains {gains}, in firmware units: motors use the fleet's gains"
-    return f"logged gains {gains}: motors use these instead of the fleet's"
-
-
-@dataclass(frozen=True)
-class LogReplay:
-    """One log replayed on one set of motors.
-
-    Attributes:
-        joint_pos: (rows, joints) simulated angle [rad] at the times of the prepared log, at the rotor's encoder for
-            motors with a rotor, else at the joint.
-        rmse: (joints,) joint RMSE [rad], start included, up to a fall; NaN for joints without excitation.
-    """
-
-    joint_pos: np.ndarray
-    rmse: np.ndarray
-
-
-def prepare(log: MotorLog, robot: Robot, where: str) -> MotorLog:
-    """Drop repeated measurements.
-
-    Raises:
-        LogError: not the joints of this robot, no excited joint, or changing gains.
-    """
-    if log.joint_names != robot.joint_names:
-        problem = f"joints {list(log.joint_names)} are not those of {robot.name}"
-        raise LogError(problem, where=where, remedy=f"needs {robot.joint_names}")
-    if not excited_joints(log).size:
-        raise LogError("no joint is excited", where=where, remedy="record with a moving command")
-    gains = [part.gains for part in log.segments()] if logged_constants(log) else []
-    if gains and np.ptp(np.array(gains), axis=0).any():
-        raise LogError("its segments have different gains", where=where, remedy="split it into a log per set of gains")
-    return drop_repeats(log)
+def with_posture(log: MotorLog, name: str) -> MotorLog:
+    """The log with one posture; rows of a standing robot with the tilt of a fall are fallen."""
+    codes = np.full(log.num_rows, POSTURES.index(name))
+    if log.base_orientation is not None and name == "standing":
+        for segment in log.segment_slices():
+            time, tilt = log.time[segment], np.abs(log.base_orientation[segment]).max(axis=1)
+            for first, after in runs_of_true(tilt > FALLEN_TILT):
+                if time[after - 1] - time[first] >= FALLEN_TIME:
+                    codes[segment][first:after] = _FALLEN
+    return replace(log, posture=codes)
 
 
 class Replayer:
@@ -92,43 +69,49 @@ class Replayer:
 
     A log without postures counts as standing. The rows of a segment after a fall are not compared.
 
-    Args:
-        log: all rows, whose commands are replayed.
-        robot: of the log.
-        prepared: rows to compare with, see `prepare`.
-
     Attributes:
-        compared: (rows,) mask of the compared rows of ``prepared``.
+        log: the rows to compare with: all but repeated measurements. The commands of all rows are replayed.
+        compared: (rows,) mask of the compared rows of ``log``.
         excited: indices of the compared joints.
-        prepared: rows to compare with.
 
     Raises:
-        LogError: a segment with two postures, or one that starts with a fallen robot.
+        LogError: not the joints of this robot, no excited joint, gains that change, a segment with two postures, or one
+            that starts with a fallen robot.
     """
 
-    def __init__(self, log: MotorLog, robot: Robot, prepared: MotorLog):
-        self._robot, self._grids = robot, list(resample(log, COMMAND_PERIOD).segments())
-        self._segments = list(prepared.segments())
+    def __init__(self, log: MotorLog, robot: Robot):
+        if log.joint_names != robot.joint_names:
+            problem = f"joints {list(log.joint_names)} are not those of {robot.name}"
+            raise LogError(problem, where=log.source, remedy=f"needs {robot.joint_names}")
+        gains = [part.gains for part in log.segments()] if logged_constants(log) else []
+        if gains and np.ptp(np.array(gains), axis=0).any():
+            remedy = "split it into a log per set of gains"
+            raise LogError("its segments have different gains", where=log.source, remedy=remedy)
+        self.log, self.excited = drop_repeats(log), excited_joints(log)
+        if not self.excited.size:
+            raise LogError("no joint is excited", where=log.source, remedy="record with a moving command")
+        self._robot, self._worlds = robot, dict[tuple[float, bool], World]()
+        self._grids, self._segments = list(resample(log, COMMAND_PERIOD).segments()), list(self.log.segments())
         self._suspended = [_is_suspended(segment, robot) for segment in self._segments]
-        self._worlds: dict[tuple[float, bool], World] = {}
         self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])
-        self.excited, self.prepared = excited_joints(log), prepared
 
     def joint_pos(self, actuator: Actuator) -> np.ndarray:
-        """(rows, joints) simulated angles [rad], within ±2π so that errors stay finite if the simulation diverges."""
+        """(rows, joints) simulated angles [rad] at the times of the log, within ±2π if the simulation diverges.
+
+        They are at the rotor's encoder for motors with a rotor, else at the joint.
+        """
         segments = zip(self._grids, self._segments, self._suspended, strict=True)
         return np.concatenate([self._segment(actuator, *segment) for segment in segments])
 
     def error(self, joint_pos: np.ndarray) -> np.ndarray:
         """(rows compared, excited joints) simulated minus measured [rad]."""
-        return (joint_pos - self.prepared.joint_pos)[self.compared][:, self.excited]
+        return (joint_pos - self.log.joint_pos)[self.compared][:, self.excited]
 
-    def run(self, actuator: Actuator) -> LogReplay:
-        """The angles and their RMSE."""
-        simulated = self.joint_pos(actuator)
-        rmse = np.full(self.prepared.num_joints, np.nan)
-        rmse[self.excited] = rms(self.error(simulated), axis=0)
-        return LogReplay(simulated, rmse)
+    def rmse(self, joint_pos: np.ndarray) -> np.ndarray:
+        """(joints,) RMSE [rad], start included; NaN for joints without excitation."""
+        found = np.full(self.log.num_joints, np.nan)
+        found[self.excited] = rms(self.error(joint_pos), axis=0)
+        return found
 
     def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, suspended: bool) -> np.ndarray:
         rest = initial_targets(part.joint_pos[0], grid.position_target[0], self._robot)
@@ -170,7 +153,57 @@ def _is_suspended(part: MotorLog, robot: Robot) -> bool:
     if not postures:
         raise LogError("a segment starts with a fallen robot", where=part.source, remedy="exclude the segment")
     if "standing" in postures and len(postures) > 1:
-        raise LogError(
-            f"a segment with the postures {postures}", where=part.source, remedy="split it at the change of posture"
-        )
+        remedy = "split it at the change of posture"
+        raise LogError(f"a segment with the postures {postures}", where=part.source, remedy=remedy)
     return "standing" not in postures
+
+
+def replayers_of(
+    logs: Mapping[str, MotorLog], robot: Robot, fleet: Fleet, posture: PostureName, note: Callable[[str], None]
+) -> dict[str, Replayer]:
+    """Every log with its posture, ready to replay; notes state posture and logged gains.
+
+    Args:
+        logs: by name.
+        robot: of the logs.
+        fleet: its central motor is replayed to find an unknown posture.
+        posture: of every log; ``auto`` for the logged one, or if there is none, the one with the lower replay error by
+            a margin, or standing.
+        note: called with the notes.
+
+    Raises:
+        ConfigError: a posture for a robot with a fixed base.
+        LogError: a segment with two postures.
+    """
+    if posture != "auto" and robot.base == "fixed":
+        problem = f"posture {posture!r}, but the base of {robot.name!r} is fixed"
+        raise ConfigError(problem, remedy="leave it out", argument="posture")
+    center, found = fleet.center(robot.num_joints), {}
+    for name, log in logs.items():
+        if posture == "auto":
+            posed, evidence = with_found_posture(log, robot, center)
+        else:
+            posed, evidence = with_posture(log, posture), f"{posture}, as given"
+        found[name] = Replayer(posed, robot)
+        excluded = int((~found[name].compared).sum())
+        note(f"log {name}: {evidence}" + (f"; {excluded} rows after a fall are excluded" if excluded else ""))
+        if gains := " and ".join(gain_texts(log)):
+            used = "motors use these instead of the fleet's"
+            unused = "in firmware units: motors use the fleet's gains"
+            note(f"log {name}: logged gains {gains}" + (f": {used}" if logged_constants(log) else f", {unused}"))
+    return found
+
+
+def with_found_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple[MotorLog, str]:
+    """The log with its posture, see `replayers_of`, and the evidence; ``motors`` are similar to those of the log."""
+    if log.posture is not None:
+        return log, f"{' and '.join(POSTURES[code] for code in np.unique(log.posture))}, as logged"
+    if robot.base == "fixed":
+        return with_posture(log, "fixed"), "fixed base"
+    both = {name: Replayer(with_posture(log, name), robot) for name in ("standing", "suspended")}
+    both["suspended"].compared = both["standing"].compared  # the same rows, up to a fall
+    actuator = with_logged_gains(motors, log).actuator()
+    errors = {name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()}
+    name = "suspended" if errors["suspended"] < MARGIN * errors["standing"] else "standing"
+    texts = ", ".join(f"{1e3 * error:.1f} mrad {name}" for name, error in errors.items())
+    return with_posture(log, name), f"{name}, from replay errors: {texts}"

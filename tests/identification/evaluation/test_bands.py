@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.evaluation.bands import DRAWS, band, log_coverage, zero_shot
 from motorprior.identification.evaluation.reference import LEVELS, SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
@@ -30,18 +30,18 @@ def test_a_band_of_few_samples_has_its_nominal_coverage(level: int, kind: str):
 
 
 def test_bands_on_a_log_have_their_nominal_coverage(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+    grey_box: Callable[..., GreyBox], decoder_data: Callable[..., TrainingData]
 ):
-    network, rng = grey_network(spread=0.3), np.random.default_rng(4)
+    box, rng = grey_box(spread=0.3), np.random.default_rng(4)
     covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
     true = 0.5 * rng.standard_normal((24, 3))
-    runs = WindowRuns(decoder_data(network, true, segments=3), PRESET)
+    runs = WindowRuns(decoder_data(box, true, segments=3), PRESET)
     speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in LEVELS for speed in SPEEDS}
-    prior: Any = SimpleNamespace(network=network, metrics=speeds)
+    prior: Any = SimpleNamespace(model=box, metrics=speeds)
     central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
     found = log_coverage(prior, central, [runs])
     assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
-    wide = WindowRuns(decoder_data(network, rng.standard_normal((24, 3)), segments=3), PRESET)
+    wide = WindowRuns(decoder_data(box, rng.standard_normal((24, 3)), segments=3), PRESET)
     found_zero_shot = log_coverage(prior, zero_shot(prior, 24), [wide])
     assert 0.35 < found_zero_shot[50] < 0.65 and 0.8 < found_zero_shot[90] <= 0.97
     sure = log_coverage(prior, replace(central, covariance=1e-4 * covariance), [runs])

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from swinging_load import swinging_load
 
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import run
+from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.evaluation.errors import (
     FREE_RUN,
     WHOLE_RUN,
@@ -53,11 +52,11 @@ def replayed(motors: MotorModel, log: MotorLog) -> np.ndarray:
 
 
 def test_what_made_a_log_runs_freely_as_the_log(
-    grey_network: Callable[..., LatentNetwork], decoder_data: Callable[..., TrainingData]
+    grey_box: Callable[..., GreyBox], decoder_data: Callable[..., TrainingData]
 ):
-    network = grey_network()
-    runs = WindowRuns(decoder_data(network, Z), PRESET)
-    truth, other = LatentActuator(network, Z), LatentActuator(network, Z[[1, 2, 0]])
+    box = grey_box()
+    runs = WindowRuns(decoder_data(box, Z), PRESET)
+    truth, other = GreyBoxActuator(box, Z), GreyBoxActuator(box, Z[[1, 2, 0]])
     errors = free_run_errors([runs], {"truth": truth, "other": other, "pd": pd()})
     assert np.all(errors["truth"] < 1e-4)
     assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
@@ -90,16 +89,16 @@ def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
 
 
 def test_motors_with_heat_are_replayed_at_the_temperature_of_each_segment(
-    log: MotorLog, grey_network: Callable[..., LatentNetwork]
+    log: MotorLog, grey_box: Callable[..., GreyBox]
 ):
-    network = grey_network(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
-    motors, angles = LatentActuator(network, np.zeros((MOTORS, network.num_latents))), []
+    box = grey_box(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
+    motors, angles = GreyBoxActuator(box, np.zeros((MOTORS, box.num_latents))), []
     for part in log.segments():
-        ((case, _),) = trials(part)
-        warmth = network.warmth(motors.z, float(np.median(part.time - log.time[0])))
+        case = trial_of(part)
+        warmth = box.warmth(motors.z, float(np.median(part.time - log.time[0])))
         response = run(replace(motors, conditions=Conditions(warmth)), case)
         angles.append(response.encoder_pos if log.encoder == "rotor" else response.joint_pos)
-    assert np.all(network.warmth(motors.z, log.duration) > 0.6)
+    assert np.all(box.warmth(motors.z, log.duration) > 0.6)
     assert np.max(replayed(motors, replace(log, joint_pos=np.concatenate(angles)))) < 1e-6
 
 
@@ -108,7 +107,7 @@ def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
     logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
     made = [
         run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
-        for gain, (case, _) in zip((1.0, 6.0), trials(logged), strict=True)
+        for gain, case in zip((1.0, 6.0), map(trial_of, logged.segments()), strict=True)
     ]
     logged = replace(logged, joint_pos=np.concatenate(made), joint_vel=None)
     plain = replace(logged, stated_kp=None, stated_kd=None)

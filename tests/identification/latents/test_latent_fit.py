@@ -7,9 +7,9 @@ import pytest
 from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance
-from motorprior.identification.latents.network_fit import tiled_windows
+from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance, latent_search
 from motorprior.identification.networks.network import export, initial_parameters
+from motorprior.identification.networks.network_problem import tiled_windows
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData
 
@@ -43,7 +43,7 @@ def test_the_latents_that_made_a_log_are_recovered(network: LatentNetwork):
 
 def test_more_log_leaves_less_variance_and_none_leaves_the_prior(network: LatentNetwork):
     short, long, hot = (
-        laplace_covariance(network, log_of(network, rows), RECIPE, Z, temperature)
+        laplace_covariance(latent_search(network, log_of(network, rows), RECIPE), Z, temperature)
         for rows, temperature in ((50, 0.1), (400, 0.1), (50, 1e9))
     )
     assert np.all(np.linalg.det(long) < 0.3 * np.linalg.det(short)) and np.all(np.linalg.det(short) < 1.0)

@@ -1,6 +1,5 @@
 """Outlier tests ignore constants in which a prior's motors do not differ. Residuals here are linear in the latents."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,50 +8,47 @@ import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
 from motorprior.identification.latents.standardise import standardised
+from motorprior.identification.search import Search
 
 TRAINED, NEW, SIZE = 12, 6, len(PARAMETERS)
 NOTHING: Any = None
 
 
-class LinearRuns:
-    """In place of `WindowRuns`: residuals of motors whose latents are ``truth`` (NEW, SIZE)."""
+class LinearProblem:
+    """Motors whose residuals are linear in their latents, ``truth`` (NEW, SIZE); see `search.Problem`."""
 
-    windows, channels, num_motors = 20, 2, NEW
+    count, weight, observations = NEW, 2.0, 20
 
-    def __init__(self, truth: np.ndarray, hidden: int = 0):
+    def __init__(self, box: GreyBox, truth: np.ndarray):
         rng = np.random.default_rng(7)
-        self.truth, self.shape = truth, (self.windows, self.channels, 8)
-        rows = int(np.prod(self.shape))
-        self.slopes = rng.standard_normal((SIZE, rows))
-        self.slopes[:hidden] = 0.0
-        self.noise = 0.1 * rng.standard_normal((NEW, rows))
+        self.box, self.truth = box, truth
+        self.slopes = rng.standard_normal((SIZE, 16 * self.observations))
+        self.noise = 0.1 * rng.standard_normal((NEW, 16 * self.observations))
 
-    def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        found = (network.decoder_latents(z) - self.truth[motor]) @ self.slopes + self.noise[motor]
-        return found.reshape(len(z), *self.shape).astype(np.float32)
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        return (self.box.decoder_latents(x) - self.truth[which]) @ self.slopes + self.noise[which]
 
 
-def found_outliers(monkeypatch: pytest.MonkeyPatch, grey_network: Any, fixed: int, shift: float = 0.0) -> Outliers:
+def found_outliers(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0.0) -> Outliers:
     """Test of new motors; ``shift`` is added to the viscous_damping of one."""
     rng = np.random.default_rng(1)
     mean, truth = 0.3 * rng.standard_normal((TRAINED, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
     mean[:, :fixed] = truth[:, :fixed] = 0.0
     truth[2, PARAMETERS.index("viscous_damping")] += shift
-    network: LatentNetwork = replace(grey_network(latents=SIZE), motor=GearedMotor(np.zeros(SIZE), np.eye(SIZE), ()))
-    network, z = standardised(network, mean)
-    monkeypatch.setattr(latent_fit, "WindowRuns", lambda *_: LinearRuns(truth))
-    found = latent_fit.fit_posterior(network, NOTHING, NOTHING, 0.05).mean
+    box, z = standardised(GreyBox(GearedMotor(np.zeros(SIZE), np.eye(SIZE)), 0.002), mean)
+    monkeypatch.setattr(latent_fit, "latent_search", lambda box, *_: Search(LinearProblem(box, truth)))
+    found = latent_fit.fit_posterior(box, NOTHING, NOTHING, 0.05).mean
     found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
-    return outliers(network, z, found, NOTHING, NOTHING, 0.05)
+    return outliers(box, z, found, NOTHING, NOTHING, 0.05)
 
 
-def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch, grey_network: Any):
+def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch):
     for shift in (0.0, 3.0):
-        found = found_outliers(monkeypatch, grey_network, fixed=2, shift=shift)
+        found = found_outliers(monkeypatch, fixed=2, shift=shift)
         assert not {"kp", "kd_over_kp"} & set(found.latent)
     assert found.latent[2] == "viscous_damping" and found.p_value[2] < 1e-4 and found.deviation[2] > 5.0
     assert np.all(np.delete(found.p_value, 2) > 0.01)
@@ -62,8 +58,8 @@ def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch, gre
 
 
 def prior_of(latents: np.ndarray, log_var: float = -4.0) -> Any:
-    network = SimpleNamespace(num_latents=3, motor=None, decoder_latents=lambda z: z)
-    return SimpleNamespace(network=network, mean=latents, log_var=np.full(latents.shape, log_var))
+    model = SimpleNamespace(num_latents=3, decoder_latents=lambda z: z)
+    return SimpleNamespace(model=model, mean=latents, log_var=np.full(latents.shape, log_var))
 
 
 def test_a_motor_that_differs_is_named_with_its_constant():

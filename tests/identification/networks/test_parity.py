@@ -1,13 +1,11 @@
 """The compiled latent network, sixteen motors side by side, is the one that was trained in JAX."""
 
-from dataclasses import replace
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentActuator, scaled_torque
+from motorprior.actuator.latent import NetworkActuator, scaled_torque
 from motorprior.identification.networks.network import (
     export,
     initial_parameters,
@@ -32,13 +30,13 @@ def case(request):
 
 def test_compiled_equals_jax(case):
     preset, parameters, inputs, z = case
-    net = replace(export(parameters, preset, SCALES), motor=None)  # test_grey_box_parity has the motor of a grey box
+    net = export(parameters, preset, SCALES)
     # each motor's history holds its own inputs, oldest first; what lies between two taps is not seen
     history = np.full((2, preset.taps[-1] + 1, len(z)), 9.0)
     taps = np.array(preset.taps)
     history[0, preset.taps[-1] - taps] = inputs[:, : len(taps)].T * net.error_scale
     history[1, preset.taps[-1] - taps] = inputs[:, len(taps) :].T * net.velocity_scale
-    arrays, torque = LatentActuator(net, z.astype(float)).arrays(net.period), np.zeros(len(z))
+    arrays, torque = NetworkActuator(net, z.astype(float)).arrays(net.period), np.zeros(len(z))
     reset_actuator(arrays, np.zeros(len(z)), np.zeros(len(z)))
     for error, velocity in history.transpose(1, 0, 2).copy():
         step_actuator(arrays, net.period, error, np.zeros(len(z)), velocity, torque)

@@ -12,33 +12,31 @@ from motorprior.identification.physics.identifiability import (
     unidentifiable_limits,
     unknown_torque_scale,
 )
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, with_motor
+from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, grey_box
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import POS, VEL, Measured, TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
-SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
 
 
 def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., TrainingData]):
     center = encoded(INITIAL_MOTOR | {"torque_limit": 100.0, "backlash": 1e-7}, ())
-    network = with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    box = grey_box(center, (), PRESET)
     z = np.zeros((1, len(center)))
-    data = decoder_data(network, z, segments=5, rows=400)
+    data = decoder_data(box, z, segments=5, rows=400)
     series = data.series.copy()
     noise = np.random.default_rng(0).standard_normal((*series.shape[:2], 2)) * [3e-4, 0.02]
     series[..., [POS, VEL]] += noise.astype(np.float32)
-    found = identifiable_constants(network, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
+    found = identifiable_constants(box, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
     assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= found
     assert not {"torque_limit", "backlash"} & found
     runs = WindowRuns(replace(data, series=series), PRESET)
-    (limit,) = unidentifiable_limits(network, runs, z).items()
+    (limit,) = unidentifiable_limits(box, runs, z).items()
     assert limit[0] == "torque_limit" and limit[1].tolist() == [True]
     stated = WindowRuns(replace(data, series=series), replace(PRESET, lacks=("torque_limit",)))
-    assert unidentifiable_limits(network, stated, z) == {}
+    assert unidentifiable_limits(box, stated, z) == {}
 
 
 @pytest.mark.parametrize(("size", "noise", "hidden"), [(1.0, 0.02, False), (10.0, 0.02, True)])
@@ -47,12 +45,12 @@ def test_the_scale_of_torques_is_unknown_where_noise_hides_the_effect_of_the_loa
 ):
     motor = INITIAL_MOTOR | {name: size * INITIAL_MOTOR[name] for name in TORQUES if name in INITIAL_MOTOR}
     center = encoded(motor, ())
-    network = with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+    box = grey_box(center, (), PRESET)
     z = np.zeros((1, len(center)))
-    data = replace(decoder_data(network, z, segments=5, rows=400), measured=Measured(False))
+    data = replace(decoder_data(box, z, segments=5, rows=400), measured=Measured(False))
     series = data.series.copy()
     series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
     data = replace(data, series=series)
-    assert unknown_torque_scale(network, WindowRuns(data, PRESET), z).tolist() == [hidden]
-    stated = replace(network, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
+    assert unknown_torque_scale(box, WindowRuns(data, PRESET), z).tolist() == [hidden]
+    stated = replace(box, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
     assert not unknown_torque_scale(stated[0], WindowRuns(stated[1], PRESET), z).any(), "gains in N·m/rad set the scale"

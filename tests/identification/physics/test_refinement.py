@@ -7,38 +7,34 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.fleet_fit import longer_runs, refined
-from motorprior.identification.physics.initial_motor import initial_center, with_motor
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.identification.physics.initial_motor import grey_box, initial_center
+from motorprior.identification.physics.motor_fit import longer_runs, refined
+from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.residual import without_residual
 from motorprior.identification.training_data.windows import Measured, TrainingData
 
 Data = Callable[..., TrainingData]
-SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
 KP, LOAD_FRICTION = PARAMETERS.index("kp"), PARAMETERS.index("load_friction")
 
 
 @pytest.fixture(scope="module")
-def network() -> LatentNetwork:
-    center = initial_center(())
-    return with_motor(without_residual(SCALES, replace(PRESET, num_latents=len(center))), center, ())
+def box() -> GreyBox:
+    return grey_box(initial_center(()), (), PRESET)
 
 
 @pytest.fixture(scope="module")
-def truth(network: LatentNetwork) -> np.ndarray:
-    assert network.motor is not None
-    z = np.zeros((2, len(network.motor.center)))
+def truth(box: GreyBox) -> np.ndarray:
+    z = np.zeros((2, box.num_latents))
     z[:, KP], z[:, LOAD_FRICTION] = (0.2, -0.1), (-0.3, 0.4)
     return z
 
 
 @pytest.fixture(scope="module")
-def data(network: LatentNetwork, truth: np.ndarray, decoder_data: Data) -> TrainingData:
-    return decoder_data(network, truth, segments=6, rows=700)
+def data(box: GreyBox, truth: np.ndarray, decoder_data: Data) -> TrainingData:
+    return decoder_data(box, truth, segments=6, rows=700)
 
 
 @pytest.fixture(scope="module")
@@ -47,20 +43,18 @@ def longer(data: TrainingData) -> WindowRuns:
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_constants_that_were_off_are_found(
-    network: LatentNetwork, truth: np.ndarray, longer: WindowRuns, together: bool
-):
+def test_constants_that_were_off_are_found(box: GreyBox, truth: np.ndarray, longer: WindowRuns, together: bool):
     began = truth.copy()
     began[:, KP] += 0.1
     began[:, LOAD_FRICTION] -= 0.2
-    found = refined(network, began, longer, together)
-    before, after = (MotorFit(network, longer).losses(z) for z in (began, found))
+    found = refined(box, began, longer, together)
+    before, after = (motor_search(box, longer).losses(z) for z in (began, found))
     assert (after < 0.2 * before).all()
     assert np.abs(found - truth)[:, KP].max() < 0.02 and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
 
 
-def test_fixed_constants_stay(network: LatentNetwork, truth: np.ndarray, data: TrainingData):
+def test_fixed_constants_stay(box: GreyBox, truth: np.ndarray, data: TrainingData):
     at_rotor = replace(data, measured=Measured(torque=True, at_rotor=True))
     columns = [PARAMETERS.index(name) for name in HIDDEN_FROM_ROTOR]
-    found = refined(network, truth + 0.05, longer_runs(at_rotor, PRESET, WindowRuns(at_rotor, PRESET)), True)
+    found = refined(box, truth + 0.05, longer_runs(at_rotor, PRESET, WindowRuns(at_rotor, PRESET)), True)
     np.testing.assert_array_equal(found[:, columns], truth[:, columns] + 0.05)

@@ -1,14 +1,14 @@
-"""Training conditions of a study: motor models fitted to one bench, and the oracle."""
+"""Training conditions of a study: motor models fitted to one bench or to logs of single robots, and the oracle."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
@@ -16,23 +16,28 @@ from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.transfer_study.settings import Study
+from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_FRICTION, WITH_ROTOR, fit_pd
 from motorprior.identification.fit_prior import PRIOR
+from motorprior.identification.presets import network_steps
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.progress import Progress, Task
+from motorprior.progress import SILENT, Progress, Task, in_parallel
 from motorprior.robots.load import load_robot
-from motorprior.simulation.motor_choice import MotorChoice
 from motorprior.simulation.randomization import ROBUST, Randomization
-from motorprior.stage import description, in_parallel, is_finished, working
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
+from motorprior.studies.summary import ADAPTED
 
 MOTORS_ONLY = Randomization()  # only the motors differ between episodes
-ADAPTED = ("prior_adapted", "pd_adapted")  # the policy of seed k is fitted to robot k, and walks on it alone
+PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
+FITTED_PDS = ("ideal_pd", "tuned_pd", "pd_friction")
 PRESETS = {name: name for name in ("paper", "paper_wide", "one_network")} | dict.fromkeys(
     ("prior_mean", "prior", "prior_adapted", "prior_robust"), "rollout"
 )  # condition -> preset of its prior
-FITTED_PDS = ("ideal_pd", "tuned_pd", "pd_friction")
-# [kg·m²], [s]; each fit starts from all combinations: high inertia and a long delay have similar effects
-LAGS = {"armature": (0.001, 0.005), "delay": (0.002, 0.008)}
+LONGEST_FIRST = (
+    *PER_POPULATION, "prior", "prior_robust", "prior_mean", "paper", "paper_wide", "one_network", *FITTED_PDS,
+    "untrained", "pd_randomised",
+)  # fmt: skip
+FIXED_MOTORS = frozenset({*FITTED_PDS, "pd_adapted", "prior_mean", "one_network"})  # equal in all training episodes
 LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
 LOG_STREAM = 0x20B2  # random stream of these logs
 FITS = "fits.json"
@@ -40,82 +45,71 @@ FITS = "fits.json"
 
 @dataclass(frozen=True)
 class Condition:
-    """Training condition of a policy.
+    """A policy to train and to evaluate.
 
     Attributes:
-        name: in tables.
+        name: of the training condition, in tables.
+        seed: of the training; an adapted policy walks on the robot of this number alone.
         motors: of the training episodes.
         randomization: of the training episodes, in addition to the motors.
-        environments: in which it is evaluated.
-        robot: number of the only robot that it is evaluated on; None: all.
         population: OUT_OF_FAMILY for conditions trained for out-of-family motors.
+        environments: in which it is evaluated.
     """
 
     name: str
-    motors: MotorChoice
+    seed: int
+    motors: str
     randomization: Randomization = MOTORS_ONLY
-    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
-    robot: int | None = None
     population: str = IN_FAMILY
-
-    def folder(self, seed: int) -> str:
-        """Folder name of its policy of a seed."""
-        return f"{self.name}_{seed}" if self.population == IN_FAMILY else f"{self.name}_{self.population}_{seed}"
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
 
     @property
-    def is_deterministic(self) -> bool:
-        """Whether all episodes of its training simulation are identical."""
-        motors = self.motors
-        if self.randomization != MOTORS_ONLY or motors.actuator == "fleet" or motors.posterior is not None:
-            return False
-        if motors.actuator == "pd":
-            return motors.spread == 0.0
-        if motors.latent_spread == 0.0:
-            return True
-        return motors.prior is not None and MotorPrior.load(motors.prior).network.num_latents == 0
+    def folder(self) -> str:
+        """Name of the policy's folder."""
+        population = "" if self.population == IN_FAMILY else f"_{self.population}"
+        return f"{self.name}{population}_{self.seed}"
 
 
-def conditions(config: Study, seed: int) -> list[Condition]:
-    """The conditions with a policy of this seed, the longest trainings first."""
-    z, fleet = config.latent_spread, config.fleet
-
-    def prior(name: str, spread: float = 1.0, randomization: Randomization = MOTORS_ONLY) -> Condition:
-        path = prior_path(config, PRESETS[name])
-        return Condition(name, MotorChoice("prior", path, fleet=fleet, latent_spread=spread, name=name), randomization)
-
-    def of_robot(name: str, population: str) -> Condition:
-        if name == "oracle":
-            motors, robot = MotorChoice("fleet", fleet=fleet_of(config, population), name=name), None
-        elif name == "pd_adapted":
-            constants = read_json(_robot_folder(config, population, seed, name) / "pd.json")["constants"]
-            motors, robot = MotorChoice("pd", fleet=fleet, name=name, **constants), seed
-        else:
-            posterior = _robot_folder(config, population, seed) / POSTERIOR
-            motors = MotorChoice("prior", prior_path(config, "rollout"), posterior, fleet, name=name)
-            robot = seed
-        environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population == population)
-        return Condition(name, motors, environments=environments, robot=robot, population=population)
-
-    made = {
-        **{
-            name: [partial(of_robot, name, population) for population in (OUT_OF_FAMILY, IN_FAMILY)]
-            for name in ("oracle", "prior_adapted", "pd_adapted")
-        },
-        "prior": [partial(prior, "prior", z)],
-        "prior_robust": [partial(prior, "prior_robust", z, ROBUST)],
-        "prior_mean": [partial(prior, "prior_mean", 0.0)],
-        **{name: [partial(prior, name)] for name in ("paper", "paper_wide", "one_network")},
-        **{name: [partial(fitted_pd, config, name)] for name in FITTED_PDS},
-        "untrained": [lambda: Condition("untrained", MotorChoice("pd", fleet=fleet, name="untrained"))] * (seed == 0),
-        "pd_randomised": [partial(fitted_pd, config, "pd_friction", "pd_randomised", config.spread or 0.0)],
-    }
-    return [make() for name, makes in made.items() if name in config.conditions for make in makes]
+def conditions_of(config: Study, seed: int) -> list[Condition]:
+    """The policies of this seed, the longest trainings first."""
+    made = []
+    for name in (name for name in LONGEST_FIRST if name in config.conditions):
+        if name in PER_POPULATION:
+            for population in (OUT_OF_FAMILY, IN_FAMILY):
+                motors = _motors(config, name, population, seed)
+                environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population == population)
+                made.append(Condition(name, seed, motors, population=population, environments=environments))
+        elif name != "untrained" or seed == 0:
+            randomization = ROBUST if name == "prior_robust" else MOTORS_ONLY
+            made.append(Condition(name, seed, _motors(config, name, IN_FAMILY, seed), randomization))
+    return made
 
 
-def fitted_pd(config: Study, fit: str, name: str = "", spread: float = 0.0) -> Condition:
-    """A PD fitted to the bench; its constants vary by a relative range ``spread``."""
-    constants = read_json(config.out / "fits" / FITS)[fit]["constants"]
-    return Condition(name or fit, MotorChoice("pd", fleet=config.fleet, spread=spread, name=name or fit, **constants))
+def _motors(config: Study, name: str, population: str, seed: int) -> str:
+    """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
+    if name == "oracle":
+        return motor_text("fleet", fleet=fleet_of(config, population))
+    if name == "untrained":
+        return motor_text("pd", fleet=config.fleet)
+    if name == "pd_randomised":
+        return randomized_pd(config, config.spread or 0.0)
+    if name == "pd_adapted" or name in FITTED_PDS:
+        folder = config.out / "fits" if name in FITTED_PDS else _robot_folder(config, population, seed, name)
+        return motor_text("pd", **_constants(folder, name))
+    prior = prior_path(config, PRESETS[name])
+    if name == "prior_adapted":
+        return motor_text("posterior", file=_robot_folder(config, population, seed) / POSTERIOR, prior=prior)
+    spread = {"prior": config.latent_spread, "prior_robust": config.latent_spread, "prior_mean": 0.0}.get(name, 1.0)
+    return motor_text("prior", file=prior, latent_spread=spread)
+
+
+def randomized_pd(config: Study, spread: float) -> str:
+    """The PD with friction; its constants vary by a relative range ``spread``."""
+    return motor_text("pd", spread=spread, **_constants(config.out / "fits", "pd_friction"))
+
+
+def _constants(folder: Path, fit: str) -> dict[str, Any]:
+    return read_json(folder / FITS)[fit]["constants"]
 
 
 def fleet_of(config: Study, population: str) -> str | None:
@@ -130,60 +124,41 @@ def prior_path(config: Study, preset: str) -> Path:
 
 def fit_models(config: Study, threads: int, progress: Progress) -> None:
     """Record the benches; identify the priors and fit the PDs that the conditions need."""
-    presets = dict.fromkeys(PRESETS[name] for name in ("prior", "paper", "paper_wide", "one_network"))
-    presets = [preset for preset in presets if any(PRESETS.get(name) == preset for name in config.conditions)]
+    used = {PRESETS[name] for name in config.conditions if name in PRESETS}
+    presets = [preset for preset in ("rollout", "paper", "paper_wide", "one_network") if preset in used]
     needs_pds = any(name in config.conditions for name in (*FITTED_PDS, "pd_randomised"))
-    for name in dict.fromkeys([_bench_of(preset) for preset in presets] + ["rollout"] * needs_pds):
-        out = config.out / "bench" / name
-        run_bench(
-            Bench(out, config.fleet, name, config.motors, config.bench_steps, config.seed, config.robot), progress
+    benches = {preset: config.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in presets}
+    rollout = config.out / "bench" / "rollout"
+    for out in dict.fromkeys((*benches.values(), rollout) if needs_pds else benches.values()):
+        bench = Bench(out, config.fleet, out.name, config.motors, config.bench_steps, config.seed, config.robot)
+        run_bench(bench, progress)
+    fits = [
+        Identify(
+            bench, prior_path(config, preset).parent, preset, config.seed, network_steps(preset, config.adam_steps)
         )
-    works = [partial(_identify, config, preset) for preset in presets] + [partial(_fit_pds, config)] * needs_pds
+        for preset, bench in benches.items()
+    ]
+    works = [partial(run_identify, fit) for fit in fits]
+    if needs_pds:
+        works.append(partial(_fit_pds, config, rollout / "log.parquet", config.out / "fits", FITTED_PDS))
     in_parallel(works, threads, progress)
 
 
-def _bench_of(preset: str) -> str:
-    return "paper" if preset == "paper" else "rollout"
-
-
-def _identify(config: Study, preset: str, progress: Progress) -> None:
-    bench = config.out / "bench" / _bench_of(preset)
-    run_identify(Identify(bench, prior_path(config, preset).parent, preset, config.seed, config.adam_steps), progress)
-
-
-def _start(config: Study) -> dict[str, float]:
-    """Gains and limit at which each PD fit starts."""
-    from motorprior.identification.baselines.pd_fit import GAINS  # here: it imports scipy
-
-    nominal = nominal_pd(load_robot_fleet(load_robot(config.robot), config.fleet), 1)
-    return {name: float(getattr(nominal, name)[0]) for name in GAINS}
-
-
-def _fit_pds(config: Study, progress: Progress) -> None:
-    """Fit the three PDs to the bench's log until they converge; FITS has constants, error and effort."""
-    from motorprior.identification.baselines.pd_fit import (
-        GAINS,
-        THOROUGH,
-        WITH_FRICTION,
-        WITH_ROTOR,
-        fit_pd,
-        starting_points,
-    )
-
-    folder, start, robot = config.out / "fits", _start(config), load_robot(config.robot)
-    log = config.out / "bench" / "rollout" / "log.parquet"
-    kinds = dict(zip(FITTED_PDS, (GAINS, WITH_ROTOR, WITH_FRICTION), strict=True))
+def _fit_pds(config: Study, log: Path, folder: Path, names: tuple[str, ...], progress: Progress) -> None:
+    """Fit PDs to a log with known loads; FITS has constants and error."""
+    every: dict[str, tuple[str, ...]] = {
+        "ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "pd_friction": WITH_FRICTION, "pd_adapted": WITH_FRICTION
+    }  # fmt: skip
+    kinds = {name: every[name] for name in names}
+    robot = load_robot(config.robot)
+    nominal = nominal_pd(load_robot_fleet(robot, config.fleet), 1)
+    start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
     wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):
         return
-    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * THOROUGH.total(4)) as task:
-        recorded = read_bench(log.parent)[0]
-        fits = {
-            name: fit_pd(recorded, starting_points(start, free, LAGS), free, task.advance)
-            for name, free in kinds.items()
-        }
-        for name in [name for name, fit in fits.items() if not fit.converged]:
-            progress.note(f"note: the fit of {name} did not converge within its evaluations")
+    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * RESTARTS) as task:
+        recorded = read_parquet(log)
+        fits = {name: fit_pd(recorded, free, start, task.advance) for name, free in kinds.items()}
         write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})
 
 
@@ -201,8 +176,6 @@ def _robot_folder(config: Study, population: str, seed: int, fit: str = "") -> P
 
 
 def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:
-    from motorprior.identification.baselines.pd_fit import WITH_FRICTION, fit_pd, starting_points
-
     robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
     fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
     log = _robot_folder(config, population, seed, "log") / f"{folder.name}.parquet"
@@ -216,10 +189,5 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
     if "prior_adapted" in config.conditions:
         run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True), progress)
     if "pd_adapted" in config.conditions:
-        start, pd_folder = _start(config), _robot_folder(config, population, seed, "pd_adapted")
-        wanted = description("study", {"start": start, "kinds": WITH_FRICTION}, [log, *robot.files])
-        if not is_finished(pd_folder, wanted):
-            with working(pd_folder, wanted):
-                fit = fit_pd(read_parquet(log), starting_points(start, WITH_FRICTION, LAGS), WITH_FRICTION)
-                write_json(pd_folder / "pd.json", asdict(fit))
+        _fit_pds(config, log, _robot_folder(config, population, seed, "pd_adapted"), ("pd_adapted",), SILENT)
     task.advance(1, folder.name)

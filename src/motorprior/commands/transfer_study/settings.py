@@ -6,20 +6,16 @@ import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from motorprior.bench.bench_folder import require_bench_size
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
-from motorprior.bounds import require_count, require_seed
+from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, require_executor
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.studies.summary import CONDITIONS
 
-CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
-    "untrained", "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "pd_adapted", "one_network", "paper",
-    "paper_wide", "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle",
-)  # fmt: skip
 OWN_MOTORS = "own"  # as validation: select on the training motors
 _QUICK = {
     "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
@@ -121,8 +117,6 @@ class Study:
         for name in ("seeds", "draws", "iterations", "workers"):
             require_count(name, getattr(config, name))
         require_count("motors", config.motors, robot.num_joints)
-        require_bench_size(config.motors, config.bench_steps, "bench_steps")
-        require_seed(config.seed)
         require_executor(config.executor, config.ray_address)
         own, foreign = load_robot_fleet(robot, config.fleet), load_robot_fleet(robot, config.foreign, "foreign")
         if config.validation not in (None, OWN_MOTORS):

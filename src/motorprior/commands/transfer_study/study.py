@@ -10,54 +10,46 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from motorprior.actuator.actuator import Actuator
 from motorprior.artifacts import write_json, write_text
-from motorprior.commands.transfer_study.conditions import ADAPTED, adapt_robots, conditions, fit_models, fitted_pd
-from motorprior.commands.transfer_study.settings import CONDITIONS, OWN_MOTORS, Study
-from motorprior.commands.transfer_study.walk_table import OWN, OWN_FOREIGN, WalkTable
-from motorprior.commands.transfer_study.walks import WALKS, walk_table
-from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet
+from motorprior.commands.transfer_study import conditions
+from motorprior.commands.transfer_study.conditions import Condition
+from motorprior.commands.transfer_study.settings import OWN_MOTORS, Study
+from motorprior.commands.walk import POLICY, Walk, run_walk
+from motorprior.commands.walk_seeds import SEEDS_APART
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.executor import make_executor, shared_cluster
+from motorprior.locomotion.policy import Policy, zero_policy
+from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.load import load_robot
-from motorprior.stage import PAGE, locked, usable_threads, write_results
-from motorprior.studies import statistics
-from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
+from motorprior.robots.robot import Robot
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.motors import simulated_motors
+from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import WalkConfig
+from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
+from motorprior.studies import summary
+from motorprior.studies.compare import run_walks
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_robot, twin_scene, walk_seed
+from motorprior.studies.gait_quality import walk_measures
+from motorprior.studies.summary import ADAPTED, Summary, WalkRow, read_walks, summarise, write_walks
+from motorprior.studies.trained_policy import TrainedPolicy
 
 if TYPE_CHECKING:
     from motorprior.report.page import Table
 
-MEASURES = {  # measure -> unit, see `walk_measures`; the lift of each foot is foot_lift_mm/LEG
-    "speed": "m/s", "upright": "1", "distance": "m", "heading_deg_per_m": "°/m", "lateral_share": "1", "drift": "m",
-    "slip": "m/m", "transport": "1", "torque_beyond": "1", "step_frequency": "Hz", "foot_lift_mm": "mm",
-    "body_rate": "rad/s",
-}  # fmt: skip
-COMPARED = ("speed", "upright")
-REFERENCE = "prior"
+WALKS, TABLES, SPREADS = "walks.csv", "tables.md", "spreads.json"
 PD_RANGES = (0.1, 0.2, 0.3, 0.4)  # of the randomised PD, to select from
 PD_RANGE_SEEDS = range(900, 903)  # used by no condition
-TABLES, SPREADS = "tables.md", "spreads.json"
-
-
-@dataclass(frozen=True)
-class Summary:
-    """Statistics of a table of walks.
-
-    Attributes:
-        estimates: (environment, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
-        upright: (environment, condition) -> share of the policies that are upright for at least 90 % of the time.
-        differences: (environment, condition, measure) -> condition compared with the sampled prior.
-        p: the same keys -> p, corrected for all of these comparisons.
-    """
-
-    estimates: dict[tuple[str, str, str], statistics.Estimate]
-    upright: dict[tuple[str, str], float]
-    differences: dict[tuple[str, str, str], statistics.Comparison]
-    p: dict[tuple[str, str, str], float]
+_EPISODE_STEPS = 500  # of training
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
@@ -67,24 +59,19 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
         MotorPriorError: invalid settings, or a failed stage; finished stages stay.
     """
     config = config.sized()
-    robot = load_robot(config.robot)
     with locked(config.out):
         threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)
-        fit_models(config, threads, progress)
+        conditions.fit_models(config, threads, progress)
         config = with_pd_range(config, progress)
-        adapt_robots(config, threads, progress)
-        cells = [(condition, seed) for seed in range(config.seeds) for condition in conditions(config, seed)]
-        table = walk_table(config, cells, progress)
-        table.save(config.out / WALKS)
-        summary = summarise(table)
-        write_results(config.out, as_results(summary))
-        settings = asdict(config) | {"speed": config.commanded(robot)}
-        settings |= {"validation": config.validation_fleet(robot) or OWN_MOTORS}
-        for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
-            del settings[name]
-        write_page(config.out, summary, {name: str(value) for name, value in settings.items()}, command)
-    return summary
+        conditions.adapt_robots(config, threads, progress)
+        policies = [each for seed in range(config.seeds) for each in conditions.conditions_of(config, seed)]
+        walks = walk_table(config, policies, progress)
+        write_walks(config.out / WALKS, walks)
+        found = summarise(walks)
+        write_results(config.out, found.as_results())
+        _write_page(config, found, command)
+    return found
 
 
 def with_pd_range(config: Study, progress: Progress) -> Study:
@@ -93,21 +80,18 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
         return config
     robot = load_robot(config.robot)
     fleet = config.range_fleet(robot)
-    made = {spread: fitted_pd(config, "pd_friction", f"pd_randomised_{spread:g}", spread) for spread in PD_RANGES}
-    tried = [replace(condition, environments=(OUT_OF_FAMILY,)) for condition in made.values()]
+    names = {spread: f"pd_randomised_{spread:g}" for spread in PD_RANGES}
+    tried = [
+        Condition(name, seed, conditions.randomized_pd(config, spread), environments=(OUT_OF_FAMILY,))
+        for seed in PD_RANGE_SEEDS[: config.seeds]
+        for spread, name in names.items()
+    ]
     selected_on = config.validation_fleet(robot) or OWN_MOTORS
     search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
-    seeds = PD_RANGE_SEEDS[: config.seeds]
-    table = walk_table(search, [(condition, seed) for seed in seeds for condition in tried], progress)
-    found = {
-        spread: {
-            measure: statistics.estimate(
-                table.scores(OUT_OF_FAMILY, condition.name, measure), statistic_of(measure)
-            ).value
-            for measure in COMPARED
-        }
-        for spread, condition in made.items()
-    }
+    walks, found = walk_table(search, tried, progress), {}
+    for spread, name in names.items():
+        own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, name)]
+        found[spread] = {measure: summary.estimate(own, measure).value for measure in summary.COMPARED}
     best = max(found, key=lambda spread: (found[spread]["upright"], found[spread]["speed"]))
     by_range = {f"{spread:g}": walked for spread, walked in found.items()}
     write_json(search.out / SPREADS, {"fleet": fleet, "tried": by_range, "chosen": best})
@@ -115,135 +99,112 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     return replace(config, spread=best)
 
 
-def statistic_of(measure: str) -> statistics.Statistic:
-    """Mean of the time upright (an interquartile mean would hide falls); interquartile mean otherwise."""
-    return statistics.means if measure == "upright" else statistics.iqms
+def walk_table(config: Study, policies: Sequence[Condition], progress: Progress = SILENT) -> list[WalkRow]:
+    """Train and evaluate policies; finished ones in ``config.out`` are read."""
+    environments = tuple(ENVIRONMENTS)
+    try:
+        import_bullet()
+    except ConfigError as error:
+        progress.note(f"note: skipped the environment pybullet: {error}")
+        environments = tuple(name for name, each in ENVIRONMENTS.items() if each.engine != "pybullet")
+    at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
+    processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
+    name = f"study: {len(policies)} policies, {config.draws} walks per environment"
+    with progress.start(name, len(policies)) as task, shared_cluster(config.executor, processes, config.ray_address):
+        works = [partial(_walks_of, config, environments, policy, task) for policy in policies]
+        return [walk for walks in in_parallel(works, at_a_time, progress) for walk in walks]
 
 
-def summarise(table: WalkTable) -> Summary:
-    """Statistics of all walks."""
-    estimates, upright, differences = {}, {}, {}
-    for place in table.distinct("place"):
-        for condition in table.at(place).distinct("condition"):
-            cell = table.at(place, condition)
-            for measure in cell.measures():
-                scores = cell.scores(place, condition, measure)
-                if np.isfinite(scores).any():
-                    estimates[place, condition, measure] = statistics.estimate(scores, statistic_of(measure))
-            per_policy = cell.scores(place, condition, "upright").mean(axis=1)
-            upright[place, condition] = float(np.mean(per_policy >= 0.9))
-            trained = condition not in (REFERENCE, "untrained") and place in ENVIRONMENTS
-            if trained and len(table.at(place, REFERENCE)):
-                for measure in COMPARED:
-                    differences[place, condition, measure] = compare(table, place, condition, REFERENCE, measure)
-    return Summary(estimates, upright, differences, statistics.holm({key: each.p for key, each in differences.items()}))
+def _walks_of(
+    config: Study, environments: tuple[str, ...], condition: Condition, task: Task, progress: Progress
+) -> list[WalkRow]:
+    """Train and evaluate one policy."""
+    robot, folder = load_robot(config.robot), config.out / "watched" / condition.folder
+    policy, only = _train(config, robot, condition, progress), condition.seed if condition.name in ADAPTED else None
+    tested = tuple(each for each in condition.environments if each in environments)
+    settings = {
+        "twins": tested, "draws": config.draws, "seconds": config.seconds, "speed": config.commanded(robot),
+        "study": config.seed, "condition": condition.name, "robot": only,
+    }  # fmt: skip
+    fleets = [file for fleet in (config.fleet, config.foreign) for file in fleet_files(robot, fleet)]
+    wanted = description("study", settings, [policy, *fleets, *robot.files])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            write_walks(folder / WALKS, _evaluate(config, TrainedPolicy.load(policy, robot), condition, tested, only))
+    task.advance(1, condition.folder)
+    return read_walks(folder / WALKS)
 
 
-def compare(table: WalkTable, place: str, one: str, other: str, measure: str) -> statistics.Comparison:
-    """One condition compared with another in an environment, on the same walks, or on the robots that both walked."""
-    mine, theirs, statistic = table.at(place, one), table.at(place, other), statistic_of(measure)
-    scores = mine.scores(place, one, measure), theirs.scores(place, other, measure)
-    if one in ADAPTED and other in ADAPTED:
-        return statistics.compare_pairs(*scores, statistic)
-    if one in ADAPTED:  # the policy of seed k walks robot k, as does draw k of the others
-        robots = sorted(set(mine.distinct("seed")) & set(theirs.distinct("draw")))
-        mine = WalkTable.of(walk for walk in mine.walks if walk.seed in robots)
-        theirs = WalkTable.of(walk for walk in theirs.walks if walk.draw in robots)
-        return statistics.compare_on_robots(
-            mine.scores(place, one, measure), theirs.scores(place, other, measure), statistic
-        )
-    return statistics.compare_scores(
-        *scores, shared=mine.distinct("draw") == theirs.distinct("draw"), statistic=statistic
+def _train(config: Study, robot: Robot, condition: Condition, progress: Progress) -> Path:
+    """The policy's file."""
+    name, commands = condition.folder, config.commands(robot)
+    walk = Walk(
+        out=config.out / "walk" / name, motors=condition.motors, iterations=config.iterations, commands=commands,
+        episode_steps=_EPISODE_STEPS, validation=config.validation_fleet(robot),
+        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * config.seed + condition.seed),
+        robot=config.robot, workers=config.episodes_at_a_time, executor=config.executor,
+        ray_address=config.ray_address,
+    )  # fmt: skip
+    if condition.name == "untrained":
+        robot = commands.extend_range(robot)
+        nominal = simulated_motors(condition.motors, robot).nominal
+        zero = Policy.of(robot, "trot", zero_policy(robot.num_joints), nominal.kp, nominal.kd, {})
+        zero.save(walk.out / POLICY)
+    else:
+        run_walk(walk, progress, name)
+    return walk.out / POLICY
+
+
+def _evaluate(
+    config: Study, trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...], only: int | None
+) -> list[WalkRow]:
+    """Walks of a policy in its training simulation and in environments, there on the robot ``only`` if given."""
+    robot, policy, draws = trained.robot, trained.policy.arrays(), range(config.draws)
+    steps, seed_of = round(config.seconds / robot.control_dt), partial(walk_seed, config.seed)
+    walk = WalkConfig(steps, commands=config.commands(robot), gait=trained.policy.gait)
+    executor = partial(
+        make_executor, workers=config.episodes_at_a_time, kind=config.executor, address=config.ray_address
     )
+    episodes: dict[str, list[Episode]] = {}
+    if condition.name != "untrained":
+        scene = trained.scene(replace(walk, randomization=condition.randomization))
+        own = summary.OWN_FOREIGN if condition.population == OUT_OF_FAMILY else summary.OWN
+        draws_own = draws[:1] if condition.name in conditions.FIXED_MOTORS else draws
+        episodes[own] = run_walks(scene, policy, draws_own, seed_of, executor=executor)
+    for name in environments:
+        environment = ENVIRONMENTS[name]
+        fleet = load_robot_fleet(robot, conditions.fleet_of(config, environment.population))
+        motors = partial(_motors_of_draw, robot, fleet, config.seed, only)
+        scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
+        episodes[name] = run_walks(scene, policy, draws, seed_of, motors, executor)
+    return [
+        {"place": place, "condition": condition.name, "seed": condition.seed, "draw": draw}
+        | walk_measures(robot, episode, config.commanded(robot), steps)
+        for place, walked in episodes.items()
+        for draw, episode in enumerate(walked)
+    ]
 
 
-def as_results(summary: Summary) -> Results:
-    """Rows PLACE/CONDITION/MEASURE with /low and /high, PLACE/CONDITION/policies_upright, MEASURE_p_against_prior."""
-    rows = []
-    for (place, condition, measure), found in summary.estimates.items():
-        unit = MEASURES.get(measure, MEASURES["foot_lift_mm"])
-        ends = {None: found.value, "low": found.low, "high": found.high}
-        name = f"{place}/{condition}/{measure}"
-        rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
-    for (place, condition), share in summary.upright.items():
-        rows.append(Result(f"{place}/{condition}/policies_upright", "1", share))
-    for (place, condition, measure), p in summary.p.items():
-        rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", p))
-    return Results.of(rows)
+def _motors_of_draw(robot: Robot, fleet: Fleet, study: int, only: int | None, draw: int) -> Actuator:
+    """Motors of the robot of a walk: robot ``only``, or if it is None, robot ``draw``."""
+    return motors_of_robot(robot, fleet, study, draw if only is None else only).actuator()
 
 
-def write_page(out: Path, summary: Summary, settings: dict[str, str], command: str) -> None:
+def _write_page(config: Study, found: Summary, command: str) -> None:
     """Write report.html and tables.md."""
-    from motorprior.report.page import Section, page, picture  # here: they import matplotlib
-    from motorprior.report.plots_study import forest_plot
+    from motorprior.report.page import page  # here: they import matplotlib
+    from motorprior.report.study import study_sections
 
-    headline, differences = headline_table(summary), difference_table(summary)
-    text = (
-        "One policy is trained per motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
-        "upright [%] with 95 % intervals, and the share of policies that are upright for 90 % of the time.",
-    )
-    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    drawn = picture(forest_plot(upright, _conditions(summary)), "Time upright; hollow: in the training simulation.")
-    sections = [Section("Speed and time upright", text, (drawn,), (headline,))]
-    if differences.rows:
-        text = ("Differences from the sampled prior; p corrected by Holm for all of them.",)
-        sections.append(Section("Differences from the sampled prior", text, tables=(differences,)))
-    write_text(out / PAGE, page("Transfer study", sections, settings, command))
-    write_text(out / TABLES, f"{_markdown(headline)}\n\n{_markdown(differences)}\n")
-
-
-def _environments(summary: Summary) -> list[str]:
-    found = {place for place, _, _ in summary.estimates}
-    return [place for place in (OWN, OWN_FOREIGN, *ENVIRONMENTS) if place in found]
-
-
-def _conditions(summary: Summary) -> list[str]:
-    found = {condition for _, condition, _ in summary.estimates}
-    return [name for name in CONDITIONS if name in found]
-
-
-def headline_table(summary: Summary) -> Table:
-    """A row per condition, a cell per environment."""
-    from motorprior.report.page import Table
-
-    rows = []
-    for condition in _conditions(summary):
-        cells = []
-        for place in _environments(summary):
-            speed, upright = (summary.estimates.get((place, condition, measure)) for measure in COMPARED)
-            if speed is None or upright is None:
-                cells.append("")
-                continue
-            share = 100.0 * summary.upright[place, condition]
-            cells.append(f"{_interval(speed, 1.0, '.2f')}; {_interval(upright, 100.0, '.0f')}; {share:.0f}")
-        rows.append((condition, *cells))
-    caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
-    return Table(("trained on", *_environments(summary)), tuple(rows), caption)
-
-
-def difference_table(summary: Summary) -> Table:
-    """A row per condition, the difference from the sampled prior per environment."""
-    from motorprior.report.page import Table
-
-    places = [place for place in _environments(summary) if place in ENVIRONMENTS]
-    rows = []
-    for condition in _conditions(summary):
-        cells = []
-        for place in places:
-            keys = [(place, condition, measure) for measure in COMPARED]
-            compared = [(summary.differences[key], summary.p[key]) for key in keys if key in summary.p]
-            forms = zip(compared, (1.0, 100.0), ("+.2f", "+.0f"), strict=False)
-            texts = [f"{_interval(each.difference, factor, form)} p={p:.2g}" for (each, p), factor, form in forms]
-            cells.append("; ".join(texts))
-        if any(cells):
-            rows.append((condition, *cells))
-    caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"
-    return Table(("trained on", *places), tuple(rows), caption)
-
-
-def _interval(found: statistics.Estimate, factor: float, form: str) -> str:
-    ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
-    return f"{factor * found.value:{form}}{ends}"
+    robot = load_robot(config.robot)
+    settings = asdict(config) | {"speed": config.commanded(robot)}
+    settings |= {"validation": config.validation_fleet(robot) or OWN_MOTORS}
+    for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
+        del settings[name]
+    sections = study_sections(found)
+    text = page("Transfer study", sections, {name: str(value) for name, value in settings.items()}, command)
+    write_text(config.out / PAGE, text)
+    tables = [_markdown(table) for section in sections for table in section.tables]
+    write_text(config.out / TABLES, "\n\n".join(tables) + "\n")
 
 
 def _markdown(table: Table) -> str:

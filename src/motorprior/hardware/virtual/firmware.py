@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from motorprior.hardware.framing import command_reader, telemetry_frame
+from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.robots.robot import Robot
 
@@ -31,6 +31,11 @@ class Drive:
     kp: np.ndarray  # (joints,) [A/rad]; 0 for a motor that is off
     kd: np.ndarray  # (joints,) [A·s/rad]
     max_current: float  # [A]
+
+    def current(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+        """(joints,) currents [A] at (joints,) angles [rad] and velocities [rad/s]."""
+        wanted = self.kp * (self.target - joint_pos) - self.kd * joint_vel
+        return np.clip(wanted, -self.max_current, self.max_current)
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ class Firmware:
     ):
         self._body, self._config, self._on_change = body, config, on_change
         self._wire, self._joints = robot.require_wire(), robot.num_joints
-        self._reader = command_reader(self._joints)
+        self._reader = FrameReader(Command, self._joints)
         self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)
         self._sensors = body.sense()
         self._target = self._sensors.pos.copy()
@@ -113,7 +118,7 @@ class Firmware:
                 self._text.append("ERROR")
             if self.now % period == 0:
                 self._read_sensors()
-                out += telemetry_frame(self._telemetry(), self._joints)
+                out += framed(self._telemetry(), self._joints)
         return bytes(out)
 
     def frames(self, milliseconds: int) -> Iterator[bytes]:

@@ -1,152 +1,143 @@
-"""Fit of PDs, the same for all motors of a log: gains alone, with armature and delay, or with friction as well.
+"""Fit of a PD, the same for all motors of a log, by the search of the motors' own fit.
 
-`fit_pd` restarts Nelder-Mead until a restart improves nothing. `tuned_pd` needs no starting point. A log may not
-separate a large armature from a long delay, and a local search does not move from one to the other, or find a torque
-limit from none. Searches on part of the log therefore start from several armatures and delays, each at its best gains:
-first without a torque limit, then with the best one. The best search of each kind continues on the whole log.
+Unknowns are the logarithms of the constants relative to TYPICAL, of kd that of kd/kp, and the delay in units of 10 ms.
+Where a log has gains, those of the PD scale with them. Random candidates are drawn around TYPICAL, with and without a
+torque limit, since a log may not separate a large armature from a long delay. The search runs on a part of a long log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import product
-from math import prod
 
 import numpy as np
-from scipy.optimize import OptimizeResult, minimize
 
-from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.friction_pd import FrictionPd
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.identification.baselines.replay_error import AtGains, closed_loop_error, unchanged
+from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
+from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOf, Segment, whole_runs
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.logs.motor_log import MotorLog
+from motorprior.signals import rms
 
 GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
 WITH_ROTOR = (*GAINS, "armature", "delay")  # for the tuned PD
 WITH_FRICTION = (*WITH_ROTOR, "coulomb")
-START = {"armature": 0.001, "delay": 0.008, "coulomb": 0.02}  # of constants that a nominal PD lacks [kg·m²], [s], [N·m]
-_DELAY = 0.01  # unit of the delay in a search [s]; a logarithmic variable could not leave 0
-# kp [N·m/rad] and kd/kp [s] that are tried: of small servos to large direct drives
-_TRIED_GAINS = tuple(product((2.0, 8.0, 32.0, 128.0), (0.02, 0.06, 0.18)))
-_NO_LIMIT, _TRIED_LIMITS = 1000.0, tuple(np.geomspace(0.4, 40.0, 13).tolist())  # [N·m]
-_TRIED_LAGS = {"armature": (0.001, 0.02), "delay": (0.008, 0.04)}  # [kg·m²], [s]
-_MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # of the part of a log on which searches start
-
-Progress = Callable[[int], None]
-
-
-@dataclass(frozen=True)
-class Budget:
-    """Limits of a fit: evaluations of each first search, number of restarts, evaluations of each restart."""
-
-    first: int = 100
-    restarts: int = 6
-    evaluations: int = 600
-
-    def total(self, starts: int) -> int:
-        """Maximum for a fit with this number of starting points."""
-        return starts * self.first + self.restarts * self.evaluations
-
-
-THOROUGH = Budget()
-_SHORT, _LONG = Budget(first=60, restarts=0), Budget(first=80, restarts=3, evaluations=150)
-_STARTS = prod(map(len, _TRIED_LAGS.values()))
-# approximate number of evaluations of `tuned_pd` and `best_gains`
-TUNING = _STARTS * (len(_TRIED_GAINS) + len(_TRIED_LIMITS)) + 2 * _STARTS * _SHORT.first + _LONG.total(2)
-GAINS_ALONE = _LONG.total(1)
+# [N·m/rad], [N·m·s/rad], [N·m], [kg·m²], [s], [N·m], and standard deviations of the unknowns of candidates
+TYPICAL = {"kp": 10.0, "kd": 0.6, "torque_limit": 4.0, "armature": 0.004, "delay": 0.01, "coulomb": 0.05}
+SPREAD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1.5, "coulomb": 1.2}
+NO_LIMIT = 1000.0  # [N·m]
+SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
+RESTARTS = 16  # at most
+_DRAWS, _STEPS = 128, ((10, WIDE), (6, NARROW))
+_WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
+_WARM_UP = 0.1  # [s] of a segment, until the delayed commands are known
+_MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # of the part of a log on which the search runs
+_LANES = 16  # PDs simulated at a time
+_STREAM = 71
 
 
 @dataclass(frozen=True)
 class PdFit:
-    """Constants by name; mean joint error on the log [rad]; evaluations used; whether the fit converged."""
+    """Constants by name, and root mean square error on the log [rad]."""
 
     constants: Mapping[str, float]
     error: float
-    evaluations: int
-    converged: bool
 
 
-def pd_motors(constants: Mapping[str, float], count: int) -> Actuator:
-    """``count`` equal motors; with friction if ``coulomb`` is among the constants."""
-    values = dict(constants)
-    coulomb = values.pop("coulomb", None)
-    pd = IdealPd.uniform(count, **values)
-    return pd if coulomb is None else FrictionPd(pd, np.full(count, coulomb))
+class _PdProblem:
+    """One PD for all motors; see `search.Problem`."""
+
+    count, weight = 1, 1.0
+
+    def __init__(self, log: MotorLog, free: tuple[str, ...], fixed: Mapping[str, float]):
+        recipe = replace(PRESETS["pace"], period=log.period, warm_up=round(_WARM_UP / log.period))
+        self._runs, self._gains = whole_runs(log, recipe), _median_gains(log)
+        self._free, self._fixed, self.observations = free, fixed, len(self._runs) * log.num_joints
+
+    def constants(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """(L,) constants by name of unknowns x (L, K)."""
+        values = {name: np.full(len(x), value) for name, value in self._fixed.items()}
+        for name, column in zip(self._free, np.clip(x, -20.0, 20.0).T, strict=True):
+            values[name] = TYPICAL["delay"] * np.abs(column) if name == "delay" else TYPICAL[name] * np.exp(column)
+        if "kd" in self._free:
+            values["kd"] = values["kd"] * values["kp"] / TYPICAL["kp"]
+        return values
+
+    def encoded(self, constants: Mapping[str, float]) -> np.ndarray:
+        """(K,) unknowns of constants by name."""
+        values = {name: np.log(constants[name] / TYPICAL[name]) for name in self._free if name != "delay"}
+        if "kd" in self._free:
+            values["kd"] -= np.log(constants["kp"] / TYPICAL["kp"])
+        return np.array([values.get(name, constants["delay"] / TYPICAL["delay"]) for name in self._free])
+
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(L, rows·motors) errors of angles over SCALE."""
+        chunks = range(0, len(x), _LANES)
+        return np.concatenate([self._errors(x[first : first + _LANES]) for first in chunks])
+
+    def _errors(self, x: np.ndarray) -> np.ndarray:
+        motors, found = self._runs[0].num_motors, []
+        every, lanes = np.tile(np.arange(motors), len(x)), np.repeat(x, motors, axis=0)
+        for runs in self._runs:
+            errors = POSITION_SCALE / SCALE * runs.residuals(self._motors, lanes, every)[:, :, 0]
+            found.append(errors.reshape(len(x), motors, -1))
+        return np.concatenate(found, axis=2).reshape(len(x), -1)
+
+    @property
+    def _motors(self) -> MotorsOf:
+        def motors(x: np.ndarray, motor: np.ndarray, segment: Segment) -> IdealPd:
+            pd = IdealPd(**self.constants(x))
+            return pd if self._gains is None else GainScaledPd(pd, self._gains).at(segment.gains[:, motor])
+
+        return motors
+
+    def rmse(self, x: np.ndarray) -> float:
+        """Root mean square error [rad] of unknowns x (1, K)."""
+        return SCALE * float(rms(self._errors(x).astype(np.float64)))
 
 
 def fit_pd(
     log: MotorLog,
-    starts: Sequence[Mapping[str, float]],
     free: tuple[str, ...],
-    progress: Progress | None = None,
-    budget: Budget = THOROUGH,
-    at_gains: AtGains = unchanged,
+    start: Mapping[str, float] | None = None,
+    report: Callable[[], None] = lambda: None,
 ) -> PdFit:
-    """One PD for all motors of a log with known loads, with the smallest closed-loop error.
+    """One PD for all motors of a log with known loads.
 
-    Nelder-Mead over the ``free`` constants: the delay in units of 10 ms, the logarithms of the others. It
-    searches from each start, then restarts from the best with a new simplex, until a restart lowers the error by less
-    than 0.2 %. The other constants are those of the first start. ``progress`` is called after every evaluation;
-    ``at_gains`` gives the PD the gains of each segment.
+    The ``free`` constants are fitted; without the armature, delay or friction it has none. ``start`` is one more
+    candidate; ``report`` is called RESTARTS times.
     """
-    error_of = closed_loop_error(log, progress, at_gains)
-    fixed, delayed = {name: value for name, value in starts[0].items() if name not in free}, np.array(free) == "delay"
+    fixed = {name: 0.0 for name in WITH_FRICTION if name not in free}
+    search = Search(few := _PdProblem(_part(log), free, fixed))
+    rng, spread = np.random.default_rng(_STREAM), np.array([SPREAD[name] for name in free])
+    limit, unlimited = np.array(free) == "torque_limit", np.log(NO_LIMIT / TYPICAL["torque_limit"])
+    prior = GaussianPrior(np.where(limit, unlimited, 0.0), np.full(len(free), _WEAK))
 
-    def constants(point: np.ndarray) -> dict[str, float]:
-        # clipped, or a search over an unidentifiable constant would overflow
-        values = np.where(delayed, _DELAY * np.abs(point), np.exp(np.clip(point, -100.0, 100.0)))
-        return fixed | {name: float(value) for name, value in zip(free, values, strict=True)}
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        shape = (1, _DRAWS, len(free))
+        found = spread * rng.standard_normal(shape)
+        found[..., limit] = np.where(rng.random((1, _DRAWS, 1)) < 0.5, unlimited, found[..., limit])
+        if restart % 2:
+            found = np.where(rng.random(shape) < 0.5, found, best.x[:, None])
+        return found
 
-    def search(first: np.ndarray, evaluations: int) -> OptimizeResult:
-        simplex = np.vstack([first, *(first + 0.3 * row for row in np.eye(len(first)))])
-        options = {"maxfev": evaluations, "xatol": 1e-3, "fatol": 1e-6, "initial_simplex": simplex}
-        cost = lambda point: error_of(pd_motors(constants(point), log.num_joints))  # noqa: E731
-        return minimize(cost, first, method="Nelder-Mead", options=options)
-
-    points = [np.array([start[name] for name in free]) for start in starts]
-    searches = [search(np.where(delayed, point / _DELAY, np.log(point)), budget.first) for point in points]
-    best, evaluations, converged = min(searches, key=lambda each: each.fun), sum(each.nfev for each in searches), False
-    for _ in range(budget.restarts):
-        before, best = best, search(best.x, budget.evaluations)
-        evaluations += best.nfev
-        converged = best.nfev < budget.evaluations and before.fun - best.fun < max(0.002 * before.fun, 1e-5)
-        if converged:
-            break
-    return PdFit(constants(best.x), float(best.fun), evaluations, bool(converged))
+    first = few.encoded(TYPICAL | {"torque_limit": NO_LIMIT} | dict(start or {}))
+    found = search.until_found_again(search.at(first[None], prior), prior, draw, RESTARTS, _STEPS, report)
+    whole = _PdProblem(log, free, fixed)
+    x = Search(whole).descend(found.x, prior, _STEPS).x
+    constants = {name: float(values[0]) for name, values in whole.constants(x).items()}
+    return PdFit(constants, whole.rmse(x))
 
 
-def starting_points(
-    start: Mapping[str, float], free: tuple[str, ...], lags: Mapping[str, Iterable[float]]
-) -> list[dict[str, float]]:
-    """``start`` with every combination of the free ``lags``; missing free constants are those of START."""
-    names = [name for name in lags if name in free]
-    common = {name: START[name] for name in free if name in START} | dict(start)
-    return [common | dict(zip(names, values, strict=True)) for values in product(*(lags[name] for name in names))]
+def with_scaled_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
+    """A PD that was fitted to a log, scaled to the gains of other logs if this one has gains."""
+    medians = _median_gains(log)
+    return pd if medians is None else GainScaledPd(pd, medians)
 
 
-def tuned_pd(log: MotorLog, progress: Progress | None = None, at_gains: AtGains = unchanged) -> IdealPd:
-    """One PD with armature and delay for all M motors of a log with known loads; M copies of it.
-
-    ``progress`` is called after every evaluation; ``at_gains`` gives the PD the gains of each segment.
-    """
-    part = _part(log)
-    error = closed_loop_error(part, progress, at_gains)
-
-    def cost(constants: Mapping[str, float]) -> float:
-        return error(pd_motors(constants, log.num_joints))
-
-    def short_fit(start: Mapping[str, float]) -> PdFit:
-        return fit_pd(part, [start], WITH_ROTOR, progress, _SHORT, at_gains)
-
-    gains = [{"kp": kp, "kd": kp * ratio} for kp, ratio in _TRIED_GAINS]
-    lags = starting_points({"torque_limit": _NO_LIMIT}, WITH_ROTOR, _TRIED_LAGS)
-    unlimited = [short_fit(min((lag | each for each in gains), key=cost)) for lag in lags]
-    best = [min(({**fit.constants, "torque_limit": limit} for limit in _TRIED_LIMITS), key=cost) for fit in unlimited]
-    limited = [short_fit(each) for each in best]
-    starts = [min(found, key=lambda each: each.error).constants for found in (unlimited, limited)]
-    found = fit_pd(log, starts, WITH_ROTOR, progress, _LONG, at_gains)
-    return IdealPd.uniform(log.num_joints, **found.constants)
+def _median_gains(log: MotorLog) -> np.ndarray | None:
+    gains = [part.gains for part in log.segments() if part.gains is not None]
+    return np.median(gains, axis=(0, 2)) if gains else None
 
 
 def _part(log: MotorLog) -> MotorLog:
@@ -163,14 +154,3 @@ def _part(log: MotorLog) -> MotorLog:
     windows = [window[: _MAX_ROWS // len(windows)] for window in windows]
     number = np.repeat(np.arange(len(windows)), [len(window) for window in windows])
     return replace(log.rows(np.concatenate(windows)), segment=number)
-
-
-def best_gains(log: MotorLog, nominal: IdealPd, progress: Progress | None = None) -> IdealPd:
-    """One ideal PD for all M motors of the log, fitted from the gains and the limit of a nominal one; M copies."""
-    start = {name: float(values[0]) for name, values in vars(nominal).items()}
-    return IdealPd.uniform(log.num_joints, **fit_pd(log, [start], GAINS, progress, _LONG).constants)
-
-
-def repeated(model: IdealPd, num_motors: int) -> IdealPd:
-    """``num_motors`` copies of the first motor of ``model``."""
-    return IdealPd.uniform(num_motors, **{name: float(values[0]) for name, values in vars(model).items()})

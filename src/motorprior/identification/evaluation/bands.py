@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import run
 from motorprior.bench.families import TrueMotors
@@ -30,7 +29,7 @@ _LOG_STREAM, _BENCH_STREAM = 53, 23  # tags of random streams
 
 def zero_shot(prior: MotorPrior, num_motors: int) -> Posterior:
     """The distribution of motors without a log of theirs: z ~ N(0, I)."""
-    latents = prior.network.num_latents
+    latents = prior.model.num_latents
     covariance = np.tile(np.eye(latents), (num_motors, 1, 1))
     return Posterior(np.zeros((num_motors, latents)), covariance, np.zeros(num_motors), 0)
 
@@ -61,7 +60,7 @@ def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, r
     """(DRAWS, M, N, W) errors [rad] of samples of the posterior."""
     recorded, errors = runs.recorded(VEL), []
     for z in _latent_samples(posterior, rng):
-        found = runs.errors(LatentActuator(prior.network, z))
+        found = runs.errors(prior.model.motors(z))
         velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
         errors.append(POSITION_SCALE * found[:, :, 0] + sample_residuals(prior.metrics, rng, velocity))
     return np.stack(errors)
@@ -88,7 +87,7 @@ def bench_coverage(
         for case, truth in held_out_trials(kind, motors, seed, preset)[:_REPEATS]:
             samples = []
             for z in _latent_samples(posterior, rng):
-                simulated = run(LatentActuator(prior.network, z), case)
+                simulated = run(prior.model.motors(z), case)
                 samples.append(simulated.joint_pos + sample_residuals(prior.metrics, rng, simulated.joint_vel))
             inside.append(_inside(np.stack(samples), run(truth, case).joint_pos))
         for level in LEVELS:

@@ -23,7 +23,7 @@ from motorprior.signals import rmse
 ModelOfMotors: TypeAlias = Callable[[np.ndarray], Actuator]
 PredictorOfMotors: TypeAlias = Callable[[np.ndarray], Actuator | tuple[Actuator, ...]]
 
-HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "held_steps", "impacts", "chirp"), 5)
+HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
 HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
 MAX_WORK = 20.0  # [s]
 FLOOR_OFFSET = 0.004  # [rad]

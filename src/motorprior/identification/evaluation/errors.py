@@ -17,15 +17,14 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.ideal_pd import GainScaledPd
-from motorprior.actuator.latent import LatentActuator
+from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import run
+from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
-from motorprior.identification.baselines.replay_error import trials
 from motorprior.identification.baselines.response_models import ResponseMotors
 from motorprior.identification.evaluation.log_tables import capped, error_line
-from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
+from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns, whole_runs, with_gains_of
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
 from motorprior.logs.doctor.excitation import excited_joints, static_joints
@@ -38,6 +37,7 @@ from motorprior.signals import rms
 # models of a log's motors: on its loads, at the gains of its segments, or responses that need no loads
 MotorModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors
 PRIOR, TUNED_PD = "prior", "tuned_pd"
+SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck")
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 SECONDS = 1.0  # of a FREE_RUN
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
@@ -52,28 +52,11 @@ def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
         LogError: it lacks a channel, has another sample period, or no segment is long enough.
     """
     window = round(SECONDS / preset.period)
-    short = replace(_with_gains_of(preset, log), objective="rollout", window=window)
+    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
     return {
         FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
         WHOLE_RUN: whole_runs(log, preset),
     }
-
-
-def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
-    """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`."""
-    preset = replace(_with_gains_of(preset, log), objective="rollout", window=1)
-    data = training_data(log, preset, log.source)
-    windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
-    return [
-        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
-        for part, window in windows
-        if window > 0
-    ]
-
-
-def _with_gains_of(preset: Preset, log: MotorLog) -> Preset:
-    """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
-    return replace(preset, gain_unit=log.gain_unit) if log.stated_kp is not None and not preset.gain_unit else preset
 
 
 def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
@@ -101,7 +84,7 @@ def replay_errors(motors: MotorModel, log: MotorLog, nominal: Mapping[str, float
     errors, velocities = [], []
     for rows in (parts[place] for place in places):
         part = log.rows(rows)
-        ((case, recorded),) = trials(part)
+        case, recorded = trial_of(part), part.joint_pos
         simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)
         errors.append(recorded - (simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos))
         velocities.append(simulated.joint_vel)
@@ -114,10 +97,10 @@ def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float]
     gains = part.gains
     if isinstance(motors, GainScaledPd):
         return motors.pd if gains is None else motors.at(gains)
-    if not isinstance(motors, LatentActuator):
+    if not isinstance(motors, GreyBoxActuator):
         return motors
-    conditions = Conditions(motors.network.warmth(motors.z, seconds), *relative_conditions(part, nominal))
-    return replace(motors, conditions=conditions, gains=gains if motors.network.gain_unit else motors.gains)
+    conditions = Conditions(motors.model.warmth(motors.z, seconds), *relative_conditions(part, nominal))
+    return replace(motors, conditions=conditions, gains=gains if motors.model.gain_unit else motors.gains)
 
 
 @dataclass(frozen=True)
@@ -175,28 +158,35 @@ class LogErrors:
         return np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0)) / np.maximum(baseline, 1e-9)
 
     def warnings(self, model: str) -> list[str]:
-        """A warning that names the joints for which too much of the tuned PD's error remains."""
+        """Warnings of simpler models with less error, and of joints where too much of the tuned PD's error remains."""
+        mean = {name: float(np.nanmean(values)) for name, values in self.models.items()}
+        lines = [
+            f"warning: {name} replays {', '.join(self.logs)} better than {model}: {1e3 * mean[name]:.2f} instead of "
+            f"{1e3 * mean[model]:.2f} mrad -> do not use this model; try preset long_runs, another seed or longer logs"
+            for name in SIMPLER
+            if mean.get(name, np.inf) < mean[model]
+        ]
         share = self.unexplained(model)
         large = np.flatnonzero(share > MAX_UNEXPLAINED)
         if not large.size:
-            return []
+            return lines
         named = listed([f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10)
         return [
+            *lines,
             f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
             f"{', '.join(self.logs)}: {named}. The model lacks physics of these motors, they differ from the prior's, "
             "or the fit did not converge -> do not interpret their constants; try preset long_runs, another seed or "
-            "longer logs"
+            "longer logs",
         ]
 
 
 def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> MotorModel:
     """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
-    from motorprior.identification.baselines.pd_fit import TUNING, repeated, tuned_pd
-    from motorprior.identification.baselines.replay_error import scaled_gains, with_scaled_gains
+    from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd, with_scaled_gains
 
-    with progress.start("tune one PD", TUNING) as task:
-        found = tuned_pd(log, task.advance, scaled_gains(log))
-    return with_scaled_gains(repeated(found, num_motors or log.num_joints), log)
+    with progress.start("tune one PD", RESTARTS) as task:
+        found = fit_pd(log, WITH_ROTOR, report=task.advance)
+    return with_scaled_gains(IdealPd.uniform(num_motors or log.num_joints, **found.constants), log)
 
 
 def evaluate_replay(

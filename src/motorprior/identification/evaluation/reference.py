@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import t as student_t
 
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.evaluation.errors import replay_errors
-from motorprior.identification.latents.latent_fit import window_losses
+from motorprior.identification.latents.latent_fit import latent_search
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
@@ -23,7 +24,7 @@ _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_varia
 
 
 def reference_metrics(
-    network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray, log: MotorLog
+    model: Decoder, data: TrainingData, preset: Preset, mean: np.ndarray, log: MotorLog
 ) -> dict[str, float]:
     """Errors of the training motors at their posterior means.
 
@@ -34,12 +35,12 @@ def reference_metrics(
     whose log has none. For a prior trained in closed loop, ``residual_p05_SPEED`` … ``residual_p95_SPEED`` are
     percentiles of `replay_errors` for every pool of SPEEDS of the simulated joint.
     """
-    metrics = loss_metrics(window_losses(network, data, preset, mean), preset, "")
+    metrics = loss_metrics(latent_search(model, data, preset).parts(mean), preset, "")
     if preset.objective == "rollout":
         if data.measured.torque:
             without = replace(data, measured=replace(data.measured, torque=False))
-            metrics |= loss_metrics(window_losses(network, without, preset, mean), preset, metric_suffix(False))
-        metrics |= _residual_metrics(LatentActuator(network, mean), log, preset)
+            metrics |= loss_metrics(latent_search(model, without, preset).parts(mean), preset, metric_suffix(False))
+        metrics |= _residual_metrics(model.motors(mean), log, preset)
     return metrics
 
 
@@ -69,7 +70,7 @@ def loss_metrics(losses: np.ndarray, preset: Preset, suffix: str) -> dict[str, f
     return {f"loss_{name}{suffix}": float(value) for name, value in zip(_LOSS_METRICS, values, strict=True)}
 
 
-def _residual_metrics(motors: LatentActuator, log: MotorLog, preset: Preset) -> dict[str, float]:
+def _residual_metrics(motors: Actuator, log: MotorLog, preset: Preset) -> dict[str, float]:
     errors, velocity = replay_errors(motors, log, preset.nominal_conditions)
     pool, metrics = _pool(velocity), {}
     for index, name in enumerate(SPEEDS):

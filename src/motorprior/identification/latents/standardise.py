@@ -23,8 +23,8 @@ import numpy as np
 
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.geared_motor_constants import parameters_of
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import laplace_covariance, window_losses
+from motorprior.actuator.motor_prior import Decoder
+from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
@@ -54,17 +54,15 @@ def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
     return np.sqrt((PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - 1) * (motors + 1) / motors)
 
 
-def standardised(
-    network: LatentNetwork, mean: np.ndarray, assumed: np.ndarray | None = None
-) -> tuple[LatentNetwork, np.ndarray]:
+def standardised(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None = None) -> tuple[Decoder, np.ndarray]:
     """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
 
-    ``mean`` (M, Z) are their latents in a network without a copula, ``assumed`` (Z,) the assumed standard deviations,
+    ``mean`` (M, Z) are their latents in a model without a copula, ``assumed`` (Z,) the assumed standard deviations,
     used for few motors, 0 if not given.
     """
     motors, latents = mean.shape
     if latents == 0:
-        return network, mean
+        return model, mean
     if motors < MIN_MOTORS:
         std = mean.std(axis=0) if assumed is None else std_of_few(mean, assumed)
         quantiles = mean.mean(axis=0) + SCORES[:, None] * std
@@ -73,39 +71,39 @@ def standardised(
     quantiles = quantiles + _RISE * SCORES[:, None]
     normal = scores(quantiles, mean)
     mixing = np.eye(latents) if motors < MIN_MOTORS else np.linalg.cholesky(shrunk_correlation(normal)).T
-    return replace(network, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
+    return replace(model, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
 
 def standard_posterior(
-    network: LatentNetwork, data: TrainingData, preset: Preset, mean: np.ndarray, assumed: np.ndarray | None = None
-) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
-    """`standardised` network and means, and log-variances (M, Z).
+    model: Decoder, data: TrainingData, preset: Preset, mean: np.ndarray, assumed: np.ndarray | None = None
+) -> tuple[Decoder, np.ndarray, np.ndarray]:
+    """`standardised` model and means, and log-variances (M, Z).
 
     The variances are the diagonal of `fit_posterior`'s Laplace approximation; the temperature is the motors' mean loss.
     """
-    network, mean = standardised(network, mean, assumed)
+    model, mean = standardised(model, mean, assumed)
     if mean.size == 0:
-        return network, mean, np.zeros_like(mean)
-    temperature = float(window_losses(network, data, preset, mean).mean())
-    covariance = laplace_covariance(network, data, preset, mean, temperature)
-    return network, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
+        return model, mean, np.zeros_like(mean)
+    search = latent_search(model, data, preset)
+    covariance = laplace_covariance(search, mean, float(search.losses(mean).mean()))
+    return model, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
 
 
 def with_scaled_spread(
-    network: LatentNetwork, mean: np.ndarray, log_var: np.ndarray, factor: float
-) -> tuple[LatentNetwork, np.ndarray, np.ndarray]:
+    model: Decoder, mean: np.ndarray, log_var: np.ndarray, factor: float
+) -> tuple[Decoder, np.ndarray, np.ndarray]:
     """Network, latents and log-variances with samples scaled around the central motor by ``factor`` >= 1.
 
-    The decoded training motors stay the same; a network without a copula is unchanged.
+    The decoded training motors stay the same; a model without a copula is unchanged.
     """
-    copula = network.copula
+    copula = model.copula
     if copula is None or factor == 1.0:
-        return network, mean, log_var
+        return model, mean, log_var
     latents, middle = copula.decoder_latents(mean), copula.quantiles[len(SCORES) // 2]
     wide = Copula(copula.mixing, middle + factor * (copula.quantiles - middle))
     normal = scores(wide.quantiles, latents)
     moved = np.linalg.solve(copula.mixing.T, normal.T).T
-    return replace(network, copula=wide), moved, log_var - 2.0 * np.log(factor)
+    return replace(model, copula=wide), moved, log_var - 2.0 * np.log(factor)
 
 
 def shrunk_correlation(x: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification.networks.network import Parameters
+from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.networks.objectives import OBJECTIVES, kl_to_standard_normal
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, sample_windows
@@ -21,11 +22,6 @@ CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 CHECKPOINT_EVERY = 5  # chunks between two checkpoints
 DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
 SLOWER, RESTARTS = 3.0, 3  # divisor of the learning rate of each restart, and number of restarts
-_PHYSICS = ("motor_center", "motor_slope")
-
-
-class DivergedError(MotorPriorError):
-    """The training diverged at every learning rate."""
 
 
 Report = Callable[[int, str], None]  # (steps made, text)
@@ -41,6 +37,25 @@ class Checkpoints(Protocol):
         """Replace the state."""
 
 
+def train_network(
+    data: TrainingData,
+    preset: Preset,
+    seed: int,
+    report: Report = lambda steps, text: None,
+    checkpoints: Checkpoints | None = None,
+) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
+    """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
+    rng, shape = np.random.default_rng([seed, 0]), (len(data.series), preset.num_latents)
+    start = {
+        "network": initial_parameters(rng, preset),
+        "mean": jnp.asarray(0.1 * rng.standard_normal(shape), jnp.float32),
+        "log_var": jnp.full(shape, -2.0, jnp.float32),  # a weak type would compile a chunk twice
+    }
+    trained, losses = descend(start, data, preset, seed, report, checkpoints)
+    mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
+    return export(trained["network"], preset, data.scales), mean, log_var, losses
+
+
 def descend(
     trainable: Parameters,
     data: TrainingData,
@@ -51,8 +66,8 @@ def descend(
 ) -> tuple[Parameters, np.ndarray]:
     """Train ``network``, and ``mean`` and ``log_var`` of the motors' z, from ``trainable``; resumable to the byte.
 
-    With physics first, constants and z are fixed. Returns the trained parameters, and the mean loss of every CHUNK
-    steps; raises `DivergedError` at the smallest learning rate.
+    Returns the trained parameters, and the mean loss of every CHUNK steps; raises `MotorPriorError` at the smallest
+    learning rate.
     """
     kept = checkpoints.load() if checkpoints is not None else None
     first = int(kept["restart"]) if kept is not None else 0
@@ -65,7 +80,7 @@ def descend(
             return trained, np.asarray(losses)
         kept, problem = None, f"the loss is {losses[-1]:.3g} by Adam step {CHUNK * len(losses)} at a rate of {rate:.2g}"
         report(-CHUNK * (len(losses) - 1), f"{problem}: restarted at a lower rate")
-    raise DivergedError(
+    raise MotorPriorError(
         f"training diverged: {problem}, and at larger ones",
         remedy="check the log with `motorprior logs check`, or try another seed",
     )
@@ -112,14 +127,11 @@ def _flat(state: Any) -> dict[str, np.ndarray]:
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
-    objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured, bounded=True)
+    objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
     def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
         mean, log_var, network = trainable["mean"], trainable["log_var"], trainable["network"]
-        if preset.physics_first:
-            mean = jax.lax.stop_gradient(mean)
-            network = network | {name: jax.lax.stop_gradient(network[name]) for name in _PHYSICS}
         z = mean[motors]
         if preset.noisy:
             z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))

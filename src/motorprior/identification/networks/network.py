@@ -8,14 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator import copula
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.physics.initial_motor import initial_center
 from motorprior.identification.presets import Preset
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002  # [kg·m²]
-MIXED_STD = 0.1  # initial standard deviation of d log(constant) / d latent where every latent acts on every constant
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -26,20 +23,12 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         return jnp.asarray(scale * rng.standard_normal((rows, columns)), jnp.float32)
 
     inputs, neurons, latents = 2 * len(preset.taps), preset.num_neurons, preset.num_latents
-    parameters = {
+    return {
         "w1": dense(inputs, neurons), "v1": dense(latents, neurons), "b1": jnp.zeros(neurons),
         "w2": dense(neurons, neurons), "b2": jnp.zeros(neurons),
         "w3": dense(neurons, 1)[:, 0], "b3": jnp.zeros(()),
         "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32), "armature_slope": jnp.zeros(latents),
     }  # fmt: skip
-    if preset.grey_box:  # the network starts at zero torque, so that the physics explain as much as they can
-        center = initial_center(preset.terms)
-        slope = MIXED_STD * rng.standard_normal((latents, len(center)))
-        if preset.own_latents:
-            slope = np.ones(len(center))
-        parameters |= {"w3": jnp.zeros(neurons), "motor_center": jnp.asarray(center, jnp.float32)}
-        parameters |= {"motor_slope": jnp.asarray(slope, jnp.float32)}
-    return parameters
 
 
 def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
@@ -61,8 +50,6 @@ def import_parameters(network: LatentNetwork) -> Parameters:
     """The parameters, float32, of a network that `export` made."""
     names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
     values = {name: getattr(network, name) for name in names}
-    if network.motor is not None:
-        values |= {"motor_center": network.motor.center, "motor_slope": network.motor.slope}
     if network.copula is not None:
         values |= {"mixing": network.copula.mixing, "quantiles": network.copula.quantiles}
     return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
@@ -71,12 +58,5 @@ def import_parameters(network: LatentNetwork) -> Parameters:
 def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network, as simulations use it."""
     values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
-    motor = None
-    if preset.grey_box:
-        slope = values.pop("motor_slope")
-        motor = GearedMotor(values.pop("motor_center"), np.diag(slope) if preset.own_latents else slope, preset.terms)
     values |= scales
-    return LatentNetwork(
-        **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature, motor=motor,
-        gain_unit=preset.gain_unit,
-    )  # fmt: skip
+    return LatentNetwork(**values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature)

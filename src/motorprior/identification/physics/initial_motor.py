@@ -7,18 +7,16 @@ alone, are tried on the logs, and the fit starts from the best if its loss is le
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import parameters_of
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import INITIAL, SIGNED
-from motorprior.identification.physics.motor_fit import MotorFit
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, SIGNED
 from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import Preset
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 INITIAL_MOTOR = {
@@ -29,9 +27,8 @@ INITIAL_MOTOR = {
 # Constants that scale with the size of a motor
 TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
-    "integral_limit", "stall_torque", "bristle_stiffness", "output_damping",
+    *(name for name, constant in CONSTANTS.items() if constant.unit.startswith("N·m")),
 )  # fmt: skip
-_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # logarithms of the factors that are tried
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
@@ -61,23 +58,6 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     return encoded(motor, terms)
 
 
-def sized_center(
-    network: LatentNetwork, runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None
-) -> np.ndarray:
-    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
-    center = initial_center(terms, runs)
-    if runs.gain_unit == PHYSICAL_GAINS:
-        return center
-    names = parameters_of(terms)
-    torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
-    sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
-    z = np.zeros((runs.num_motors, len(names)))
-    losses = [MotorFit(with_motor(network, size, terms), runs, chosen).losses(z) for size in sizes]
-    middle = np.median(losses, axis=1)
-    best = int(np.argmin(middle))
-    return sizes[best] if middle[best] < 0.5 * middle[0] else center
-
-
 def logs_kd(runs: WindowRuns) -> bool:
     """Whether the logs have kd: where they do not, it is set to kp (`windows`)."""
     return bool(np.any(runs.gains[1] != runs.gains[0]))
@@ -91,10 +71,6 @@ def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
     ])  # fmt: skip
 
 
-def with_motor(network: LatentNetwork, center: np.ndarray, terms: tuple[str, ...]) -> LatentNetwork:
-    """A network with this central motor, and one latent per constant; its own weights ignore the latents."""
-    size = len(center)
-    motor = GearedMotor(center, np.eye(size), terms)
-    return replace(
-        network, motor=motor, v1=np.zeros((size, network.num_neurons)), armature_slope=np.zeros(size), copula=None
-    )
+def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> GreyBox:
+    """The decoder around a central motor (P,), with one latent per constant."""
+    return GreyBox(GearedMotor(center, np.eye(len(center)), terms), preset.period, gain_unit=preset.gain_unit)

@@ -1,227 +1,315 @@
-"""Fit of many motors at once, each to its own log, by free runs: a global search, then damped Gauss-Newton steps.
+"""Fit of motors to their logs: every motor alone, or together with a Gaussian over the motors.
 
-    minimise  U(z) = loss(z) + ½·Σ_k precision_k·(z_k - mean_k)²
+Unknowns are the logarithms of the constants (linear where they may be negative), relative to a central motor; one
+latent is one output. Alone, the simplest motor is fitted first, a rigid gear with Coulomb and viscous friction. Every
+further search starts from this optimum, with the constants that it lacks drawn around the initial motor, from the best
+motor so far with a random half of its constants redrawn, and from other motors' constants, until the best optimum of
+each motor was found three times: a motor never fits worse than one that is nested in it. Together, a Gaussian over the
+motors is estimated by empirical Bayes: first from the separate fits (random effects, DerSimonian and Laird, 1986), then
+in turns of
 
-per motor, with the rollout loss over all windows. Derivatives are central differences over a wide step, since
-stiction makes small ones meaningless, and a step is taken only if it lowers U: no fit diverges.
+    m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
+    S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
+
+v is the variance of one more motor: that between the motors, plus the uncertainty of each. A window, of N, fitted as
+well as the average one counts as one observation.
+
+Long free runs identify constants that short ones confuse, but a search on them ends in poor optima. So the search uses
+short runs, and `refined` takes the last steps on longer ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.compiled import njit
-from motorprior.identification.physics.window_runs import WindowRuns, huber, huber_curvature, huber_weight
+from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.optional_terms import constants_of
+from motorprior.identification.physics.motor_problem import (
+    OFF,
+    WEAK,
+    centred,
+    fixed_constants,
+    motor_search,
+    rigid_motor,
+    sized_center,
+    weak_prior,
+    with_more_terms,
+)
+from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
+from motorprior.identification.presets import Preset
+from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.training_data.windows import TrainingData
 
-WIDE, NARROW = 0.1, 0.03  # step of the central differences, in latents: logarithms of constants, or N(0, 1)
-MAX_STEP = 0.5  # of a latent, in one Gauss-Newton step
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-_MIN_GAIN = 1e-4  # share of U; a motor stops after a step that lowers it by less
-_LANES = 768  # motors simulated at a time; bounds the memory
-_DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
-_FIXED = 1e6  # precision of a fixed latent
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc"})
-def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Σ_r slopes·pulls (Z,) and Σ_r weights·slopes·slopesᵀ (Z, Z), in the same order for any number of threads."""
-    size, count = slopes.shape
-    gradient, matrix = np.zeros(size), np.zeros((size, size))
-    for i in range(size):
-        weighted, total = weights * slopes[i], np.float32(0.0)
-        for row in range(count):
-            total += pulls[row] * slopes[i, row]
-        gradient[i] = total
-        for j in range(i + 1):
-            total = np.float32(0.0)
-            for row in range(count):
-                total += weighted[row] * slopes[j, row]
-            matrix[i, j] = matrix[j, i] = total
-    return gradient, matrix
-
-
-@dataclass(frozen=True)
-class GaussianPrior:
-    """Independent Gaussians of z of this mean and precision, each (Z,) or (M, Z)."""
-
-    mean: np.ndarray
-    precision: np.ndarray
-
-    def fixing(self, columns: np.ndarray) -> GaussianPrior:
-        """The same with z fixed at 0 in these columns (Z,)."""
-        return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, _FIXED, self.precision))
-
-    def energy(self, z: np.ndarray) -> np.ndarray:
-        """(M, ...) ½·Σ precision·(z - mean)² of z (M, ..., Z)."""
-        mean, precision = (_broadcast(values, z) for values in (self.mean, self.precision))
-        return 0.5 * np.sum(precision * (z - mean) ** 2, axis=-1)
-
-
-def _broadcast(values: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Values (Z,) or (M, Z) in a shape that broadcasts with z (M, ..., Z)."""
-    return values if values.ndim == 1 else values.reshape(len(values), *[1] * (z.ndim - 2), -1)
+RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
+RESTARTS, DRAWS = 24, 256  # at most, and candidates of each
+LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
+STEPS = ((10, WIDE), (6, NARROW))  # of a descent
+FINEST = 0.01  # step of the differences of the last descent
+TURNS = 8  # of empirical Bayes
+STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
+SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
+# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
+FILTER_STD = 0.7
+_MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
+LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
+# refinement: wide differences average over ripples, narrow ones find the minimum
+REFINEMENT = ((10, WIDE), (10, NARROW), (10, FINEST))
+_STREAM = 41
 
 
 @dataclass(frozen=True)
-class Fit:
-    """Current point of M motors: z (M, Z), energy U (M,) and loss (M,)."""
+class FleetFit:
+    """A central motor's decoder outputs (K,), and those of M motors relative to it (M, K); their losses (M,)."""
 
-    z: np.ndarray
-    energy: np.ndarray
+    center: np.ndarray
+    offsets: np.ndarray
     loss: np.ndarray
-
-    def better(self, other: Fit) -> Fit:
-        """The fit with less energy, for every motor."""
-        chosen = other.energy < self.energy
-        both = zip(vars(self).values(), vars(other).values(), strict=True)
-        return Fit(*(select(chosen, others, values) for values, others in both))
+    terms: tuple[str, ...]
+    is_rigid: bool = False
 
 
-def select(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(M, ...) ``values`` of the motors (M,) that are chosen, and ``others`` of the rest."""
-    return np.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), values, others)
-
-
-class MotorFit:
-    """The fit of M motors.
+def fit_motors(
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    together: bool,
+    seed: int,
+    chosen: np.ndarray | None = None,
+    report: Callable[[], None] = lambda: None,
+    part: WindowRuns | None = None,
+    nested: FleetFit | None = None,
+    restarts: int = RESTARTS,
+) -> FleetFit:
+    """Fit all motors of the logs.
 
     Args:
-        network: decoder from z to motors.
         runs: the logs.
+        terms: optional terms of the motors (`optional_terms`).
+        together: estimate a Gaussian over the motors.
+        seed: of the searches.
         chosen: (N,) mask of the windows that count; all if not given.
-        lower: (M, Z) lower bounds of z in random searches and restarts, not in Gauss-Newton steps; none if not given.
+        report: called STAGES times.
+        part: runs of a part of the rows, for all but the last descents; ``runs`` if not given.
+        nested: a fit of simpler motors to start from; `fit_rigid_motors` if not given.
+        restarts: maximum number.
     """
+    part = part or runs
+    rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
+    nested = nested or fit_rigid_motors(part, terms, seed, chosen)
+    start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
+    initial = sized_center(part, terms, chosen)
+    neutral, lacks = rigid_motor(initial, terms, runs)
+    is_new = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms)))
+    lacks &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
+    center = np.where(lacks, 0.5 * (neutral + initial), initial)
+    report()
+    center = np.where(lacks | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
+    search = centred(center, terms, part, chosen)
+    simplest = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
+    found = _alone(search, rng, simplest, initial - center, neutral - center, lacks, fixed, restarts, report)
+    if part is not runs:
+        search = centred(center, terms, runs, chosen)
+        found = search.descend(found.x, weak_prior(found.x).fixing(fixed), STEPS)
+    if together and runs.num_motors > 1:
+        found = _together(search, rng, found, fixed, report)
+    x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
+    # around a centre from which the decoder reaches every motor
+    middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
+    center, x = center + middle, x - middle
+    return FleetFit(center, x, centred(center, terms, runs, chosen).losses(x), terms)
 
-    def __init__(
-        self,
-        network: LatentNetwork,
-        runs: WindowRuns,
-        chosen: np.ndarray | None = None,
-        lower: np.ndarray | None = None,
-    ):
-        self.network, self.runs, self._lower = network, runs, lower
-        self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
-        self._everyone = np.arange(runs.num_motors)
 
-    @property
-    def windows(self) -> int:
-        """Number of windows of each motor that count."""
-        return len(np.arange(self.runs.windows)[self._chosen])
+def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, chosen: np.ndarray | None = None) -> FleetFit:
+    """The simplest motors: the best of RIGID_STARTS random searches, refined; arguments as for `fit_motors`."""
+    rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
+    initial = sized_center(runs, terms, chosen)
+    rigid, lacks = rigid_motor(initial, terms, runs)
+    search, held = centred(rigid, terms, runs, chosen), lacks | fixed
+    shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
+    prior = weak_prior(np.zeros(len(rigid))).fixing(held)
+    found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
+    for _ in range(RIGID_STARTS):
+        away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
+        away[:, 0] = 0.0
+        best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
+        found = found.better(search.descend(best, prior, STEPS[:1]))
+    found = search.descend(found.x, prior, STEPS[1:])
+    return FleetFit(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
 
-    def _residuals(self, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        with np.errstate(over="ignore", invalid="ignore"):
-            found = self.runs.residuals(self.network, z, motor)[:, self._chosen]
-        return found.reshape(len(motor), -1)
 
-    def losses(self, z: np.ndarray, motors: np.ndarray | None = None) -> np.ndarray:
-        """(...) loss of motor z[m, ...] on its own log; z is (M, ..., Z), of these ``motors`` (M,) or of all."""
-        shape, motors = z.shape[:-1], self._everyone if motors is None else motors
-        motor = np.broadcast_to(motors.reshape(-1, *[1] * (z.ndim - 2)), shape).ravel()
-        rows, found = z.reshape(-1, z.shape[-1]), np.empty(len(motor))
-        for first in range(0, len(motor), _LANES):
-            some = slice(first, first + _LANES)
-            found[some] = self._loss(self._residuals(rows[some], motor[some]))
-        return found.reshape(shape)
+def _alone(
+    search: Search,
+    rng: np.random.Generator,
+    simplest: np.ndarray,
+    initial: np.ndarray,
+    neutral: np.ndarray,
+    lacks: np.ndarray,
+    fixed: np.ndarray,
+    restarts: int,
+    report: Callable[[], None],
+) -> Fit:
+    """Every motor by itself.
 
-    def window_losses(self, z: np.ndarray) -> np.ndarray:
-        """(M, N) loss of each window at z (M, Z)."""
-        everyone, shape = self._everyone, (len(z), self.windows, -1)
-        values = np.concatenate([self._residuals(z[[motor]], everyone[[motor]]) for motor in everyone])
-        return self._loss(values.reshape(shape).astype(np.float64))
+    ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and
+    ``neutral`` (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
+    """
+    prior = weak_prior(np.where(lacks, neutral, 0.0))
+    filtered = np.arange(len(fixed)) == PARAMETERS.index("velocity_filter")
+    size = search.losses(simplest)[:, None] / search.problem.observations / FILTER_STD**2
+    precision = np.where(filtered, size, prior.precision)
+    prior = GaussianPrior(np.where(filtered, initial, prior.mean), precision).fixing(fixed)
+    shape, gear = (len(simplest), DRAWS, simplest.shape[1]), PARAMETERS.index("gear_stiffness")
 
-    def _loss(self, residuals: np.ndarray) -> np.ndarray:
-        with np.errstate(over="ignore", invalid="ignore"):
-            loss = self.runs.channels * np.mean(huber(residuals), axis=-1, dtype=np.float64)
-        return np.where(np.isfinite(loss), loss, _DIVERGED_LOSS)
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        noise, kind = rng.standard_normal(shape), restart % 4
+        if kind == 0:  # the simplest motor, with constants that it lacks, and every second time with a compliant gear
+            around = simplest[:, None] + 0.2 * noise * ~lacks
+            candidates = np.where(lacks & (rng.random(shape) < 0.5), initial + 1.5 * noise, around)
+            if restart % 2 == 0 and lacks[gear]:
+                candidates[..., gear] = 2.0 * initial[gear] - neutral[gear] + 0.5 * noise[..., gear]
+        elif kind == 1:  # the best motor, with other constants, or another motor's
+            candidates = np.where(rng.random(shape) < 0.5, best.x[:, None] + 0.5 * noise, best.x[:, None])
+            _add_others(rng, candidates, best.x)
+        elif kind == 2:  # the simplest motor, with the initial motor's values of what it lacks
+            candidates = np.where(lacks, initial + 0.5 * noise, simplest[:, None] + 0.3 * noise)
+        else:  # any motor
+            candidates = np.where(rng.random(shape) < 0.8, initial + 0.7 * noise, best.x[:, None])
+        return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    def best_of(self, candidates: np.ndarray, prior: GaussianPrior) -> np.ndarray:
-        """(M, Z) candidate with the lowest energy for each motor; candidates (M, K, Z) are raised to the bounds."""
-        if self._lower is not None:
-            candidates = np.maximum(candidates, _broadcast(self._lower, candidates))
-        energy = self.losses(candidates) + prior.energy(candidates)
-        return candidates[self._everyone, energy.argmin(axis=1)]
+    found = search.descend(simplest, prior, STEPS[:1])
+    complete = np.where(lacks, np.clip(initial, -LOG_REACH, LOG_REACH), simplest)
+    found = found.better(search.descend(complete, prior, STEPS[:1]))
+    lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
+    found = search.until_found_again(found, prior, draw, restarts, STEPS, report, lead)
+    if len(rest := np.setdiff1d(search.everyone, lead)):
 
-    def search(
-        self, rng: np.random.Generator, start: np.ndarray, prior: GaussianPrior, radii: tuple[float, ...], count: int
-    ) -> np.ndarray:
-        """(M, Z) best of a random search around ``start`` (M, Z), ``count`` samples per radius."""
-        best = start
-        for radius in radii:
-            samples = radius * rng.standard_normal((count, start.shape[-1]))
-            samples[0] = 0.0
-            best = self.best_of(best[:, None] + samples, prior)
-        return best
+        def draw_near(restart: int, best: Fit) -> np.ndarray:
+            candidates = draw(restart, best)
+            known = found.x[lead][rng.integers(len(lead), size=shape[:2])]
+            near = known + 0.3 * rng.standard_normal(shape) * (rng.random(shape) < 0.5)
+            return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
-    def polish(self, start: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float = NARROW) -> Fit:
-        """Damped Gauss-Newton steps from ``start`` (M, Z); a motor stops when one lowers U by less than _MIN_GAIN.
+        found = search.until_found_again(found, prior, draw_near, restarts // 3, STEPS, which=rest)
+    return search.descend(found.x, prior, ((10, FINEST),))
 
-        At most ``steps``, with derivatives over ``diff_step``, WIDE or NARROW.
-        """
-        z, damping = start, np.full(len(start), 1e-2)
-        loss = self.losses(z)
-        energy = loss + prior.energy(z)
-        slope, curvature = self._derivatives(z, diff_step)
-        left = self._everyone
-        for step in range(steps):
-            tried = damping[:, None] * DAMPINGS
-            candidates = z[:, None] - self._moves(z, slope, curvature, prior, tried)
-            losses = np.full(candidates.shape[:2], np.inf)
-            losses[left] = self.losses(candidates[left], left)
-            energies = losses + prior.energy(candidates)
-            best = energies.argmin(axis=1)
-            found = energies[self._everyone, best]
-            lower = found < energy
-            damping = np.clip(np.where(lower, tried[self._everyone, best], 30.0 * damping), 1e-6, 1e4)
-            done = lower & (energy - found < _MIN_GAIN * energy)
-            z = np.where(lower[:, None], candidates[self._everyone, best], z)
-            loss, energy = np.where(lower, losses[self._everyone, best], loss), np.where(lower, found, energy)
-            left = left[~done[left]]
-            if not len(left):
-                break
-            if step + 1 < steps and len(moved := left[lower[left]]):
-                slope[moved], curvature[moved] = self._derivatives(z, diff_step, moved)
-        return Fit(z, energy, loss)
 
-    def curvatures(self, z: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
-        """(M, Z, Z) Gauss-Newton matrices of the loss: channels·mean of huber''(r)·∇r·∇rᵀ."""
-        return self._derivatives(z, diff_step, bend=huber_curvature)[1]
+def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray) -> None:
+    """Replace up to a quarter of the candidates (M, C, K) of each motor by other motors' constants."""
+    for motor in range(len(x)):
+        others = rng.permutation(np.delete(np.arange(len(x)), motor))[: candidates.shape[1] // 4]
+        candidates[motor, : len(others)] = x[others]
 
-    def _moves(
-        self, z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, prior: GaussianPrior, damping: np.ndarray
-    ) -> np.ndarray:
-        matrix = curvature + prior.precision[..., None] * np.eye(z.shape[1])
-        gradient = slope + prior.precision * (z - prior.mean)
-        diagonal = np.einsum("mpp->mp", matrix)
-        scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
-        damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * np.eye(z.shape[1])
-        moves = np.linalg.solve(damped, np.broadcast_to(gradient[:, None, :, None], (*damped.shape[:3], 1)))[..., 0]
-        return np.clip(moves, -MAX_STEP, MAX_STEP)
 
-    def _derivatives(
-        self, z: np.ndarray, diff_step: float, motors: np.ndarray | None = None, bend: Callable = huber_weight
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient (M, Z) and Gauss-Newton matrix (M, Z, Z) of the loss, of these ``motors``.
+def _together(
+    search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, report: Callable[[], None]
+) -> Fit:
+    """Empirical Bayes in TURNS, from the separate fits."""
+    prior = _first_prior(search, found).fixing(fixed)
+    for turn in range(TURNS):
+        found = search.descend(found.x, prior, ((6, WIDE if turn < 2 else NARROW),))
+        if turn < 4:
+            std = np.sqrt(found.loss.mean() / search.problem.observations / prior.precision)
+            shape = (len(found.x), DRAWS, found.x.shape[1])
+            samples = prior.mean + std * rng.standard_normal(shape)
+            candidates = np.where(rng.random(shape) < 0.5, samples, found.x[:, None])
+            _add_others(rng, candidates, found.x)
+            other = search.best_of(np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH), prior)
+            found = found.better(search.descend(other, prior, ((6, WIDE),)))
+        prior = fleet_prior(found, search.problem.observations, posterior_variance(search, found, prior)).fixing(fixed)
+        report()
+    return found
 
-        The matrix has ``bend`` in place of the second derivative: with `huber_weight` it is an upper bound.
-        """
-        motors, size = self._everyone if motors is None else motors, z.shape[1]
-        slope, curvature = np.zeros((len(motors), size)), np.zeros((len(motors), size, size))
-        shifts = diff_step * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
-        together = max(1, _LANES // len(shifts))
-        for first in range(0, len(motors), together):
-            some = motors[first : first + together]
-            lanes = (z[some][:, None] + shifts).reshape(-1, size)
-            found = self._residuals(lanes, np.repeat(some, len(shifts))).reshape(len(some), len(shifts), -1)
-            for row, values in enumerate(found, first):
-                with np.errstate(over="ignore", invalid="ignore"):
-                    here, slopes = values[0], (values[1 : size + 1] - values[size + 1 :]) / np.float32(2.0 * diff_step)
-                    usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
-                here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
-                gradient, matrix = _sums(slopes, huber_weight(here) * here, bend(here))
-                factor = self.runs.channels / len(here)
-                slope[row], curvature[row] = factor * gradient, factor * matrix
-        return slope, curvature
+
+def _first_prior(search: Search, found: Fit) -> GaussianPrior:
+    """Gaussian over motors that were fitted separately, by random effects: uncertain constants count less.
+
+    Two steps of v = (Σ w·(x - m)² - Σ w·s² + Σ w²·s²/Σ w) / (Σ w - Σ w²/Σ w), w = 1/(v + s²), m = Σ w·x/Σ w.
+    """
+    windows, motors = search.problem.observations, len(found.x)
+    information = search.curvatures(found.x, WIDE) * windows / found.loss[:, None, None]
+    floor = 1e-2 * np.eye(found.x.shape[1])  # unidentifiable constants have a standard deviation of 10
+    s2 = np.einsum("mkk->mk", np.linalg.inv(information + floor))
+    m, v = found.x.mean(axis=0), np.zeros(found.x.shape[1])
+    for _ in range(3):
+        w = 1.0 / (v + s2)
+        total = w.sum(axis=0)
+        m = (w * found.x).sum(axis=0) / total
+        spread = (w * (found.x - m) ** 2).sum(axis=0) - (w * s2).sum(axis=0) + (w**2 * s2).sum(axis=0) / total
+        v = np.maximum(0.0, spread / np.maximum(total - (w**2).sum(axis=0) / total, 1e-12))
+    variance = np.maximum(v * (motors + 1) / motors, _MIN_STD**2)
+    return GaussianPrior(m, found.loss.mean() / windows / variance)
+
+
+def posterior_variance(search: Search, found: Fit, prior: GaussianPrior) -> np.ndarray:
+    """(K,) posterior variance of a motor's x, mean over the motors."""
+    scale = search.problem.observations / found.loss.mean()
+    precision = (search.curvatures(found.x) + np.diag(prior.precision)) * scale
+    return np.einsum("mkk->mk", np.linalg.inv(precision)).mean(axis=0)
+
+
+def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> GaussianPrior:
+    """Gaussian of one more motor; ``variance`` (K,) is that of `posterior_variance`."""
+    mean, motors = np.median(found.x, axis=0), len(found.x)
+    spread = (motors + 1) / (motors - 1) * np.mean((found.x - mean) ** 2, axis=0)
+    variance = np.maximum(spread + variance, _MIN_STD**2)
+    return GaussianPrior(mean, found.loss.mean() / windows / variance)
+
+
+def _without_unidentified_limits(
+    search: Search, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, found: Fit, fixed: np.ndarray
+) -> np.ndarray:
+    """(M, K) unknowns whose limits are off, OFF times the largest request or speed, where they save less than SAVING.
+
+    With lower limits the motor could saturate in other motions.
+    """
+    x, names = np.clip(found.x, -LOG_REACH, LOG_REACH), parameters_of(terms)
+    kp = names.index("kp")
+    asked = np.exp(center[kp] + x[:, kp]) * runs.max_request
+    reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
+    losses = search.losses(x)
+    for name, largest in reached.items():
+        if name not in names or not largest.max() or fixed[names.index(name)]:
+            continue
+        row, free = names.index(name), x.copy()
+        off = np.log(OFF * largest.max()) - center[row]
+        free[:, row] = np.clip(off, x[:, row], LOG_REACH)
+        precision = np.where(fixed | (np.arange(len(names)) == row), FIXED, WEAK)
+        free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), STEPS[1:])
+        unidentified = free.loss * (1.0 - SAVING) <= losses
+        x, losses = np.where(unidentified[:, None], free.x, x), np.where(unidentified, free.loss, losses)
+    return x
+
+
+def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
+    """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe, if they are as long.
+
+    Returns ``runs``, too, if longer windows lose more than MAX_LOST of the rows or are fewer than MIN_LONGER_WINDOWS.
+    """
+    lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
+    length = int(np.median(lengths[lengths >= preset.window]))
+    window = length // max(1, round(length / LONGER_WINDOW))
+    if window <= preset.window:
+        return runs
+    longer = WindowRuns(data, replace(preset, window=window), heartbeat=runs.heartbeat)
+    enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * preset.window
+    return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
+
+
+def refined(
+    model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
+) -> np.ndarray:
+    """(M, K) latents after Gauss-Newton steps from ``x`` on ``runs``, longer than those of the fit.
+
+    The prior is the fleet's if ``together``, estimated at x; otherwise it is weak, around x.
+    """
+    search, fixed = motor_search(model, runs, chosen), fixed_constants(model.motor.terms, runs)
+    prior, windows = weak_prior(x).fixing(fixed), search.problem.observations
+    if together and len(x) > 1:
+        found = search.at(x, prior)
+        first = fleet_prior(found, windows, 0.0).fixing(fixed)
+        prior = fleet_prior(found, windows, posterior_variance(search, found, first)).fixing(fixed)
+    prior = replace(prior, mean=np.where(fixed, x, prior.mean))
+    return np.where(fixed, x, np.clip(search.descend(x, prior, REFINEMENT).x, -LOG_REACH, LOG_REACH))

@@ -1,17 +1,16 @@
-"""Selection of optional dynamics terms (`optional_terms`) by backward elimination on held-out free runs.
+"""Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
-Some motors are fitted to every second segment of their logs and tested on the others. First, all terms are fitted
-together, since some help only with another: by several searches, and by one that starts from the terms of SERVO alone.
-Each motor keeps its best fit. Then each term is removed in turn, the rarest first. The fit is polished without it and,
-if the loss rises, searched again, since a term changes other constants. The term stays if
+Some motors are fitted to every second segment of their logs and tested on the others. Each term that is not yet
+selected is added to the best fit so far, with its constants drawn around the initial motor, so that a motor with more
+terms never fits worse than one with fewer. Each is also added to the simplest motor, with a rigid gear, where the
+effects of other constants cannot hide it; the best there starts a search of its own. The terms of SERVO are also added
+together, since some help only with another. Of the candidates that lower the loss most, the one that saves most of the
+held-out loss is selected, if
 
-    median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 20 %
+    median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 5 %
 
-(at 5 %, few motors lose terms that they have; for fewer than five motors the test is over their held-out parts).
-Rounds with the terms that saved at most CLEAR_SAVING follow until no term is removed. Each removed term is then added
-once more and stays if it saves MIN_SAVING, significantly at 5 %. Finally all terms are compared with none in the same
-way. Where conditions differ between segments, their terms are also tried alone: with few logs, a fit of all terms may
-be too poor to identify them. Terms with logged constants, and conditions that do not vary, are not tried.
+(for fewer than five motors the test is over their held-out parts), until no candidate passes. Finally every selected
+term is removed once, and stays out if it saved less, at 20 %.
 """
 
 from __future__ import annotations
@@ -23,32 +22,35 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import wilcoxon
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.optional_terms import NEGLIGIBLE, in_order
-from motorprior.identification.physics.fleet_fit import TURNS, fit_fleet, fixed_constants, weak_prior
-from motorprior.identification.physics.initial_motor import encoded, with_motor
-from motorprior.identification.physics.motor_fit import MotorFit, select
+from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
+from motorprior.identification.physics.initial_motor import grey_box, initial_center
+from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
+from motorprior.identification.physics.motor_problem import (
+    centred,
+    fixed_constants,
+    motor_search,
+    rigid_motor,
+    weak_prior,
+    with_more_terms,
+)
 from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.search import NARROW, WIDE, Fit, Steps
 
+CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
-CLEAR_SAVING = 0.3  # share of the held-out loss: a term that saved more in one round is not removed in the next
 # of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
-MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 60
-SERVO = ("profile", "output_encoder", "dead_zone", "output_damping")  # usual in hobby servos
+MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
+SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
-# order of elimination, the rarest first
-ELIMINATION_ORDER = (
-    "heat", "temperature", "supply", "asymmetry", "presliding", "current", "dead_zone", "integral", "output_encoder",
-    "output_damping", "torque_speed", "profile",
-)  # fmt: skip
-_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for elimination and for additions
+_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
-_ATTEMPTS, _STEPS, _TURNS = 3, 10, (*TURNS[:3], *TURNS[-2:])
+_DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
+_SCREEN, _STEPS = ((4, WIDE),), ((10, WIDE), (6, NARROW))  # descents of all candidates, and of the finalists
 
 
 @dataclass(frozen=True)
@@ -64,40 +66,65 @@ class _State:
     """A fit of m motors."""
 
     terms: tuple[str, ...]
-    raw: np.ndarray  # (m, P) decoder outputs
+    raw: np.ndarray  # (m, K) decoder outputs
     fitted: np.ndarray  # (m,) training loss
     held_out: np.ndarray  # (m,)
     parts: np.ndarray  # (m, s) held-out loss by part
 
 
-def select_terms(
-    network: LatentNetwork, runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None
-) -> Selection:
+def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None) -> Selection:
     """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
-    ``report`` is called for every term of ELIMINATION_ORDER in the first round, then for every fit of a later round.
+    ``report`` is called for every candidate in the first round, then for every selected or removed term.
     """
     motors = runs.num_motors
     parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
     given, off = runs.preset.logged_terms, (*runs.preset.disabled_terms, *same_conditions(runs))
-    tried = tuple(name for name in ELIMINATION_ORDER if name not in off)
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    search = _Search(network, runs, parts, seed, report)
-    best = search.all_terms(tried, (*(name for name in SERVO if name not in off), *given))
-    for name in ELIMINATION_ORDER:
-        if name in (*given, *off):
-            report(f"{name}: {'logged' if name in given else 'not tried'}")
-    best, saved = search.eliminated(best)
-    if varied := tuple(name for name in MIN_VARIATION if name not in off):
-        alone, saved_alone = search.eliminated(search.fitted((*varied, *given)))
-        if _saves_enough(best, alone, _STRICT_LEVEL):
-            best, saved = alone, saved_alone
-    if best.terms != given:
-        bare = _better(search.polished(best, given), search.fitted(given))
-        best = best if _saves_enough(bare, best, _STRICT_LEVEL) else bare
-    return Selection(best.terms, saved)
+    trial = _Trial(runs, parts, seed)
+    rigid = trial.rigid(given)
+    best, saved = trial.enriched(rigid), {}
+    groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
+    servo = tuple(name for name in SERVO if name not in (*given, *off))
+    for round_number in range(len(CANDIDATES)):
+        left = [group for group in groups if group[0] not in best.terms]
+        together = tuple(name for name in servo if name not in best.terms)
+        left += [together] * (len(together) > 1)
+        tried = {group: trial.screened(best, group) for group in left}
+        for group, more in tried.items() if round_number == 0 else ():
+            if len(group) == 1:
+                report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
+        finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
+        polished = {group: trial.polished(tried[group], group) for group in finalists}
+        if left:
+            simple = {group: trial.simple(rigid, group) for group in left}
+            first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
+            other = trial.enriched(simple[first])
+            if first not in polished or other.fitted.mean() < polished[first].fitted.mean():
+                polished[first] = other
+        saved |= {group[0]: _saved(best, more) for group, more in (tried | polished).items() if len(group) == 1}
+        passed = {group: more for group, more in polished.items() if _saves_enough(best, more, _STRICT_LEVEL)}
+        if not passed:
+            break
+        chosen = max(passed, key=lambda group: _saved(best, passed[group]))
+        best, rigid = passed[chosen], trial.simple(rigid, chosen)
+        report(f"selected {', '.join(best.terms)}")
+    return Selection(*_without_spare(trial, best, given, saved, report))
+
+
+def _without_spare(
+    trial: _Trial, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """The terms that are needed, and ``saved`` with what they save."""
+    for name in [name for name in best.terms if name not in given]:
+        less = trial.without(best, name)
+        saved[name] = _saved(less, best)
+        if not _saves_enough(less, best, _LEVEL):
+            best = less
+        report(f"{name}: saves {100 * saved[name]:.0f} %")
+    return best.terms, saved
 
 
 def min_difference(condition: str, nominal: float) -> float:
@@ -135,83 +162,92 @@ def _logarithm(loss: np.ndarray) -> np.ndarray:
     return np.log(loss + 1e-9)  # the loss of a static part may be 0
 
 
-class _Search:
-    """Fits to the windows in every second of these ``parts`` (N,), tested on the others; logged terms stay."""
+class _Trial:
+    """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
 
-    def __init__(
-        self, network: LatentNetwork, runs: WindowRuns, parts: np.ndarray, seed: int, report: Callable[[str], None]
-    ):
-        self._network, self._runs, self._parts, self._seed, self._report = network, runs, parts, seed, report
-        self._train, self._test, self._given = parts % 2 == 0, parts % 2 == 1, runs.preset.logged_terms
+    def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int):
+        self._runs, self._parts, self._seed = runs, parts, seed
+        self._train, self._test = parts % 2 == 0, parts % 2 == 1
 
-    def fitted(self, terms: tuple[str, ...], attempt: int = 0) -> _State:
-        """A new search."""
-        terms, seed = in_order(terms), self._seed + attempt
-        found = fit_fleet(self._network, self._runs, terms, True, seed, chosen=self._train, turns=_TURNS)
-        return self._state(terms, found.center, found.offsets)
+    def rigid(self, terms: tuple[str, ...]) -> _State:
+        """The simplest motors, with a rigid gear."""
+        found = fit_rigid_motors(self._runs, terms, self._seed, self._train)
+        return self._state(terms, found.center + found.offsets)
 
-    def all_terms(self, tried: tuple[str, ...], servo: tuple[str, ...]) -> _State:
-        """The best of several fits of all terms for every motor; one starts from those of a ``servo`` alone."""
-        best = self.polished(self.fitted(servo), in_order(tried))
-        for attempt in range(_ATTEMPTS):
-            best = _better(best, self.fitted(tried, attempt))
-        return best
+    def enriched(self, rigid: _State) -> _State:
+        """A search from simplest motors, with all constants."""
+        center, terms = rigid.raw.mean(axis=0), rigid.terms
+        nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
+        found = fit_motors(self._runs, terms, False, self._seed, self._train, nested=nested, restarts=_RESTARTS)
+        return self._state(terms, found.center + found.offsets)
 
-    def eliminated(self, best: _State) -> tuple[_State, dict[str, float]]:
-        """The fit after rounds of elimination, and the share that each tried term saved."""
-        before, tried, saved = (), best.terms, {}
-        while best.terms != before:
-            before = best.terms
-            best = self._one_round(best, saved)
-        # each removed term is tried once more, the most common first
-        same = self.polished(best, best.terms)
-        for name in [name for name in reversed(ELIMINATION_ORDER) if name in tried and name not in best.terms]:
-            more = self.polished(best, in_order((*best.terms, name)))
-            if _saves_enough(same, more, _STRICT_LEVEL):
-                best, saved[name] = more, _saved(same, more)
-                same = self.polished(best, best.terms)
-                self._report(f"{name}: retried, saves {100 * saved[name]:.0f} %")
-        return best, saved
+    def simple(self, rigid: _State, added: tuple[str, ...]) -> _State:
+        """The simplest motors with more terms."""
+        terms = in_order((*rigid.terms, *added))
+        nested = with_more_terms(rigid.raw, rigid.terms, terms, self._runs)
+        _, lacks = rigid_motor(nested[0], terms, self._runs)
+        held = lacks & np.isin(parameters_of(terms), (*PARAMETERS, *constants_of(set(TERMS) - set(terms))))
+        return self._searched(terms, nested, constants_of(added), _SIMPLE_RESTARTS, _SCREEN, held)
 
-    def _one_round(self, best: _State, saved: dict[str, float]) -> _State:
-        """Remove each term that was not logged in turn; ``saved`` receives the share that each saves."""
-        for name in [name for name in ELIMINATION_ORDER if name in best.terms and name not in self._given]:
-            if saved.get(name, 0.0) > CLEAR_SAVING:
-                continue
-            less = self.polished(best, tuple(other for other in best.terms if other != name))
-            if _saves_enough(less, best, _LEVEL):  # otherwise a better fit without it changes nothing
-                less = _better(less, self.fitted(less.terms))
-                best = _better(best, self.polished(less, best.terms))  # as many attempts with the term as without it
-            saved[name] = _saved(less, best)
-            self._report(f"{name}: saves {100 * saved[name]:.0f} %")
-            best = best if _saves_enough(less, best, _LEVEL) else less
-        return best
+    def screened(self, before: _State, added: tuple[str, ...]) -> _State:
+        """The fits ``before`` with more terms, after a short search."""
+        terms = in_order((*before.terms, *added))
+        nested = with_more_terms(before.raw, before.terms, terms, self._runs)
+        return self._searched(terms, nested, constants_of(added), 0, _SCREEN)
 
-    def polished(self, before: _State, terms: tuple[str, ...]) -> _State:
-        """The fits ``before`` with these terms after some Gauss-Newton steps; new terms start negligible."""
-        weak = encoded(NEGLIGIBLE | self._runs.preset.logged_values, terms)
-        start = np.tile(weak, (len(before.raw), 1))
-        for row, name in enumerate(parameters_of(before.terms)):
-            if name in parameters_of(terms):
-                start[:, parameters_of(terms).index(name)] = before.raw[:, row]
-        center = np.median(start, axis=0)
-        fit = MotorFit(with_motor(self._network, center, terms), self._runs, self._train)
-        fixed = fixed_constants(terms, self._runs)
-        found = fit.polish(start - center, weak_prior(len(center)).fixing(fixed), _STEPS)
-        return self._state(terms, center, np.where(fixed, 0.0, found.z))
+    def polished(self, screened: _State, added: tuple[str, ...]) -> _State:
+        """The same after a longer search."""
+        return self._searched(screened.terms, screened.raw, constants_of(added), _RESTARTS, _STEPS)
 
-    def _state(self, terms: tuple[str, ...], center: np.ndarray, z: np.ndarray) -> _State:
-        losses = MotorFit(with_motor(self._network, center, terms), self._runs).window_losses(z)
-        raw = center + np.clip(z, -LOG_REACH, LOG_REACH)  # as the decoder has them
+    def without(self, before: _State, name: str) -> _State:
+        """The fits ``before`` without a term, after a longer search."""
+        terms = tuple(other for other in before.terms if other != name)
+        return self._searched(terms, with_more_terms(before.raw, before.terms, terms, self._runs), (), 0, _STEPS)
+
+    def _searched(
+        self,
+        terms: tuple[str, ...],
+        raw: np.ndarray,
+        new: tuple[str, ...],
+        restarts: int,
+        steps: Steps,
+        held: np.ndarray | bool = False,
+    ) -> _State:
+        """Descents from ``raw`` (m, K), with ``new`` constants drawn around the initial motor's, and half of others.
+
+        Constants that are ``held`` (K,) do not change.
+        """
+        rng, fixed = (
+            np.random.default_rng([self._seed, *map(list(TERMS).index, terms)]),
+            fixed_constants(terms, self._runs),
+        )
+        center = np.where(held | fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
+        initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
+        search = centred(center, terms, self._runs, self._train)
+        held = held | fixed
+        prior = weak_prior(np.zeros(len(center))).fixing(held)
+
+        def draw(restart: int, best: Fit) -> np.ndarray:
+            shape = (len(raw), _DRAWS, len(center))
+            others = (rng.random(shape) < 0.5) & (np.arange(_DRAWS)[:, None] % 2 == 1)
+            drawn = np.where(is_new, rng.random(shape) < 0.7, others)
+            candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None])
+            candidates[:, 0] = best.x
+            return np.clip(np.where(held, 0.0, candidates), -LOG_REACH, LOG_REACH)
+
+        found = search.at(np.clip(raw - center, -LOG_REACH, LOG_REACH), prior)
+        if new:
+            found = search.at(search.best_of(draw(0, found), prior), prior)
+        found = search.descend(found.x, prior, steps)
+        found = search.until_found_again(found, prior, draw, restarts, steps)
+        return self._state(terms, center + np.where(held, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH)))
+
+    def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
+        center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
+        losses = motor_search(grey_box(center, terms, self._runs.preset), self._runs).parts(raw - center)
         held_out, groups = losses[:, self._test], self._parts[self._test]
         parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
         return _State(terms, raw, losses[:, self._train].mean(axis=1), held_out.mean(axis=1), parts)
-
-
-def _better(one: _State, other: _State) -> _State:
-    """The fit with less training loss, for every motor."""
-    chosen, names = other.fitted < one.fitted, ("raw", "fitted", "held_out", "parts")
-    return _State(one.terms, *(select(chosen, getattr(other, name), getattr(one, name)) for name in names))
 
 
 def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:

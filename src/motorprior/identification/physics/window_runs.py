@@ -12,8 +12,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -21,41 +21,24 @@ from scipy.ndimage import minimum_filter1d
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_constants import StepConstants
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
-from motorprior.actuator.latent import LatentActuator, LatentNetwork
-from motorprior.actuator.learned_kernels import SCALES as BOX_ROWS
 from motorprior.actuator.optional_terms import Conditions
-from motorprior.bench.dynamometer import next_velocity
+from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data import windows as channel
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.training_data.windows import TrainingData, training_data
+from motorprior.logs.motor_log import MotorLog
 
 # errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-LANES_PER_TASK = 256  # motors that one thread simulates at a time; their state then stays in a core's cache
+LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
-_ROTOR, _ROTOR_VEL = 1 + ROTOR_POS, 1 + ROTOR_VEL  # rows of a grey box's memory
-# rows of its parameters
-_BACKLASH, _ZERO = (BOX_ROWS + StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
-_next_velocity = njit(nogil=True, inline="always")(next_velocity)
-
-
-def huber(x: Any) -> Any:
-    """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
-    return (1.0 + x * x) ** 0.5 - 1.0
-
-
-def huber_weight(x: Any) -> Any:
-    """Derivative of `huber` over x, (1 + x²)^(-1/2)."""
-    return (1.0 + x * x) ** -0.5
-
-
-def huber_curvature(x: Any) -> Any:
-    """Second derivative of `huber`, (1 + x²)^(-3/2)."""
-    return (1.0 + x * x) ** -1.5
+# rows of a grey box's parameters
+_BACKLASH, _ZERO = (StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 
 
 def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
@@ -68,16 +51,18 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(observer, free, motor, rows, dt, first, window, scales, at_rotor, out):
+def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales, at_rotor, out):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
-    ``observer`` and ``free`` are the same motors; lane i simulates motor[i] of ``rows`` (steps, channels of `windows`,
-    motors) of one segment, whose first window begins at row ``first``.
+    ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the load; lane i
+    simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one segment, whose first window begins at
+    row ``first``.
     """
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
-    inertia, torque, unused = rows[0, channel.INERTIA][motor], np.zeros(lanes), np.zeros(lanes)
+    inertia, torque, unused = rows[0, channel.INERTIA][motor] + armature, np.zeros(lanes), np.zeros(lanes)
+    external, stiffness = np.zeros(lanes), np.zeros(lanes)
     q, dq, obs_q, obs_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
     reset_actuator(observer, target, pos)
     reset_actuator(free, target, pos)
@@ -85,37 +70,35 @@ def _free_runs(observer, free, motor, rows, dt, first, window, scales, at_rotor,
         index, within = (step - first) // window, (step - first) % window
         for lane in range(lanes):
             target[lane] = rows[step, channel.TARGET, motor[lane]]
+            external[lane] = rows[step, channel.EXTERNAL, motor[lane]]
+            stiffness[lane] = rows[step, channel.STIFFNESS, motor[lane]]
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
             q[:], dq[:] = obs_q, obs_dq
         free.clock[0] = observer.clock[0]
-        step_actuator(observer, dt, target, obs_q, obs_dq, unused)
+        if at_rotor:
+            step_joints(observer, dt, target, external, stiffness, inertia, obs_q, obs_dq, unused)
+        else:
+            step_actuator(observer, dt, target, obs_q, obs_dq, unused)
         if step >= first:
-            step_actuator(free, dt, target, q, dq, torque)
+            step_joints(free, dt, target, external, stiffness, inertia, q, dq, torque)
         for lane in range(lanes):
-            j, stiffness = motor[lane], rows[step, channel.STIFFNESS, motor[lane]]
+            j = motor[lane]
             next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
             if at_rotor:
-                damping = observer.damping[lane]
-                external = rows[step, channel.EXTERNAL, j] + stiffness * obs_q[lane]
-                obs_dq[lane] = _next_velocity(obs_dq[lane], unused[lane], external, inertia[lane], damping, dt)
-                obs_q[lane] += dt * obs_dq[lane]
-                observer.memory[_ROTOR, lane], observer.memory[_ROTOR_VEL, lane] = next_pos, next_vel
+                observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = next_pos, next_vel
             else:
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
-            damping, external = free.damping[lane], rows[step, channel.EXTERNAL, j] + stiffness * q[lane]
-            dq[lane] = _next_velocity(dq[lane], torque[lane], external, inertia[lane], damping, dt)
-            q[lane] += dt * dq[lane]
             own_pos, own_vel = q[lane], dq[lane]
             if at_rotor:
-                own_pos, own_vel = free.memory[_ROTOR, lane], free.memory[_ROTOR_VEL, lane]
+                own_pos, own_vel = free.memory[ROTOR_POS, lane], free.memory[ROTOR_VEL, lane]
             out[lane, index, 0, within] = (own_pos - next_pos) / scales[0]
             out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
             if channels > 2:
-                applied = torque[lane] - damping * dq[lane]
+                applied = torque[lane] - free.damping[lane] * dq[lane]
                 out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / scales[2]
 
 
@@ -140,6 +123,10 @@ class Segment:
     def conditions(self) -> np.ndarray:
         """(2, M) supply voltage over the nominal one [-], and temperature above it [K]."""
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
+
+
+# (unknowns (L, K), motor (L,) of the log, segment) -> L motors
+MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
 
 
 class WindowRuns:
@@ -177,7 +164,7 @@ class WindowRuns:
         self.sustained_speeds = {
             name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self._threads, self.heartbeat = ThreadPoolExecutor(os.cpu_count() or 1), heartbeat
+        self.threads, self.heartbeat = ThreadPoolExecutor(os.cpu_count() or 1), heartbeat
 
     @property
     def windows(self) -> int:
@@ -200,23 +187,24 @@ class WindowRuns:
         """(N,) index of the segment of each window."""
         return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
 
-    def residuals(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        """(L, N, C, W) scaled errors of motor ``motor[l]`` simulated with latents z[l], for L pairs; float32."""
-        lanes = len(motor)
+    def residuals(self, motors_of: MotorsOf, x: np.ndarray, motor: np.ndarray) -> np.ndarray:
+        """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], for L pairs; float32."""
+        lanes, parts = len(motor), max(1, -(-(os.cpu_count() or 1) // len(self.segments)))
+        together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
         out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
         tasks, done = [], 0
         for segment in self.segments:
             inside = slice(done, done + segment.windows)
-            for first in range(0, lanes, LANES_PER_TASK):
-                tasks.append((slice(first, min(first + LANES_PER_TASK, lanes)), inside, segment))
+            for first in range(0, lanes, together):
+                tasks.append((slice(first, min(first + together, lanes)), inside, segment))
             done += segment.windows
 
         def simulate(task: tuple[slice, slice, Segment]) -> None:
             some, inside, segment = task
-            out[some, inside] = self._run(network, z[some], motor[some], segment)
+            out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
         self.heartbeat()
-        for _ in self._threads.map(simulate, tasks):
+        for _ in self.threads.map(simulate, tasks):
             self.heartbeat()
         return out
 
@@ -232,41 +220,60 @@ class WindowRuns:
     def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes run as in `residuals`; for other models joint angles are compared, wherever the log's encoders are. A
-        `GainScaledPd` gets the gains of each segment.
+        Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are compared, or for grey
+        boxes those of the rotor if the log's encoders are on it.
         """
         everyone = np.arange(self.num_motors)
-        if isinstance(motors, LatentActuator) and motors.network.motor is not None:
-            return self.residuals(motors.network, motors.z, everyone)
-        found = []
-        for segment in self.segments:
-            rows, here = segment.rows.copy(), motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
-            rows[:, channel.INERTIA] += here.armature
-            found.append(self._simulate(here, everyone, Segment(rows, segment.windows)))
-        return np.concatenate(found, axis=1)
 
-    def _run(self, network: LatentNetwork, z: np.ndarray, motor: np.ndarray, segment: Segment) -> np.ndarray:
-        gains = segment.gains[:, motor] if network.gain_unit else None
-        conditions = Conditions(network.warmth(z, segment.seconds), *segment.conditions[:, motor])
-        central = None
-        if self.at_rotor and network.motor is not None:
-            central = LatentActuator(network, np.zeros((1, z.shape[1])), gains=segment.gains[:, :1])
-        return self._simulate(LatentActuator(network, z, conditions, gains), motor, segment, central)
+        def errors(segment: Segment) -> np.ndarray:
+            if isinstance(motors, GainScaledPd):
+                return self.run(motors.at(segment.gains), everyone, segment)
+            if isinstance(motors, GreyBoxActuator):
+                return self.run(grey_boxes(motors.model)(motors.z, everyone, segment), everyone, segment)
+            return self.run(motors, everyone, segment)
 
-    def _simulate(
-        self, motors: Actuator, motor: np.ndarray, segment: Segment, central: LatentActuator | None = None
-    ) -> np.ndarray:
-        """(L, windows, C, W) scaled errors in a segment; ``central`` is given if the encoders are on the rotors."""
-        preset = self.preset
+        return np.concatenate(list(self.threads.map(errors, self.segments)), axis=1)
+
+    def run(self, motors: Actuator, motor: np.ndarray, segment: Segment) -> np.ndarray:
+        """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""
+        preset, at_rotor = self.preset, False
         observer, free = motors.arrays(preset.period), motors.arrays(preset.period)
-        if central is not None:
-            backlash = central.arrays(preset.period).parameters[_BACKLASH, 0]
+        if self.at_rotor and isinstance(motors, GreyBoxActuator):
+            at_rotor, mean = True, np.zeros((1, motors.z.shape[1]))
+            central = motors.model.motors(mean, gains=segment.gains[:, :1]).arrays(preset.period)
             for arrays in (observer, free):
-                arrays.parameters[_BACKLASH] = backlash
-                arrays.parameters[_ZERO] = 0.0
+                arrays.parameters[_BACKLASH], arrays.parameters[_ZERO] = central.parameters[_BACKLASH, 0], 0.0
         out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
         _free_runs(
-            observer, free, motor, segment.rows, preset.period, preset.history, preset.window, np.array(SCALES),
-            central is not None, out,
+            observer, free, motor, segment.rows, motors.armature, preset.period, preset.history, preset.window,
+            np.array(SCALES), at_rotor, out,
         )  # fmt: skip
         return out
+
+
+def grey_boxes(model: GreyBox) -> MotorsOf:
+    """Motors of latents, at the gains and under the conditions of the segment."""
+
+    def motors(z: np.ndarray, motor: np.ndarray, segment: Segment) -> GreyBoxActuator:
+        gains = segment.gains[:, motor] if model.gain_unit else None
+        conditions = Conditions(model.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        return model.motors(z, conditions, gains)
+
+    return motors
+
+
+def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
+    """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
+    return replace(preset, gain_unit=log.gain_unit) if log.stated_kp is not None and not preset.gain_unit else preset
+
+
+def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
+    """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`."""
+    preset = replace(with_gains_of(preset, log), objective="rollout", window=1)
+    data = training_data(log, preset, log.source)
+    windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
+    return [
+        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
+        for part, window in windows
+        if window > 0
+    ]

@@ -200,7 +200,7 @@ def used_seconds_text(data: TrainingData, preset: Preset) -> str:
     """Text with the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
     total = sum(part.stop - part.start for part in data.parts)
     free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
-    step = preset.window if preset.physics_first else 1  # windows then lie end to end
+    step = preset.window if preset.grey_boxes else 1  # windows then lie end to end
     used = sum(rows // step * step for rows in free if rows >= preset.window)
     return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"
 

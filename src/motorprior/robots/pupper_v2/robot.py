@@ -1,4 +1,4 @@
-"""Stanford Pupper v2.1 as a `Robot`, from the constants of spec.py."""
+"""Stanford Pupper v2.1 as a `Robot`, from the constants of spec.py and the models next to it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
-from motorprior.robots.pupper_v2.mjcf import mjcf
 from motorprior.robots.pupper_v2.urdf import urdf
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.wire import SafetyLimits, Wire
 
-_FLEETS = Path(__file__).parent / "fleets"
-_PHASES = {"FR": 0.0, "FL": 0.5, "RR": 0.5, "RL": 0.0}
+_FOLDER = Path(__file__).parent
+_FLEETS = ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
+_PHASES = (0.0, 0.5, 0.5, 0.0)
 
 
 def _joint(index: int) -> Joint:
@@ -24,26 +24,23 @@ def _joint(index: int) -> Joint:
         upper=float(spec.JOINT_UPPER[index]),
         kp=spec.WIRE_KP * spec.TORQUE_CONSTANT,
         kd=spec.WIRE_KD * spec.TORQUE_CONSTANT,
-        torque_limit=spec.TORQUE_LIMIT,
-        encoder=spec.ENCODER,
+        torque_limit=spec.MAX_CURRENT * spec.TORQUE_CONSTANT,
+        encoder="rotor",
     )
 
 
 def _leg(index: int) -> Leg:
-    name, first = spec.LEGS[index], len(spec.JOINTS_PER_LEG) * index
     _, hip, knee = spec.NOMINAL_POSE[:3]
-    reach = -(spec.THIGH_LENGTH * np.sin(hip) + spec.SHANK_LENGTH * np.sin(hip + knee))
-    forward = spec.abduction_origin(name)[0] + spec.HIP_OFFSET[0] + reach
-    outward = spec.HIP_OFFSET[1] + spec.KNEE_OFFSET[1] + spec.FOOT_OFFSET[1]
+    forward = spec.HIP_X[index // 2] - spec.THIGH_LENGTH * np.sin(hip) - spec.SHANK_LENGTH * np.sin(hip + knee)
     return Leg(
-        name=name,
-        joints=(first, first + 1, first + 2),
-        foot=f"{name}_foot",
-        phase=_PHASES[name],
+        name=spec.LEGS[index],
+        joints=(3 * index, 3 * index + 1, 3 * index + 2),
+        foot=f"{spec.LEGS[index]}_foot",
+        phase=_PHASES[index],
         thigh=spec.THIGH_LENGTH,
         shank=spec.SHANK_LENGTH,
         foot_radius=spec.FOOT_RADIUS,
-        rest=(round(float(forward), 9), round(spec.SIDE[name] * (spec.ABDUCTION_Y + outward), 9)),
+        rest=(round(float(forward), 9), spec.HIP_Y if index % 2 else -spec.HIP_Y),
     )
 
 
@@ -53,7 +50,7 @@ PUPPER_V2 = Robot(
     motor="DJI M2006 P36 + C610",
     joints=tuple(_joint(index) for index in range(spec.NUM_JOINTS)),
     base="free",
-    model=GeneratedModel(mjcf, urdf),
+    model=GeneratedModel((_FOLDER / "pupper_v2.xml").read_text, urdf),
     num_links=1 + spec.NUM_JOINTS,
     nominal=tuple(spec.NOMINAL_POSE.tolist()),
     legs=_LEGS,
@@ -65,9 +62,7 @@ PUPPER_V2 = Robot(
     suspended_height=0.4,
     reference_torque=1.0,
     foot_friction=spec.FOOT_FRICTION,
-    fleets=tuple(
-        (name, str(_FLEETS / f"{name}.toml")) for name in ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
-    ),
+    fleets=tuple((name, str(_FOLDER / "fleets" / f"{name}.toml")) for name in _FLEETS),
     physics_dt=spec.PHYSICS_DT,
     control_dt=spec.CONTROL_DT,
     twin_physics_dt=spec.TWIN_PHYSICS_DT,

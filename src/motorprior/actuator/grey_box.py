@@ -1,0 +1,161 @@
+"""Grey boxes: geared motors whose constants are decoded from a latent z (`geared_motor`).
+
+The model simulates the rotor, so the engine gets no armature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.copula import Copula
+from motorprior.actuator.geared_motor import (
+    DAMPING,
+    STIFFNESS,
+    GearedMotor,
+    memory_rows,
+    motor_table,
+    read_rotor_encoders,
+    reset_geared_motor,
+    step_geared_motor,
+)
+from motorprior.actuator.geared_motor_constants import with_logged_gains
+from motorprior.actuator.kernels import ActuatorKind, without_refcounts
+from motorprior.actuator.optional_terms import HALF_WARM, Conditions
+from motorprior.compiled import njit
+from motorprior.exceptions import ConfigError
+
+
+@dataclass(frozen=True)
+class GreyBox:
+    """The decoder from a latent z to the constants of a geared motor."""
+
+    motor: GearedMotor
+    period: float  # of the logs that it was fitted to, the largest physics step [s]
+    copula: Copula | None = None  # from z ~ N(0, I) to the latents of the decoder; None: z itself
+    gain_unit: str = ""  # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
+
+    @property
+    def num_latents(self) -> int:
+        """Z."""
+        return len(self.motor.slope)
+
+    def decoder_latents(self, z: np.ndarray) -> np.ndarray:
+        """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
+        return z if self.copula is None else self.copula.decoder_latents(z)
+
+    def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
+        """(n,) physical constants by name of cold motors at nominal conditions.
+
+        With a ``gain_unit``, kp and kd_over_kp are multiples of logged gains (`with_logged_gains`).
+        """
+        return self.motor.decode(self.decoder_latents(z))
+
+    def armature(self, z: np.ndarray) -> np.ndarray:
+        """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
+        return self.constants(z)["armature"]
+
+    def warmth(self, z: np.ndarray, seconds: float) -> np.ndarray | float:
+        """(n,) warmth of motors ``seconds`` [s] after a cold start; 0 without the term heat."""
+        if "heat" not in self.motor.terms:
+            return 0.0
+        return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
+
+    def motors(
+        self, z: np.ndarray, conditions: Conditions = HALF_WARM, gains: np.ndarray | None = None
+    ) -> GreyBoxActuator:
+        """Motors with latents z (n, Z)."""
+        return GreyBoxActuator(self, z, conditions, gains)
+
+
+@dataclass(frozen=True)
+class GreyBoxActuator(Actuator):
+    """n motors of one grey box."""
+
+    model: GreyBox  # shared by all motors
+    z: np.ndarray  # (n, Z)
+    conditions: Conditions = HALF_WARM
+    gains: np.ndarray | None = None  # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
+    factors: Factors | None = None  # on the constants
+
+    @property
+    def kind(self) -> ActuatorKind:
+        """GREY_BOX."""
+        return GREY_BOX
+
+    @property
+    def num_motors(self) -> int:
+        """Number of motors."""
+        return len(self.z)
+
+    def with_factors(self, factors: Factors) -> GreyBoxActuator:
+        """See `actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
+        self._require_gains()
+        before = self.factors
+        return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))
+
+    def _require_gains(self) -> None:
+        if self.model.gain_unit and self.gains is None:
+            raise ConfigError(
+                f"these motors were learned with logged gains [{self.model.gain_unit}]",
+                remedy="give their gains", argument="gains",
+            )  # fmt: skip
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """(n,) constants by name, at these conditions, with gains and factors."""
+        self._require_gains()
+        values = self.model.motor.decode(self.model.decoder_latents(self.z), self.conditions)
+        if self.gains is not None:
+            values = with_logged_gains(values, *self.gains)
+        if self.factors is None:
+            return values
+        kp, kd, torque_limit, coulomb = self.factors
+        others = {"torque_limit": torque_limit, "coulomb": coulomb, "stribeck_torque": coulomb}
+        return with_logged_gains(values, kp, kd) | {name: values[name] * factor for name, factor in others.items()}
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`; raises `ConfigError` if gains are missing, too."""
+        require_step(physics_dt, self.model.period)
+        table = motor_table(self.constants(), physics_dt, self.model.motor.terms)
+        return empty_arrays(GREY_BOX, table, memory_rows(physics_dt), 1)
+
+
+@njit(cache=True, nogil=True)
+def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    reset_geared_motor(arrays.memory, position_target, joint_pos)
+
+
+@njit(cache=True, nogil=True)
+def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    # separately: a tuple would count each array once more
+    arrays, torque = without_refcounts(arrays), without_refcounts(torque)
+    position_target = without_refcounts(position_target)
+    joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
+    p, memory, now, damping = arrays.parameters, arrays.memory, arrays.clock[0], arrays.damping
+    step_geared_motor(p, memory, now, physics_dt, position_target, joint_pos, joint_vel, torque, damping)
+
+
+@njit(cache=True, nogil=True)
+def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
+    # the engine does not damp, so the rotors get no momentum from its damping in the next step
+    for motor in range(torque.shape[0]):
+        torque[motor] -= arrays.damping[motor] * joint_vel[motor]
+    arrays.damping[:] = 0.0
+    arrays.memory[DAMPING, :] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    read_rotor_encoders(arrays.parameters, arrays.memory, out)
+
+
+def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
+    np.minimum(arrays.parameters[STIFFNESS], max_stiffness, out=arrays.parameters[STIFFNESS])
+
+
+GREY_BOX = ActuatorKind(
+    "grey_box", "grey box", reset=_reset, step=_step, measure=_measure, make_explicit=_make_explicit,
+    limit_stiffness=_limit_stiffness,
+)  # fmt: skip

@@ -1,0 +1,110 @@
+"""``motorprior deploy``, ``record`` and ``doctor``: a robot at a port, or a virtual one."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import tyro
+
+from motorprior.cli.console import TERMINAL
+from motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot
+from motorprior.exceptions import ConfigError
+from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
+from motorprior.hardware.teleop import non_blocking
+from motorprior.locomotion.policy import Policy
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+
+SHOW = non_blocking(TERMINAL.note, sys.stderr)
+
+
+@dataclass(frozen=True)
+class RobotChoice:
+    """A robot at a port, or a virtual one.
+
+    Attributes:
+        port: serial port, for example /dev/ttyACM0; the only one if not given.
+        kind: name of a shipped robot.
+        virtual: start a virtual robot and use it; in record it is suspended unless --standing.
+        robot: the virtual robot.
+    """
+
+    port: str | None = None
+    kind: str = DEFAULT_ROBOT
+    virtual: bool = False
+    robot: VirtualRobotSettings = field(default_factory=VirtualRobotSettings)
+
+
+@dataclass(frozen=True)
+class Deploy(DeploySettings, RobotChoice):
+    """Walk a robot: check, arm, stand up, walk, sit down, record."""
+
+    policy: tyro.conf.Positional[Path] = field(kw_only=True)
+    """Policy that `motorprior walk` wrote."""
+
+
+@dataclass(frozen=True)
+class Record(RecordSettings, RobotChoice):
+    """Excite the motors of a suspended or standing robot and record them."""
+
+
+@dataclass(frozen=True)
+class Doctor(RobotChoice):
+    """Check a robot's telemetry: frames, age, IMU, joints, currents, battery. Sends nothing, unless --idle."""
+
+    seconds: float = 3.0
+    """Duration of the check [s]."""
+    idle: bool = False
+    """Remove the current from the motors first, so that legs move by hand; a standing robot sinks."""
+
+
+@contextmanager
+def _opened(choice: RobotChoice) -> Iterator[tuple[Robot, str]]:
+    """The robot and its port, while this is open.
+
+    Raises:
+        ConfigError: both a port and a virtual robot; no port, or several; pyserial or msgpack is not installed.
+        RobotFault: the virtual robot did not start.
+    """
+    require_robot_extra()
+    if choice.virtual and choice.port is not None:
+        raise ConfigError(f"--port {choice.port} and --virtual", remedy="give one of them")
+    robot = load_robot(choice.kind)
+    if choice.virtual:
+        with running_virtual_robot(choice.kind, choice.robot) as port:
+            yield robot, port
+    else:
+        from motorprior.hardware.serial_link import resolve_port
+
+        yield robot, resolve_port(choice.port)
+
+
+def deploy(config: Deploy) -> None:
+    """See `hardware.commands.run_deploy`."""
+    Policy.load(config.policy)  # an error comes before a virtual robot is started
+    with _opened(config) as (robot, port):
+        from motorprior.hardware.commands import run_deploy
+
+        run_deploy(robot, config.policy, port, config, SHOW)
+
+
+def record(config: Record) -> None:
+    """See `hardware.commands.run_record`."""
+    choice = replace(config, robot=replace(config.robot, suspended=config.robot.suspended or not config.standing))
+    with _opened(choice) as (robot, port):
+        from motorprior.hardware.commands import run_record
+
+        run_record(robot, port, config, SHOW)
+
+
+def doctor(config: Doctor) -> None:
+    """See `hardware.commands.run_doctor`."""
+    with _opened(config) as (robot, port):
+        from motorprior.hardware.commands import run_doctor
+
+        run_doctor(robot, port, config.seconds, config.idle, SHOW)

@@ -1,0 +1,128 @@
+"""The least-squares problems of M motors, each on its own log: unknowns are decoder outputs relative to a centre."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.optional_terms import NEGLIGIBLE
+from motorprior.identification.physics.initial_motor import TORQUES, encoded, grey_box, initial_center, logs_kd
+from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
+from motorprior.identification.search import GaussianPrior, Search
+from motorprior.logs.motor_log import PHYSICAL_GAINS
+
+WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
+OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
+# factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
+RIGID = {
+    "velocity_filter": 0.1, "stribeck_torque": 0.1, "load_friction": 0.005, "gear_stiffness": 14.0,
+    "gear_damping": 7.0, "backlash": 0.007,
+}  # fmt: skip
+
+_SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # logarithms of the factors that are tried
+
+
+class MotorProblem:
+    """Residuals of free runs, see `search.Problem`.
+
+    Args:
+        model: decoder from x to motors.
+        runs: the logs.
+        chosen: (N,) mask of the windows that count; all if not given.
+    """
+
+    def __init__(self, model: GreyBox, runs: WindowRuns, chosen: np.ndarray | None = None):
+        self.model, self.runs, self.count, self.weight = model, runs, runs.num_motors, float(runs.channels)
+        self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
+        self.observations = len(np.arange(runs.windows)[self._chosen])  # windows of each motor that count
+
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(L, windows·channels·steps) scaled errors of motor ``which[l]`` with constants x[l]."""
+        found = self.runs.residuals(grey_boxes(self.model), x, which)
+        return found[:, self._chosen].reshape(len(which), -1)
+
+
+def motor_search(
+    model: GreyBox, runs: WindowRuns, chosen: np.ndarray | None = None, lower: np.ndarray | None = None
+) -> Search:
+    """Search for the motors of these logs."""
+    return Search(MotorProblem(model, runs, chosen), lower)
+
+
+def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, chosen: np.ndarray | None) -> Search:
+    """Search around a central motor (K,)."""
+    return motor_search(grey_box(center, terms, runs.preset), runs, chosen, lower_bounds(center, terms, runs))
+
+
+def sized_center(runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None) -> np.ndarray:
+    """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
+    center = initial_center(terms, runs)
+    if runs.gain_unit == PHYSICAL_GAINS:
+        return center
+    names = parameters_of(terms)
+    torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
+    sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
+    z = np.zeros((runs.num_motors, len(names)))
+    losses = [motor_search(grey_box(size, terms, runs.preset), runs, chosen).losses(z) for size in sizes]
+    middle = np.median(losses, axis=1)
+    best = int(np.argmin(middle))
+    return sizes[best] if middle[best] < 0.5 * middle[0] else center
+
+
+def rigid_motor(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> tuple[np.ndarray, np.ndarray]:
+    """The simplest motor that is nested in those with these terms, and (K,) the constants that it lacks.
+
+    Limits and optional terms have no effect, and the gear is rigid with Coulomb and viscous friction.
+    """
+    names = parameters_of(terms)
+    largest = float(np.max(runs.max_request)) * np.exp(center[names.index("kp")]) or 1.0
+    simple = encoded(NEGLIGIBLE | {"torque_limit": OFF * largest}, terms)
+    raw = np.where(np.isin(names, (*NEGLIGIBLE, "torque_limit")), simple, center)
+    raw += np.array([np.log(RIGID.get(name, 1.0)) for name in names])
+    fixed = fixed_constants(terms, runs)
+    lacks = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
+    return np.where(fixed, center, raw), lacks
+
+
+def with_more_terms(raw: np.ndarray, before: tuple[str, ...], terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(M, K) decoder outputs with these terms, of motors with outputs ``raw`` and the terms ``before``.
+
+    Constants of terms that are new have no effect.
+    """
+    neutral = encoded(NEGLIGIBLE | runs.preset.logged_values, terms)
+    found, names = np.tile(neutral, (len(raw), 1)), parameters_of(terms)
+    for row, name in enumerate(parameters_of(before)):
+        if name in names:
+            found[:, names.index(name)] = raw[:, row]
+    return found
+
+
+def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(M, K) lower bounds of candidates around a central motor (K,): limits of speed are above the logged speeds.
+
+    A limit far below the motor's own keeps a search in a poor optimum. An impact can drive a joint faster than its
+    motor for 0.1 s, so Gauss-Newton steps may go below the bound. -inf for other and for fixed constants.
+    """
+    lower = np.full((len(runs.sustained_speeds[SPEED_LIMITS[0]]), len(center)), -np.inf)
+    for row, name in enumerate(parameters_of(terms)):
+        if name in SPEED_LIMITS:
+            with np.errstate(divide="ignore"):
+                lower[:, row] = np.minimum(np.log(1.02 * runs.sustained_speeds[name]) - center[row], LOG_REACH)
+    lower[:, fixed_constants(terms, runs)] = -np.inf
+    return lower
+
+
+def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
+    """(K,) constants that are not fitted: absent or logged ones, and those that the encoders do not identify."""
+    fixed = (*runs.preset.lacks, *runs.preset.logged_values, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
+    if runs.gain_unit == PHYSICAL_GAINS:
+        fixed += ("kp", "kd_over_kp") if logs_kd(runs) else ("kp",)
+    return np.array([name in fixed for name in parameters_of(terms)])
+
+
+def weak_prior(mean: np.ndarray) -> GaussianPrior:
+    """Prior that keeps unidentifiable constants at its mean (K,) or (M, K)."""
+    return GaussianPrior(mean, np.full(mean.shape[-1], WEAK))

@@ -1,0 +1,90 @@
+"""Page of the transfer study: tables and a forest plot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from motorprior.report.page import Section, Table, picture
+from motorprior.report.plots_style import describe, model_color, model_label, new_figure, panels
+from motorprior.studies.environments import ENVIRONMENTS
+from motorprior.studies.statistics import Estimate
+from motorprior.studies.summary import COMPARED, CONDITIONS, OWN, PLACES, Summary
+
+
+def study_sections(summary: Summary) -> list[Section]:
+    """Speed and time upright of all conditions, and their differences from the sampled prior if there are any."""
+    headline, differences = headline_table(summary), difference_table(summary)
+    text = (
+        "One policy is trained per motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
+        "upright [%] with 95 % intervals, and the share of policies that are upright for 90 % of the time."
+    )
+    drawn = picture(forest_plot(summary, _conditions(summary)), "Time upright; hollow: in the training simulation.")
+    sections = [Section("Speed and time upright", (text,), (drawn,), (headline,))]
+    if differences.rows:
+        text = "Differences from the sampled prior; p corrected by Holm for all of them."
+        sections.append(Section("Differences from the sampled prior", (text,), tables=(differences,)))
+    return sections
+
+
+def _conditions(summary: Summary) -> list[str]:
+    found = {condition for _, condition in summary.upright}
+    return [name for name in CONDITIONS if name in found]
+
+
+def headline_table(summary: Summary) -> Table:
+    """A row per condition, a cell per environment."""
+    places = [place for place in PLACES if place in {place for place, _ in summary.upright}]
+
+    def cell(place: str, condition: str) -> str:
+        if (place, condition) not in summary.upright:
+            return ""
+        speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
+        share = 100.0 * summary.upright[place, condition]
+        return f"{_interval(speed, 1.0, '.2f')}; {_interval(upright, 100.0, '.0f')}; {share:.0f}"
+
+    rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
+    caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
+    return Table(("trained on", *places), rows, caption)
+
+
+def difference_table(summary: Summary) -> Table:
+    """A row per condition, the difference from the sampled prior per environment."""
+    places = [place for place in ENVIRONMENTS if place in {place for place, _ in summary.upright}]
+
+    def cell(place: str, condition: str) -> str:
+        texts = []
+        for measure, factor, form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
+            if (found := summary.differences.get((place, condition, measure))) is not None:
+                texts.append(f"{_interval(found.difference, factor, form)} p={found.p:.2g}")
+        return "; ".join(texts)
+
+    rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
+    caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"
+    return Table(("trained on", *places), [row for row in rows if any(row[1:])], caption)
+
+
+def _interval(found: Estimate, factor: float, form: str) -> str:
+    ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
+    return f"{factor * found.value:{form}}{ends}"
+
+
+def forest_plot(summary: Summary, conditions: Sequence[str]) -> Figure:
+    """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
+    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
+    environments = [place for place in dict.fromkeys(place for place, _ in upright) if place in ENVIRONMENTS] or [OWN]
+    figure = new_figure(0.24 * len(conditions) + 0.9)
+    for axes, environment in zip(panels(figure, 1, len(environments), sharey=True)[0], environments, strict=True):
+        for row, condition in enumerate(conditions):
+            color = model_color(condition)
+            if (own := upright.get((OWN, condition))) is not None:
+                axes.plot([own.value], [row], "o", markersize=5, markerfacecolor="white", markeredgecolor=color)
+            if (other := upright.get((environment, condition))) is not None:
+                axes.plot([other.low, other.high], [row, row], color=color, linewidth=1.8)
+                axes.plot([other.value], [row], "o", markersize=5, color=color)
+        axes.set_yticks(range(len(conditions)), [model_label(condition) for condition in conditions])
+        axes.set(xlim=(-0.05, 1.05), ylim=(len(conditions) - 0.5, -0.5))
+        describe(axes, x="time upright [-]", title=environment)
+    return figure

@@ -1,0 +1,130 @@
+"""A new actuator, servo term, log format, robot or excitation is one file, new or changed."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import motorprior
+
+PACKAGE = Path(motorprior.__file__).parent
+
+ACTUATOR = """
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.registry import Drawn, register
+
+
+@register("soft")
+def soft_motors(robot, kp: float = 1.0) -> Drawn:
+    return Drawn(lambda rng: IdealPd.uniform(robot.num_joints, kp, 0.1 * rng.uniform(0.9, 1.1), 1.0))
+"""
+USE_ACTUATOR = """
+import motorprior as mp
+from motorprior.cli.main import parse
+from motorprior.simulation.motors import simulated_motors
+robot = mp.load_robot("pupper_v2")
+assert simulated_motors("soft:kp=2", robot).condition == "soft"
+assert parse(["walk", "--motors", "soft:kp=2", "--out", "x"]).motors == "soft:kp=2"
+"""
+TERM = """    "weak": Term(
+        (Constant("weakness", "1", 0.1, 1e-6, 0.0),), law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness)
+    ),
+"""
+USE_TERM = """
+import numpy as np
+from motorprior.actuator.geared_motor_constants import step_constants
+from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.optional_terms import TERMS, step_rows
+from motorprior.identification.physics.initial_motor import INITIAL_MOTOR
+from motorprior.identification.physics.term_selection import CANDIDATES
+assert "weak" in CANDIDATES
+values = {name: np.array([value]) for name, value in INITIAL_MOTOR.items()} | {"encoder_zero": np.zeros(1)}
+zero = np.zeros(1)
+def velocity(weakness):
+    p = step_constants(values | {"weakness": np.array([weakness])}, 0.002, np, ("weak",))
+    state = MotorState(*[zero] * len(MotorState._fields))
+    return step(p, state, zero + 0.1, zero, zero, 0.002, array_arithmetic(np), ("weak",))[0].rotor_vel
+assert velocity(0.5) < 0.6 * velocity(0.0)
+"""
+READER = """
+import numpy as np
+from motorprior.logs.log_reader import LogReader
+from motorprior.logs.motor_log import MotorLog
+
+
+def _read(path, robot):
+    time, target, pos = np.loadtxt(path).T
+    columns = {"position_target": target[:, None], "joint_pos": pos[:, None]}
+    return MotorLog(time=time, joint_names=("knee",), robot="", motor="", source=str(path), **columns)
+
+
+READER = LogReader("spaced", (".spaced",), read=_read)
+"""
+USE_READER = """
+import numpy as np, motorprior as mp
+np.savetxt("log.spaced", np.stack([np.arange(50) * 0.002, np.ones(50), np.linspace(0.0, 1.0, 50)], axis=1))
+assert mp.read_log("log.spaced").joint_names == ("knee",)
+"""
+EXCITATION = (
+    '    "pulses": Excitation(lambda rng, steps, dt: 0.2 * (np.arange(steps) * dt % 1.0 < rng.uniform(0.1, 0.9))),\n'
+)
+USE_EXCITATION = """
+import motorprior as mp
+from motorprior.simulation.playback import excitation_targets
+targets = excitation_targets(mp.load_robot("pupper_v2"), "pulses", 2.0, 0.3, 0)
+assert len(set(targets[:, 0])) == 2
+"""
+ROBOT = """
+name = "lever"
+motor = "a servo"
+model = "lever.xml"
+kp = 5.0
+kd = 0.3
+torque_limit = 2.0
+base = "fixed"
+nominal_pose = [0.0]
+"""
+USE_ROBOT = """
+from pathlib import Path
+import motorprior as mp, numpy as np
+Path("lever.xml").write_text('<mujoco><worldbody><body><joint name="hinge" range="-60 60"/>'
+    '<geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.01"/></body></worldbody></mujoco>')
+played = mp.simulate("lever.toml", "pd", np.full((20, 1), 0.3))
+assert 0.1 < played.joint_pos[-1, 0] < 0.4
+"""
+
+
+def files(folder: Path) -> dict[str, str]:
+    return {str(path.relative_to(folder)): path.read_text("utf-8") for path in sorted(folder.rglob("*.py"))}
+
+
+@pytest.mark.parametrize(
+    ("file", "entry", "text", "use"),
+    [
+        ("motorprior/actuator/soft.py", "", ACTUATOR, USE_ACTUATOR),
+        ("motorprior/actuator/optional_terms.py", "TERMS = {\n", TERM, USE_TERM),
+        ("motorprior/logs/readers/spaced.py", "", READER, USE_READER),
+        ("motorprior/bench/excitation.py", "EXCITATIONS = {\n", EXCITATION, USE_EXCITATION),
+        ("lever.toml", "", ROBOT, USE_ROBOT),
+    ],
+    ids=["actuator", "servo term", "log format", "excitation", "robot"],
+)
+def test_an_extension_is_one_file(tmp_path: Path, file: str, entry: str, text: str, use: str):
+    shutil.copytree(PACKAGE, tmp_path / "motorprior", ignore=shutil.ignore_patterns("__pycache__"))
+    before, place = files(tmp_path), tmp_path / file
+    if entry:
+        content = place.read_text("utf-8")
+        assert content.count(entry) == 1
+        place.write_text(content.replace(entry, entry + text), "utf-8")
+    else:
+        place.write_text(text, "utf-8")
+    after = files(tmp_path)
+    assert sum(after[name] != before.get(name) for name in after) <= 1
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", use], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
