@@ -85,18 +85,20 @@ def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, p
     assert min(found.values()) >= 0.8, found
 
 
-def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: Posterior):
-    """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %.
-
-    A motor with the largest backlash may end at a third of it, with less energy than the truth has.
-    """
+@pytest.mark.parametrize(
+    ("name", "bound"),
+    [
+        ("armature", 0.12), ("kp", 0.05), ("coulomb", 0.25),
+        pytest.param("backlash", 0.25, marks=pytest.mark.xfail(reason="0.36 with the present search, cause not found")),
+    ],
+)  # fmt: skip
+def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: Posterior, name: str, bound: float):
+    """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %."""
     assert isinstance(prior.model, GreyBox)
-    truth, decoded, found = fleets(NEW, 2), prior.model.constants(posterior.mean), {}
-    for group, name in enumerate(RANGES):
-        own = slice(group * NEW, (group + 1) * NEW)
-        found[name] = float(np.sqrt(np.mean(np.log(decoded[name][own] / getattr(truth, name)[own]) ** 2)))
-    within = {"armature": 0.12, "kp": 0.05, "coulomb": 0.25, "backlash": 0.45}
-    assert all(found[name] < bound for name, bound in within.items()), found
+    group = list(RANGES).index(name)
+    own = slice(group * NEW, (group + 1) * NEW)
+    decoded, true = prior.model.constants(posterior.mean)[name][own], getattr(fleets(NEW, 2), name)[own]
+    assert np.sqrt(np.mean(np.log(decoded / true) ** 2)) < bound
 
 
 def test_bands_have_about_their_nominal_coverage(log: MotorLog, prior: Identified, posterior: Posterior):

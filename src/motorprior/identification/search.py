@@ -290,10 +290,8 @@ class Search:
 
             def of_one(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    here, slopes = (
-                        values[0],
-                        (values[1 : count + 1] - values[count + 1 :]) / np.float32(2.0 * diff_step),
-                    )
+                    here, above, below = values[0], values[1 : count + 1], values[count + 1 :]
+                    slopes = (above - below) / np.float32(2.0 * diff_step)
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
                 here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
                 return _sums(slopes, huber_weight(here) * here, bend(here))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -177,9 +176,9 @@ def _selected(part: TrainingData, preset: Preset, seed: int, report: Report) -> 
     motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
     few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
-    work = chain(repeat(WORK, len(TERMS)), repeat(0))  # the number of later rounds is unknown
-    chosen = select_terms(few, seed, lambda text: report(next(work), text))
-    report(sum(iter(work.__next__, 0)), "terms selected")
+    left = [WORK] * len(TERMS)  # the number of later rounds is unknown
+    chosen = select_terms(few, seed, lambda text: report(left.pop() if left else 0, text))
+    report(sum(left), "terms selected")
     return chosen
 
 

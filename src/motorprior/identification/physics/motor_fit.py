@@ -298,14 +298,12 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
     return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
 
 
-def refined(
-    model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool, chosen: np.ndarray | None = None
-) -> np.ndarray:
+def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
     """(M, K) latents after Gauss-Newton steps from ``x`` on ``runs``, longer than those of the fit.
 
     The prior is the fleet's if ``together``, estimated at x; otherwise it is weak, around x.
     """
-    search, fixed = motor_search(model, runs, chosen), fixed_constants(model.motor.terms, runs)
+    search, fixed = motor_search(model, runs), fixed_constants(model.motor.terms, runs)
     prior, windows = weak_prior(x).fixing(fixed), search.problem.observations
     if together and len(x) > 1:
         found = search.at(x, prior)

@@ -217,10 +217,8 @@ class _Trial:
 
         Constants that are ``held`` (K,) do not change.
         """
-        rng, fixed = (
-            np.random.default_rng([self._seed, *map(list(TERMS).index, terms)]),
-            fixed_constants(terms, self._runs),
-        )
+        rng = np.random.default_rng([self._seed, *map(list(TERMS).index, terms)])
+        fixed = fixed_constants(terms, self._runs)
         center = np.where(held | fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
         initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
         search = centred(center, terms, self._runs, self._train)
@@ -265,8 +263,3 @@ def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
     parts, count = np.empty_like(groups), len(groups)
     parts[np.argsort(groups, kind="stable")] = np.arange(count) * min(NUM_PARTS, count) // count
     return parts
-
-
-def held_out_windows(runs: WindowRuns) -> np.ndarray:
-    """(N,) whether a window is for testing: every second of the `parts_of`."""
-    return parts_of(runs) % 2 == 1
