@@ -6,7 +6,9 @@ For each out-of-family fleet: a bench, three models of its motors, and their err
 motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new). References are
 ``floor``, the true motors with an initial error of 4 mrad; ``floor_warmth``, the true motors after 10 s of operation,
 regardless of their actual warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad]
-as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc.
+as FAMILY/EXCITATION/MODEL/SET, with --seeds the range of the rollout prior's errors over seeds, divided by their mean,
+as FAMILY/EXCITATION/rollout/SET/seed_range, and for samples of the rollout prior FAMILY/coverage90 and
+FAMILY/two_sample_auc.
 Finished stages are reused.
 """
 
@@ -41,6 +43,7 @@ PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = ("gait", "impacts", "chirp")
 SETS = ("train", "new")
 MODELS = (*PRESETS, "tuned_pd", "floor_warmth", "floor")
+AGAIN = "rollout_"  # and a number: the rollout prior of another seed
 PROGRESS = Lines(sys.stderr)
 
 
@@ -53,6 +56,7 @@ class Settings:
     steps: int = 10_000  # samples per motor
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of bench, training and held-out excitation
+    seeds: int = 1  # number of searches of the rollout prior on the same bench, with consecutive seeds
     families: tuple[str, ...] = ("foreign_direct", "foreign_servo")  # fleets
 
 
@@ -60,12 +64,12 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     """The priors of a fleet; recorded and trained if their files do not exist."""
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
-    for preset in PRESETS:
-        run_identify(
-            Identify(bench, priors / preset, preset, settings.seed, network_steps(preset, settings.adam_steps)),
-            PROGRESS,
-        )
-    return {name: priors / name / PRIOR for name in PRESETS}
+    searches = {preset: (preset, settings.seed) for preset in PRESETS}
+    searches |= {f"{AGAIN}{other}": ("rollout", settings.seed + other) for other in range(1, settings.seeds)}
+    for name, (preset, seed) in searches.items():
+        steps = network_steps(preset, settings.adam_steps)
+        run_identify(Identify(bench, priors / name, preset, seed, steps), PROGRESS)
+    return {name: priors / name / PRIOR for name in searches}
 
 
 def measure(settings: Settings, family: str) -> dict[str, float]:
@@ -125,6 +129,15 @@ def errors(
     }
 
 
+def with_seed_ranges(settings: Settings, figures: dict[str, float]) -> dict[str, float]:
+    """Figures of all models of MODELS; ranges over seeds of the errors of rollout, divided by their mean."""
+    kept = {key: value for key, value in figures.items() if f"/{AGAIN}" not in key}
+    for key in [key for key in kept if "/rollout/" in key and settings.seeds > 1]:
+        others = [figures[key.replace("rollout", f"{AGAIN}{other}")] for other in range(1, settings.seeds)]
+        kept[f"{key}/seed_range"] = float(np.ptp([kept[key], *others]) / np.mean([kept[key], *others]))
+    return kept
+
+
 def table(figures: dict[str, float], family: str) -> str:
     """Markdown: one row per model, medians over motors [mrad]."""
     columns = [(kind, which) for kind in EXCITATIONS for which in SETS]
@@ -146,6 +159,7 @@ def main() -> None:
     found: dict[str, float] = {}
     for family in settings.families:
         found |= measure(settings, family)
+    found = with_seed_ranges(settings, found)
     write_json(settings.out / FIGURES, found)
     text = "\n\n".join(table(found, family) for family in settings.families)
     write_text(settings.out / "tables.md", text + "\n")

@@ -7,8 +7,9 @@ The error is the RMSE of one free run over each whole held-out log, without remo
 only the joint names and gains recorded in the test log: the motor of the same joint, or the central motor. ``adapted``
 is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of the joints) are
 those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
-[rad] as ROBOT/TEST/MODEL, and the fraction of recorded angles inside the 90 % bands of the adapted prior as
-ROBOT/coverage90. tables.md also has all models on the rest of the logs. Finished stages are reused.
+[rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % bands of the adapted prior as
+ROBOT/coverage90, and with --seeds the range of the prior's errors over seeds, divided by their mean, as
+ROBOT/TEST/prior/seed_range. tables.md also has all models on the rest of the logs. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
@@ -30,6 +31,7 @@ from typing import TypeAlias
 import numpy as np
 import tyro
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
@@ -53,9 +55,9 @@ from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.operations import drop_repeats, resample
 from motorprior.logs.read_log import read_log
-from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.logs.readers.puppersim import short_name
-from motorprior.logs.splits import first_and_rest, spread_windows
+from motorprior.logs.splits import first_and_rest, spread_windows, train_test_halves
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.stage import FIGURES, description, is_finished, working
@@ -64,7 +66,7 @@ MODELS = (
     "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",
     "physical", "prior", "adapted", "tuned_pd",
 )  # fmt: skip
-TABLE_ONLY = "tuned_pd"
+AGAIN = "prior_"  # and a number: the prior of another seed
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
 RECIPE = PRESETS["rollout"]
 UNSEEN = "unseen_gains"  # name of a test
@@ -82,14 +84,15 @@ Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, figures of each f
 class Settings:
     """Identify real motors and measure the errors of models on held-out logs."""
 
-    data: Path  # folder with go2/, so101/, xl330/, pupper_v2/ (raw logs, optional) and robots/ (their models)
+    data: Path  # folder with go2/, so101/, xl330/, z1/, pupper_v2/ (raw logs, optional) and robots/ (their models)
     out: Path  # run folder
-    robots: tuple[str, ...] = ("go2", "so101", "xl330", "pupper")  # robots to test
+    robots: tuple[str, ...] = ("go2", "so101", "xl330", "z1", "pupper")  # robots to test
     seconds: float = 24.0  # total length of the training segments [s]; 5 times as long for the arm, 3 for the pendulum
     logs: int | None = None  # number of logs per robot; all if not given
     folds: int | None = None  # number of folds; all if not given
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of trainings and searches
+    seeds: int = 1  # number of searches of the prior, with consecutive seeds
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,8 @@ def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
 
 def _fold_settings(settings: Settings) -> dict[str, object]:
     """The settings on which a fold depends."""
-    return {name: value for name, value in asdict(settings).items() if name in ("seconds", "adam_steps", "seed")}
+    names = ("seconds", "adam_steps", "seed", "seeds")
+    return {name: value for name, value in asdict(settings).items() if name in names}
 
 
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
@@ -128,7 +132,10 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
     preset = recipe_of(prior)
     models = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
-    models["prior"] = prior.model.motors(prior.expected(train.joint_names))
+    models["prior"] = expected_motors(prior, train)
+    for other in range(1, settings.seeds):
+        again = fit_prior(train, IDENTIFIED, seed + other, out=folder / f"prior_{other}", progress=PROGRESS)
+        models[f"{AGAIN}{other}"] = expected_motors(again, train)
     found: list[Figures] = []
     for path in fold.test:
         log = read_parquet(path)
@@ -141,6 +148,11 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
             "coverage": {str(level): share for level, share in covered.items()},
         })  # fmt: skip
     return _means(found)
+
+
+def expected_motors(prior: MotorPrior, log: MotorLog) -> MotorModel:
+    """The motors of the joints of a log, from the prior alone."""
+    return prior.model.motors(prior.expected(log.joint_names))
 
 
 def _errors(
@@ -164,7 +176,10 @@ def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, flo
     errors = (means.get("whole") or means["rest"]) | {
         name: value for name, value in means.get("rest", {}).items() if name == "adapted"
     }
-    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model != TABLE_ONLY}
+    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model in MODELS}
+    seeds = [value for model, value in errors.items() if model == "prior" or model.startswith(AGAIN)]
+    if len(seeds) > 1:
+        keys[f"{robot}/{test}/prior/seed_range"] = float(np.ptp(seeds) / np.mean(seeds))
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
     return keys | {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
 
@@ -206,7 +221,7 @@ def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: 
     posterior = adapt_to(prior, first)
     models: dict[str, MotorModel] = {
         "per_motor": per_motor.model.motors(per_motor.mean),
-        "prior": prior.model.motors(prior.expected(rest.joint_names)),
+        "prior": expected_motors(prior, rest),
         "adapted": prior.model.motors(posterior.mean),
         "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
     }
@@ -232,6 +247,15 @@ def xl330(settings: Settings) -> Iterator[Test]:
         gains.setdefault(float(kp[0, 0]), []).append(path)
     folds = leave_out([path for group in gains.values() for path in group], list(gains.values()))
     yield "unseen_gain", [measure(settings, "xl330", fold) for fold in folds[: settings.folds]]
+
+
+def z1(settings: Settings) -> Iterator[Test]:
+    """Seven motors of an arm, one chirp: trained on its slow first half, tested on the fast second half."""
+    (path,) = imported(settings, "z1", "z1_tensors", robot_file(settings, "z1"), "*.pt")
+    halves = [path.with_name(f"{half}_half.parquet") for half in ("first", "second")]
+    for half, log in zip(halves, train_test_halves(read_parquet(path)), strict=True):
+        write_log(half, log)
+    yield "second_half", [measure(settings, "z1", Fold("second_half", (halves[0],), (halves[1],)))]
 
 
 def pupper(settings: Settings) -> Iterator[Test]:
@@ -273,7 +297,8 @@ def _responses(settings: Settings, name: str, train: Sequence[MotorLog], test: M
 
 # folder of each robot's logs, and its tests
 ROBOTS: dict[str, tuple[str, Callable[[Settings], Iterator[Test]]]] = {
-    "go2": ("go2", go2), "so101": ("so101", so101), "xl330": ("xl330", xl330), "pupper": ("pupper_v2", pupper),
+    "go2": ("go2", go2), "so101": ("so101", so101), "xl330": ("xl330", xl330), "z1": ("z1", z1),
+    "pupper": ("pupper_v2", pupper),
 }  # fmt: skip
 
 
