@@ -28,9 +28,11 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import constants_of
+from motorprior.identification.physics.initial_motor import initial_center
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
+    alone_prior,
     centred,
     fixed_constants,
     motor_search,
@@ -52,8 +54,6 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
-FILTER_STD = 0.7
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -112,7 +112,8 @@ def fit_motors(
     found = _alone(search, rng, simplest, initial - center, neutral - center, lacks, fixed, restarts, report)
     if part is not runs:
         search = centred(center, terms, runs, chosen)
-        found = search.descend(found.x, weak_prior(found.x).fixing(fixed), STEPS)
+        prior = alone_prior(search, found.x, found.x, initial - center)
+        found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
@@ -156,11 +157,7 @@ def _alone(
     ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and
     ``neutral`` (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
     """
-    prior = weak_prior(np.where(lacks, neutral, 0.0))
-    filtered = np.arange(len(fixed)) == PARAMETERS.index("velocity_filter")
-    size = search.losses(simplest)[:, None] / search.problem.observations / FILTER_STD**2
-    precision = np.where(filtered, size, prior.precision)
-    prior = GaussianPrior(np.where(filtered, initial, prior.mean), precision).fixing(fixed)
+    prior = alone_prior(search, simplest, np.where(lacks, neutral, 0.0), initial).fixing(fixed)
     shape, gear = (len(simplest), DRAWS, simplest.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
@@ -301,10 +298,11 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
 def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
     """(M, K) latents after Gauss-Newton steps from ``x`` on ``runs``, longer than those of the fit.
 
-    The prior is the fleet's if ``together``, estimated at x; otherwise it is weak, around x.
+    The prior is the fleet's if ``together``, estimated at x; otherwise `alone_prior` around x.
     """
-    search, fixed = motor_search(model, runs), fixed_constants(model.motor.terms, runs)
-    prior, windows = weak_prior(x).fixing(fixed), search.problem.observations
+    search, terms, windows = motor_search(model, runs), model.motor.terms, runs.windows
+    fixed, initial = fixed_constants(terms, runs), initial_center(terms, runs) - model.motor.center
+    prior = alone_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:
         found = search.at(x, prior)
         first = fleet_prior(found, windows, 0.0).fixing(fixed)

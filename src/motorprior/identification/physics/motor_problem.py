@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import NEGLIGIBLE
 from motorprior.identification.physics.initial_motor import TORQUES, encoded, grey_box, initial_center, logs_kd
@@ -15,6 +15,8 @@ from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
+# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
+FILTER_STD = 0.7
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
 RIGID = {
@@ -126,3 +128,14 @@ def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
 def weak_prior(mean: np.ndarray) -> GaussianPrior:
     """Prior that keeps unidentifiable constants at its mean (K,) or (M, K)."""
     return GaussianPrior(mean, np.full(mean.shape[-1], WEAK))
+
+
+def alone_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
+    """Prior of motors by themselves: `weak_prior`, but with velocity filters around that of an ``initial`` motor (K,).
+
+    Its precision is that of FILTER_STD at the loss of motors ``x`` (M, K). A filter of 0.1 s would replay some logs of
+    slow motion slightly better, and no other.
+    """
+    filtered = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
+    precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
+    return GaussianPrior(np.where(filtered, initial, mean), np.where(filtered, precision, WEAK))

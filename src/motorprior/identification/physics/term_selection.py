@@ -27,11 +27,11 @@ from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
 from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
+    alone_prior,
     centred,
     fixed_constants,
     motor_search,
     rigid_motor,
-    weak_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -223,7 +223,6 @@ class _Trial:
         initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
         search = centred(center, terms, self._runs, self._train)
         held = held | fixed
-        prior = weak_prior(np.zeros(len(center))).fixing(held)
 
         def draw(restart: int, best: Fit) -> np.ndarray:
             shape = (len(raw), _DRAWS, len(center))
@@ -233,7 +232,9 @@ class _Trial:
             candidates[:, 0] = best.x
             return np.clip(np.where(held, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-        found = search.at(np.clip(raw - center, -LOG_REACH, LOG_REACH), prior)
+        x = np.clip(raw - center, -LOG_REACH, LOG_REACH)
+        prior = alone_prior(search, x, np.zeros(len(center)), initial).fixing(held)
+        found = search.at(x, prior)
         if new:
             found = search.at(search.best_of(draw(0, found), prior), prior)
         found = search.descend(found.x, prior, steps)
