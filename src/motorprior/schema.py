@@ -14,16 +14,12 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import read_tensors
-from motorprior.bounds import TABLE, Field, exactly, first_not_finite, require
+from motorprior.bounds import TABLE, Field, exactly, require
 from motorprior.exceptions import ArtifactError, quoted
 
 
 def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path | None, remedy: str) -> None:
-    """Check that a table of the file ``where`` has exactly the wanted keys.
-
-    Raises:
-        ArtifactError: names unknown and missing keys.
-    """
+    """Raise ArtifactError, with unknown and missing keys, unless a table has exactly the wanted keys."""
     given, wanted = set(given), set(wanted)
     kinds = {"unknown": sorted(given - wanted), "missing": sorted(wanted - given)}
     problems = [f"{kind} keys {quoted(keys, 300)}" for kind, keys in kinds.items() if keys]
@@ -57,14 +53,13 @@ class Schema:
         require("content", table, TABLE, where, self.remedy)
         keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
         require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys)
-        for key, field in self.fields.items():
-            if key in table:
-                require(key, table[key], field, where, self.remedy)
+        for key in table:
+            require(key, table[key], self.fields[key], where, self.remedy)
 
 
 @dataclass(frozen=True)
 class Tensor:
-    """Declaration of a float64 array of finite values.
+    """Declaration of a float64 array.
 
     Attributes:
         shape: sizes; a name stands for the same size wherever it occurs.
@@ -88,20 +83,18 @@ def check_tensors(
         ArtifactError: names the tensor, its property and the declared one.
     """
     require_keys(tensors, wanted, where, remedy)
-    known, problem = dict(sizes or {}), ""
+    known = dict(sizes or {})
     for name, tensor in wanted.items():
-        value = np.asarray(tensors[name])
+        value = tensors[name]
         for size, length in zip(tensor.shape, value.shape, strict=False):
             if isinstance(size, str):
                 known.setdefault(size, length)
         shape = tuple(known.get(size, size) if isinstance(size, str) else size for size in tensor.shape)
         if value.dtype != np.float64 or value.shape != shape:
             problem = f"{name} is {value.dtype}{value.shape}, wanted float64{shape}"
-        elif (index := first_not_finite(value)) is not None:
-            problem = f"{name}{index} is not finite"
-        elif value.size and value.min() <= tensor.above:
+            raise ArtifactError(problem, where=where, remedy=remedy)
+        if not np.all(value > tensor.above):
             problem = f"{name} has a value of {value.min():.3g}, not above {tensor.above:g}"
-        if problem:
             raise ArtifactError(problem, where=where, remedy=remedy)
     return known
 
@@ -134,30 +127,27 @@ class Header:
         """Tensors (not checked) and checked header of a file.
 
         Raises:
-            ArtifactError: a folder, or see `read_tensors` and `check`.
+            ArtifactError: a folder, another kind of file, a newer version, or an entry that is not as declared.
         """
         if path.is_dir():
-            raise ArtifactError("a folder, not a file", where=path, remedy=self._other(path / self.file))
+            remedy = f"give {path / self.file}" if (path / self.file).is_file() else self._give
+            raise ArtifactError("a folder, not a file", where=path, remedy=remedy)
         tensors, header = read_tensors(path)
         self.check(header, path)
         return tensors, header
 
     def check(self, header: Any, where: str | Path | None) -> None:
-        """Check a header.
-
-        Raises:
-            ArtifactError: another kind, a newer version, or an entry that is not as declared.
-        """
+        """Check a header; raises as `read`."""
         require("header", header, TABLE, where, self.remedy)
         found, version = header.get("kind"), header.get("schema_version")
-        if isinstance(found, str) and found != self.kind:
-            raise ArtifactError(f"a {quoted(found)[1:-1]}, not a {self.kind}", where=where, remedy=self._other())
-        if type(version) is int and version > self.version:
+        if found != self.kind:
+            raise ArtifactError(f"a {quoted(str(found))[1:-1]}, not a {self.kind}", where=where, remedy=self._give)
+        if isinstance(version, int) and version > self.version:
             problem = f"written by a newer motorprior: schema_version {version}, this one reads {self.version}"
             raise ArtifactError(problem, where=where, remedy="update motorprior")
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
         Schema(identity | dict(self.fields), self.remedy).check(header, where)
 
-    def _other(self, file: Path | None = None) -> str:
-        """Where the right file is."""
-        return f"give {file}" if file and file.is_file() else f"give the {self.file} that `{self.command}` wrote"
+    @property
+    def _give(self) -> str:
+        return f"give the {self.file} that `{self.command}` wrote"

@@ -10,7 +10,7 @@ import pytest
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import load_fleet, load_robot_fleet, nominal_pd
 from motorprior.exceptions import ConfigError
-from motorprior.logs.log_folder import read_log_folder
+from motorprior.logs.read_log import read_log_folder
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.robots.load import load_robot

@@ -9,8 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from motorprior.bounds import is_number
-
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
     "position_target": "rad",
@@ -124,19 +122,16 @@ class MotorLog:
         """Rows of each segment, in order."""
         if self.segment is None:
             return [slice(0, self.num_rows)]
-        starts = np.flatnonzero(np.diff(self.segment)) + 1
-        bounds = [0, *starts.tolist(), self.num_rows]
+        bounds = [0, *(np.flatnonzero(np.diff(self.segment)) + 1).tolist(), self.num_rows]
         return [slice(first, last) for first, last in pairwise(bounds)]
 
     def segments(self) -> Iterator[MotorLog]:
         """One log per segment."""
-        for part in self.segment_slices():
-            yield self.rows(part)
+        return map(self.rows, self.segment_slices())
 
     def rows(self, selection: slice | np.ndarray) -> MotorLog:
         """The rows a slice, a mask (T,) or an index array selects."""
-        picked = {name: value[selection] for name, value in channels(self).items()}
-        return replace(self, **picked)
+        return replace(self, **{name: value[selection] for name, value in channels(self).items()})
 
     def with_joints(self, joints: Sequence[int]) -> MotorLog:
         """The log of some of its joints."""
@@ -167,8 +162,7 @@ class MotorLog:
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
     """The arrays of the log by field name."""
-    values = {each.name: getattr(log, each.name) for each in fields(log)}
-    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    return {name: value for name, value in vars(log).items() if isinstance(value, np.ndarray)}
 
 
 def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
@@ -176,11 +170,6 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     parts = log.segment_slices()
     rows = np.concatenate([np.arange(part.start + 1, part.stop) for part in parts])
     return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
-
-
-def is_register(name: str, value: object) -> bool:
-    """Whether a value of a FIRMWARE register is valid; 0 is off."""
-    return is_number(value, 0.0, 0.0) or is_number(value, *FIRMWARE[name])
 
 
 def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:

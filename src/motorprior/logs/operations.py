@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, listed
 from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, other_firmware, time_steps
 from motorprior.logs.validity import checked
 
@@ -61,17 +61,14 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
         raise LogError(problem, where=log.source, remedy=remedy)
     segment = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     kept = replace(log.rows(np.concatenate(pieces)), segment=segment)
-    return checked(kept, where=log.source), _gap_text(log, gaps, log.num_rows - kept.num_rows)
+    return checked(kept), _gap_text(log, gaps, log.num_rows - kept.num_rows)
 
 
 def _gap_text(log: MotorLog, gaps: np.ndarray, dropped: int) -> str:
     steps = log.time[gaps] - log.time[gaps - 1]
     named = [f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s" for step, row in zip(steps, gaps, strict=True)]
-    more = [f"and {len(gaps) - _MAX_NAMED} more"] if len(gaps) > _MAX_NAMED else []
-    more += ["a segment begins after each"]
-    more += [f"{dropped} rows between gaps, too few to use, are left out"] if dropped else []
-    count = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    return f"{count} longer than {GAP_FACTOR:g} median steps: {'; '.join(named[:_MAX_NAMED] + more)}"
+    text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; {listed(named, _MAX_NAMED)}; a segment begins "
+    return text + "after each" + (f"; {dropped} rows between gaps, too few to use, are left out" if dropped else "")
 
 
 def resample(log: MotorLog, period: float) -> MotorLog:
@@ -79,10 +76,6 @@ def resample(log: MotorLog, period: float) -> MotorLog:
 
     Commands are held (zero order); measurements are interpolated linearly. Drop repeated measurements first
     (`drop_repeats`), or the result moves in steps.
-
-    Args:
-        log: T rows.
-        period: time step of the grid [s].
 
     Raises:
         LogError: a period that is longer than a segment, or gives more than 50 million rows.
@@ -164,7 +157,7 @@ def drop_repeats(log: MotorLog) -> MotorLog:
     Raises:
         LogError: a segment has fewer than 2 different measurements.
     """
-    return checked(log.rows(~repeated_rows(log)), where=log.source)
+    return checked(log.rows(~repeated_rows(log)))
 
 
 def joined(logs: Sequence[MotorLog]) -> MotorLog:
@@ -192,7 +185,7 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     else:
         remedy = "give each motor its own joint name, or give logs of the same joints in the same order"
         raise LogError("some of the logs' joint names are equal", where=source, remedy=remedy)
-    return checked(replace(whole, source=source), where=source)
+    return checked(replace(whole, source=source))
 
 
 def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:

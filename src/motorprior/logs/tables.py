@@ -2,7 +2,7 @@
 
 The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons
 or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the
-first row; names of postures become indices of `motor_log.POSTURES`.
+first row.
 """
 
 from __future__ import annotations
@@ -19,17 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_bytes, require_file
 from motorprior.exceptions import LogError, quoted
-from motorprior.files import MAX_FILE, read_bytes, require_file
-from motorprior.logs.motor_log import POSTURES
 from motorprior.logs.validity import CORRECT, bad_value, missing_column
 
 COPY_AGAIN = "copy or record it again"
 SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
-_CORRECT_POSTURE = (
-    f"use {', '.join(POSTURES[:-1])} or {POSTURES[-1]} in each row, or give one of them for all rows as posture in the "
-    "column map"
-)
 _CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 _BAD_CELL = re.compile(r"In CSV column #(\d+): Row #(\d+): .*invalid value '(.*)'", re.DOTALL)
@@ -37,38 +32,32 @@ _BAD_ROW = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 def table_columns(
-    path: Path, names: Sequence[str], time: str | None = None, posture: str | None = None, may_be_cut: bool = False
+    path: Path, names: Sequence[str], time: str | None = None, may_be_cut: bool = False
 ) -> dict[str, np.ndarray]:
-    """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps, int64 for postures.
+    """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps.
 
     Args:
         path: the table.
         names: of columns, or of elements of list columns.
         time: the column that may hold time stamps.
-        posture: the column that holds names of `motor_log.POSTURES`.
         may_be_cut: the writer of a CSV may have been killed; drop a last line without line end.
 
     Raises:
         LogError: missing or damaged file, missing column, no rows, or a cell that is empty or not a number; names file,
             row and column.
     """
-    special = [name for name in (time, posture) if name]
     if path.suffix == ".parquet":
         table = parquet_table(path, lambda have: required_columns(have, names, path))
     else:
-        table = csv_table(path, names, special, may_be_cut)
-    if not table.num_rows:
-        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+        table = csv_table(path, names, [time] if time else [], may_be_cut)
     found: dict[str, np.ndarray] = {}
     for name in names:
         owner, index = (name, None) if name in table.column_names else element_of(name)
         column = table.column(owner).combine_chunks()
         if column.null_count:
-            row, remedy = int(np.argmin(column.is_valid())), _CORRECT_POSTURE if name == posture else CORRECT
-            raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=remedy)
-        if name == posture:
-            found[name] = _posture_codes(column.to_pylist(), name, path)
-        elif name == time and not _is_number(column.type):
+            row = int(np.argmin(column.is_valid()))
+            raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=CORRECT)
+        if name == time and not _is_number(column.type):
             found[name] = _since_first(column, name, path)
         else:
             found[name] = _numbers(column if index is None else _elements(column, name, index, path), name, path)
@@ -116,12 +105,12 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
-    first, _, body = read_bytes(path, error=LogError).partition(b"\n")
+    first, _, body = read_bytes(path, LogError).partition(b"\n")
     have, delimiter = _head(first, path)
     wanted = required_columns(have, names, path)
     body = body[: body.rfind(b"\n") + 1] if may_be_cut else body
     if not body.strip():
-        return pa.table({name: pa.array([], pa.float64()) for name in wanted})
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     errors = []
     for decimal_point in "." if delimiter == "," else ".,":
         try:
@@ -156,7 +145,7 @@ def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:
     """Arrow table of the columns ``wanted(names of all columns)`` of a Parquet file.
 
     Raises:
-        LogError: not a complete Parquet file, or larger than `files.MAX_FILE` when unpacked.
+        LogError: not a complete Parquet file, or no rows.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -164,12 +153,12 @@ def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:
     require_file(path, LogError)
     try:
         with pq.ParquetFile(path) as file:
-            groups = range(file.metadata.num_row_groups)
-            if sum(file.metadata.row_group(index).total_byte_size for index in groups) > MAX_FILE:
-                raise LogError(f"more than {MAX_FILE} bytes", where=path, remedy="split the recording")
-            return file.read(columns=wanted(file.schema_arrow.names))
+            table = file.read(columns=wanted(file.schema_arrow.names))
     except (pa.ArrowException, OSError) as error:
         raise LogError(f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN) from error
+    if not table.num_rows:
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+    return table
 
 
 def unreadable(path: Path, error: Exception) -> LogError:
@@ -230,14 +219,6 @@ def _numbers(column: Any, name: str, path: Path) -> np.ndarray:
     if not _is_number(column.type):
         raise LogError(f"{name} is {column.type}, not numbers", where=path, remedy=CORRECT)
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
-def _posture_codes(words: list[Any], name: str, path: Path) -> np.ndarray:
-    """(rows,) indices of `motor_log.POSTURES`."""
-    for row, word in enumerate(words):
-        if str(word).strip() not in POSTURES:
-            raise bad_value(row, name, word, "a posture", path, _CORRECT_POSTURE)
-    return np.array([POSTURES.index(word.strip()) for word in words])
 
 
 def _since_first(column: Any, name: str, path: Path) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.bounds import first_not_finite, is_number
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.motor_log import (
     BASE_AXES,
@@ -23,7 +24,6 @@ from motorprior.logs.motor_log import (
     MotorLog,
     channels,
     column_name,
-    is_register,
 )
 
 CORRECT = "correct the column map, or the file"
@@ -44,19 +44,25 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
 
     Args:
         log: channels may be any array-like; rows count from 0.
-        where: file to name in the error.
+        where: file to name in the error, by default the log's source.
 
     Raises:
         LogError: wrong shape, a value that is not finite or out of its bounds, time that does not increase within a
             segment, a segment of fewer than 2 rows or in two places, gains that change within a segment, or an unknown
             encoder, gain unit, posture or register; names row, column and value.
     """
+    where = where or log.source
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
         if (value := getattr(log, name)) not in allowed:
             raise LogError(f"{name} {value!r}", where=where, remedy=f"give {' or '.join(allowed)}")
-    _check_firmware(log, where)
+    for name, value in log.firmware.items():
+        if name not in FIRMWARE:
+            raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
+        low, high = FIRMWARE[name]
+        if value != 0 and not is_number(value, low, high):
+            problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
+            raise LogError(problem, where=where, remedy="give it in rad, rad/s or rad/s², or leave it out")
     log = replace(_as_arrays(log, where), firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)})
-    _check_shapes(log, where)
     for name, value in channels(log).items():
         table = value[:, None] if value.ndim == 1 else value
         columns = [column_name(name, index, log.joint_names) for index in range(table.shape[1])]
@@ -83,20 +89,18 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
         except (ValueError, TypeError) as error:
             problem = f"{name} is not an array of {wanted} ({error})"
             raise LogError(problem, where=where, remedy=f"give {wanted} in every row") from error
-    return replace(log, joint_names=tuple(log.joint_names), **arrays)
-
-
-def _check_shapes(log: MotorLog, where: Where) -> None:
+    log = replace(log, joint_names=tuple(log.joint_names), **arrays)
     if log.num_joints < 1 or len(set(log.joint_names)) != log.num_joints:
         problem = f"joint names {list(log.joint_names)} are empty or repeat"
         raise LogError(problem, where=where, remedy="give every joint its own name")
     rows, joints = log.time.size, log.num_joints
     wanted = {"time": (rows,), **dict.fromkeys(CODES, (rows,)), "base_orientation": (rows, len(BASE_AXES))}
-    for name, value in channels(log).items():
+    for name, value in arrays.items():
         shape = wanted.get(name, (rows, joints))
         if value.shape != shape:
             problem = f"{name} has shape {value.shape}, expected {shape} ({rows} rows, {joints} joints)"
             raise LogError(problem, where=where, remedy="give one row per time and one column per joint name")
+    return log
 
 
 def _check_segments(log: MotorLog, where: Where) -> None:
@@ -125,16 +129,6 @@ def _check_gains_are_constant(log: MotorLog, where: Where) -> None:
             raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
 
 
-def _check_firmware(log: MotorLog, where: Where) -> None:
-    for name, value in log.firmware.items():
-        if name not in FIRMWARE:
-            raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
-        if not is_register(name, value):
-            low, high = FIRMWARE[name]
-            problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
-            raise LogError(problem, where=where, remedy="give it in rad, rad/s or rad/s², or leave it out")
-
-
 def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = CORRECT_ROW) -> LogError:
     """The error for one cell, "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
     text = quoted(value.item() if isinstance(value, np.generic) else value)
@@ -148,23 +142,14 @@ def missing_column(kind: str, name: str, known: Iterable[str], where: Where, rem
 
 
 def require_finite(values: np.ndarray, columns: list[str], where: Where) -> None:
-    """Reject values (T, N) that are not finite.
-
-    Raises:
-        LogError: names row, column and value of the first.
-    """
-    finite = np.isfinite(values)
-    if not finite.all():
-        row, column = np.argwhere(~finite)[0].tolist()
+    """Raise LogError, with row, column and value, unless values (T, N) are finite."""
+    if (place := first_not_finite(values)) is not None:
+        row, column = place
         raise bad_value(row, columns[column], values[row, column], NUMBER, where)
 
 
 def require_increasing(time: np.ndarray, where: Where, first_row: int = 0) -> None:
-    """Reject times (T,) [s] that do not increase.
-
-    Raises:
-        LogError: names the row, counted from ``first_row``, and both values.
-    """
+    """Raise LogError, with the row counted from ``first_row`` and both values, unless times (T,) [s] increase."""
     stuck = np.diff(time) <= 0.0
     if stuck.any():
         row = 1 + int(np.argmax(stuck))

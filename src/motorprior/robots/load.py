@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_toml
 from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.files import read_toml
 from motorprior.robots.model_source import ModelFile, files_digest, model_files
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.log_folder import read_log_folder
+from motorprior.logs.read_log import read_log_folder
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import drop_repeats
 from motorprior.logs.read_log import read_log

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.log_folder import read_log_folder
+from motorprior.logs.read_log import read_log_folder
 from motorprior.logs.motor_log import channels
 from motorprior.logs.operations import repeated_rows
 from motorprior.logs.readers.puppersim import csv_columns, read_puppersim_log

@@ -7,7 +7,7 @@ import pytest
 from third_party_files import ANGLE, JOINTS, TARGET, TIME
 
 from motorprior.exceptions import LogError
-from motorprior.logs.log_folder import read_log_folder
+from motorprior.logs.read_log import read_log_folder
 from motorprior.logs.read_log import read_log
 
 LINE = "=" * 80

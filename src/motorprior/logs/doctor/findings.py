@@ -19,7 +19,7 @@ class Finding:
         message: the finding with value and bound.
         remedy: what to do, or empty.
         joint: name of the joint, or None for the whole log.
-        row: first row concerned, counted from 0, or None.
+        row: first row concerned, counted from 0.
     """
 
     severity: Literal["error", "warning", "info"]
@@ -28,7 +28,7 @@ class Finding:
     message: str
     remedy: str = ""
     joint: str | None = None
-    row: int | None = None
+    row: int = 0
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.artifacts import read_text
 from motorprior.exceptions import LogError
-from motorprior.files import read_text
 from motorprior.logs.column_map import ColumnMap, MappedJoint, load_column_map
 from motorprior.logs.log_reader import FOLDER, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog
@@ -23,23 +23,32 @@ from motorprior.logs.tables import COPY_AGAIN, csv_table
 from motorprior.logs.validity import bad_value, require_increasing
 from motorprior.robots.robot import Robot
 
-CONTROL, STATE, JOINTS = "control.csv", "state_motor.csv", "joint_list.txt"
+CONTROL, STATE = "control.csv", "state_motor.csv"
 MICROSECOND = 1e-6
 
 
 def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read one motion.
-
-    Args:
-        path: the folder.
-        robot: gives the order of the joints if it has these joints.
+    """Read the folder of one motion; ``robot`` gives the order of the joints if it has these joints.
 
     Raises:
         LogError: a missing, damaged or wrong file; names file, row and value.
     """
-    columns = _columns(path)
-    robot = robot_of_joints(robot, tuple(joint.name for joint in columns.joints))
-    return read_mapped_log(path, columns, _merged, robot)
+    names, columns = read_text(path / "joint_list.txt", LogError).split(), load_column_map("so101_sage")
+    if set(names) != {joint.column for joint in columns.joints}:  # another robot
+        joints = tuple(MappedJoint(name, name) for name in names)
+        columns = replace(columns, robot="", motor="", firmware={}, joints=joints)
+
+    def merged(path: Path, wanted: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
+        since, (targets,) = _table(path / CONTROL, ["positions"], len(names))
+        time, (angles, speeds) = _table(path / STATE, ["positions", "velocities"], len(names))
+        require_increasing(MICROSECOND * since, path / CONTROL)
+        begun = time >= since[0]
+        in_force = np.searchsorted(since, time[begun], side="right") - 1
+        series = {"q_des": targets[in_force], "q": angles[begun], "dq": speeds[begun]}
+        found = {f"{kind}_{joint}": values[:, k] for kind, values in series.items() for k, joint in enumerate(names)}
+        return {name: MICROSECOND * time[begun] if name == "t_s" else found[name] for name in wanted}
+
+    return read_mapped_log(path, columns, merged, robot_of_joints(robot, tuple(each.name for each in columns.joints)))
 
 
 READER = LogReader(
@@ -50,36 +59,9 @@ READER = LogReader(
 )
 
 
-def _joint_list(path: Path) -> list[str]:
-    return read_text(path / JOINTS, 100_000, LogError).split()
-
-
-def _columns(path: Path) -> ColumnMap:
-    """The shipped map, or one with the folder's own joint names if they differ."""
-    names, known = _joint_list(path), load_column_map("so101_sage")
-    if set(names) == {joint.column for joint in known.joints}:
-        return known
-    return replace(known, robot="", motor="", firmware={}, joints=tuple(MappedJoint(name, name) for name in names))
-
-
-def _merged(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    joints = _joint_list(path)
-    since, (targets,) = _table(path / CONTROL, ["positions"], len(joints))
-    time, (angles, speeds) = _table(path / STATE, ["positions", "velocities"], len(joints))
-    require_increasing(MICROSECOND * since, path / CONTROL)
-    begun = time >= since[0]
-    in_force = np.searchsorted(since, time[begun], side="right") - 1
-    series = {"q_des": targets[in_force], "q": angles[begun], "dq": speeds[begun]}
-    found = {f"{kind}_{joint}": values[:, k] for kind, values in series.items() for k, joint in enumerate(joints)}
-    found["t_s"] = MICROSECOND * time[begun]
-    return {name: found[name] for name in names}
-
-
 def _table(path: Path, lists: list[str], width: int) -> tuple[np.ndarray, list[np.ndarray]]:
     """Times (T,) [µs] and each column of lists (T, width) of one file."""
     table = csv_table(path, ["timestamp", *lists], inferred=lists)
-    if not table.num_rows:
-        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     return np.asarray(table.column("timestamp").to_numpy()), [
         np.array([_numbers(text, row, name, width, path) for row, text in enumerate(table.column(name).to_pylist())])
         for name in lists
