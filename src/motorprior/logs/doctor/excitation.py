@@ -63,7 +63,7 @@ def excitation(log: MotorLog) -> Iterator[Finding]:
             continue
         if not RATIOS[0] <= ratio <= RATIOS[1]:
             message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
-            remedy = "check power, homing, joint order and units; if command and angle have different units, convert "
+            remedy = "check power, homing, joint order and units; if command and angle have different units, convert one "
             remedy += (
                 f'one in the file, or {IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
             )

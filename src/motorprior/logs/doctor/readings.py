@@ -56,9 +56,9 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
         steps = log.time[rows] - log.time[rows - 1]
         longest = int(np.argmax(steps))
         message = (
-            f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[longest]:.3g} ms "
+            f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[longest]:.3g} "
         )
-        message += f"before row {rows[longest]}"
+        message += f"ms before row {rows[longest]}"
         remedy = "find out why rows are lost; mp.load_log and `motorprior logs import` begin a segment after each gap"
         yield Finding("warning", "gaps", float(steps[longest]), message, remedy, row=int(rows[0]))
 

@@ -110,9 +110,9 @@ def saturation(window: MotorLog) -> Iterator[Finding]:
         if found:
             time = window.period * sum(after - first - 1 for first, after in found)
             message = (
-                f"joint_pos/{joint} stays at its extreme {sign * top:.4g} rad for {time:.2f} s in total while its "
+                f"joint_pos/{joint} stays at its extreme {sign * top:.4g} rad for {time:.2f} s in total while "
             )
-            message += "command continues"
+            message += "its command continues"
             remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
             yield Finding("warning", "saturation", time, message, remedy, joint, found[0][0])
 
