@@ -82,16 +82,10 @@ _MAP = Schema(
 )
 _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
-
-
-def _optional(fields: Mapping[str, Field], name: str = "") -> Schema:
-    return Schema(fields, REMEDY, optional=frozenset(fields), name=name)
-
-
-_UNIT_TABLE = _optional({**_UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}, "units")
-_JOINT = _optional(
-    {"name": _NAME, **_ENTRIES["angle"], **dict.fromkeys(QUANTITIES, TABLE), **dict.fromkeys(GAINS, number(0.0))}
-)
+_UNIT_TABLE = {**_UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
+_JOINT = {
+    "name": _NAME, **_ENTRIES["angle"], **dict.fromkeys(QUANTITIES, TABLE), **dict.fromkeys(GAINS, number(0.0)),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -115,39 +109,21 @@ class MappedJoint:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """The meaning of the columns of a table.
+    """The meaning of the columns of a table; names, encoder, posture, gain_unit and firmware as in `MotorLog`."""
 
-    Attributes:
-        source: file or name of the map.
-        series: channel -> name of its columns, with JOINT or NAME; for CONDITIONS it may be one column for all joints.
-        joints: in the order of the map.
-        motor: motor model.
-        robot: name of the robot, or empty.
-        encoder: where angles are measured, "joint" or "rotor"; empty if not given.
-        time: column of the time, or None with ``rate``.
-        time_scale: seconds per unit of that column.
-        rate: of the rows [Hz], or None.
-        segment: column with the index of the recording, or None.
-        posture: one of POSTURES, or None.
-        base_orientation: columns of roll and pitch [rad], or none.
-        conditions: CONDITIONS that hold for all rows and joints.
-        gain_unit: of the joints' gains (`MotorLog`).
-        firmware: registers of all motors (`MotorLog`).
-    """
-
-    source: str
-    series: dict[str, str]
+    source: str  # file or name of the map
+    series: dict[str, str]  # channel -> name of its columns, with JOINT or NAME; of CONDITIONS maybe one for all joints
     joints: tuple[MappedJoint, ...]
     motor: str = ""
     robot: str = ""
     encoder: str = ""
-    time: str | None = None
-    time_scale: float = 1.0
-    rate: float | None = None
-    segment: str | None = None
+    time: str | None = None  # its column, or None with rate
+    time_scale: float = 1.0  # seconds per unit of that column
+    rate: float | None = None  # of the rows [Hz]
+    segment: str | None = None  # column with the index of the recording
     posture: str | None = None
-    base_orientation: tuple[str, ...] = ()
-    conditions: Mapping[str, float] = field(default_factory=dict)
+    base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
+    conditions: Mapping[str, float] = field(default_factory=dict)  # for all rows and joints
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 
@@ -184,7 +160,7 @@ def load_column_map(name_or_path: str | Path) -> ColumnMap:
 def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _MAP.check(table, where)
     units = table.get("units", {})
-    _UNIT_TABLE.check(units, where)
+    _check(units, _UNIT_TABLE, f"{where}[units]")
     if ("time" in table) == ("rate" in table):
         problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
         raise ArtifactError(problem, where=where, remedy="give one of the two")
@@ -196,6 +172,11 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         conditions={name: table[name] * scale[name] for name in CONDITIONS if is_number(table.get(name))},
         **{name: table[name] for name in _PLAIN if name in table},
     )  # fmt: skip
+
+
+def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
+    """Check a table of optional entries."""
+    Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
 
 
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
@@ -222,7 +203,7 @@ def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[M
 
 
 def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> MappedJoint:
-    _JOINT.check(joint, place)
+    _check(joint, _JOINT, place)
     known = {name: _conversion(name, joint, units, place) for name in QUANTITIES}
     return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
 
@@ -230,7 +211,7 @@ def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> Mapped
 def _conversion(channel: str, joint: Mapping[str, Any], units: Mapping[str, Any], place: str) -> Conversion:
     quantity, own = QUANTITIES[channel], joint.get(channel, {})
     entries = _ENTRIES[quantity]
-    _optional(entries).check(own, f"{place}.{channel}")
+    _check(own, entries, f"{place}.{channel}")
     of_joint = joint if quantity == "angle" else {}
     factor = _scale(quantity, (own, of_joint, units), place)
     if "sign" in entries:

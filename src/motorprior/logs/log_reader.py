@@ -23,27 +23,18 @@ Columns: TypeAlias = Callable[[Path, list[str], ColumnMap], dict[str, np.ndarray
 
 @dataclass(frozen=True)
 class LogReader:
-    """A log format; the READER of a module in `logs.readers`.
+    """A log format; the READER of a module in `logs.readers`."""
 
-    Attributes:
-        name: of the format, for messages.
-        endings: of its file names, each with its dot, or FOLDER.
-        recognises: (path) whether a path with such an ending has this format.
-        read: (path, robot or None) the log; None if the format needs a column map.
-        columns: reads named columns for a column map; None if it needs none.
-        unmapped: (path) text about the content, for the error if a format that needs a map is read without.
-        on_grid: (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows.
-        assumption: a sentence for the user about what is assumed because the format lacks it; empty if none.
-    """
-
-    name: str
-    endings: tuple[str, ...]
-    recognises: Callable[[Path], bool] = lambda path: True
-    read: Callable[[Path, Robot | None], MotorLog] | None = None
-    columns: Columns | None = None
+    name: str  # for messages
+    endings: tuple[str, ...]  # of its file names, each with its dot, or FOLDER
+    recognises: Callable[[Path], bool] = lambda path: True  # whether a path with such an ending has this format
+    read: Callable[[Path, Robot | None], MotorLog] | None = None  # None if the format needs a column map
+    columns: Columns | None = None  # for a column map; None if it needs none
+    # text about the content, for the error if a format that needs a map is read without
     unmapped: Callable[[Path], str] = lambda path: ""
+    # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows
     on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
-    assumption: str = ""
+    assumption: str = ""  # a sentence for the user about what is assumed because the format lacks it
 
     def matches(self, path: Path) -> bool:
         """Whether an existing path has this format; raises `LogError` if it cannot be read."""

@@ -95,17 +95,11 @@ def _ending(name: str) -> str:
 
 @dataclass(frozen=True)
 class LogFolder:
-    """The logs of a folder.
+    """The logs of a folder."""
 
-    Attributes:
-        logs: by short name, sorted.
-        paths: of the logs.
-        unreadable: "NAME: reason" for each file that looks like a log but cannot be read.
-    """
-
-    logs: dict[str, MotorLog]
-    paths: tuple[Path, ...]
-    unreadable: tuple[str, ...] = ()
+    logs: dict[str, MotorLog]  # by short name, sorted
+    paths: tuple[Path, ...]  # of the logs
+    unreadable: tuple[str, ...] = ()  # "NAME: reason" for each file that looks like a log but cannot be read
 
     @property
     def files(self) -> list[Path]:
@@ -118,12 +112,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
     """Read a log, or every log of a folder.
 
     With a column map it reads all tables that fit the map. Without one it reads the motor logs (.parquet), else logs
-    of jietan/puppersim except replays in simulation, else all files that a reader accepts.
-
-    Args:
-        path: file or folder.
-        robot: the recorded robot; not needed for formats that name their joints.
-        columns: name or file of a column map.
+    of jietan/puppersim except replays in simulation, else all files that a reader accepts. Arguments as `read_log`.
 
     Raises:
         LogError: no log, or none that can be read; the message has the reason for the first.

@@ -30,9 +30,10 @@ CORRECT = "correct the column map, or the file"
 CORRECT_ROW = "correct or remove the row"
 NUMBER = "a finite number"
 Where = str | Path | None
+_TINY = float(np.nextafter(0.0, 1.0))
 _BOUNDS = {  # lowest and highest value, and what it is
-    "load_inertia": (float(np.nextafter(0.0, 1.0)), np.inf, "a positive inertia [kg·m²]"),
-    "stated_kp": (float(np.nextafter(0.0, 1.0)), np.inf, "a positive gain"),
+    "load_inertia": (_TINY, np.inf, "a positive inertia [kg·m²]"),
+    "stated_kp": (_TINY, np.inf, "a positive gain"),
     "stated_kd": (0.0, np.inf, "a gain of 0 or more"),
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
     **{name: (a, b, f"from {a:g} to {b:g} {CONDITION_UNITS[name]}") for name, (a, b) in CONDITIONS.items()},
@@ -130,7 +131,7 @@ def _check_gains_are_constant(log: MotorLog, where: Where) -> None:
 
 
 def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = CORRECT_ROW) -> LogError:
-    """The error for one cell, "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
+    """The error for one cell, as "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
     text = quoted(value.item() if isinstance(value, np.generic) else value)
     return LogError(f"row {row}, {column[:120]} is {text}, not {expected}", where=where, remedy=remedy)
 

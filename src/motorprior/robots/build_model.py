@@ -13,7 +13,7 @@ from typing import Any
 
 import mujoco
 
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import GeneratedModel, files_digest
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.robots.user_model import cannot_read
@@ -29,12 +29,9 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
     ``suspended`` welds a free base to the world, high enough that no foot reaches the floor.
 
     Raises:
-        ConfigError: a robot with a fixed base cannot be suspended.
         ArtifactError: a model file is missing or has changed since the robot was loaded, or the model cannot be
             compiled with a floor and without actuators.
     """
-    if suspended and robot.base == "fixed":
-        raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="use suspended=False")
     physics_dt = robot.physics_dt if physics_dt is None else physics_dt
     try:
         spec = _read(robot)

@@ -25,8 +25,8 @@ _TEXT = Field("a text", lambda value: isinstance(value, str) and bool(value))
 
 
 def _is_new_name(value: Any) -> bool:
-    own = _TEXT.accepts(value) and value not in {shipped.name for shipped in SHIPPED}
-    return own and re.fullmatch(r"[A-Za-z0-9_-]+", value) is not None
+    is_name = isinstance(value, str) and re.fullmatch(r"[A-Za-z0-9_-]+", value) is not None
+    return is_name and value not in {shipped.name for shipped in SHIPPED}
 
 
 def _per_joint(field: Field) -> Field:
@@ -35,8 +35,6 @@ def _per_joint(field: Field) -> Field:
 
 
 def _pair(meaning: str, minimum: Field, maximum: Field) -> Field:
-    """Two numbers [min, max] with min <= max."""
-
     def accepts(value: Any) -> bool:
         pair = isinstance(value, list) and len(value) == 2
         return pair and minimum.accepts(value[0]) and maximum.accepts(value[1]) and value[0] <= value[1]
@@ -78,13 +76,7 @@ _GAIT = Schema(
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Load a shipped robot by name, or a user's robot by the path of its TOML (docs/your-robot.md).
-
-    Args:
-        name_or_path: ``"pupper_v2"``, or a .toml file next to an MJCF or URDF.
-
-    Returns:
-        The frozen description: joints, limits, gains, poses, clocks, and legs.
+    """Load a shipped robot by name, such as "pupper_v2", or a user's by the path of its TOML (docs/your-robot.md).
 
     Raises:
         ArtifactError: an unknown name, a file that cannot be read, an unknown, missing or bad key, or a model that does
@@ -92,9 +84,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     """
     path, shipped = Path(name_or_path), {robot.name: robot for robot in SHIPPED}
     if path.suffix == ".toml":
-        table = read_toml(path, _SEE)
-        _ROBOT.check(table, path)
-        return _from_table(table, path)
+        return _from_table(read_toml(path, _SEE), path)
     if str(name_or_path) not in shipped:
         remedy = f"use one of {', '.join(shipped)}, or the path of a .toml file"
         raise ArtifactError(f"no robot {str(name_or_path)!r}", remedy=remedy)
@@ -107,6 +97,7 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
+    _ROBOT.check(table, path)
     where, legs = str(path), table.get("legs", {})
     file = path.parent / table["model"]
     model = UserModel(file, table["base"] == "free", "actuators" in table)

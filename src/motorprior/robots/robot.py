@@ -20,50 +20,29 @@ Encoder = Literal["joint", "rotor"]
 
 @dataclass(frozen=True)
 class Joint:
-    """One driven joint with torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit).
+    """One driven joint with torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit)."""
 
-    Attributes:
-        name: of the hinge in the robot's model.
-        lower: limit [rad].
-        upper: limit [rad].
-        kp: nominal gain at the joint [N·m/rad].
-        kd: nominal gain at the joint [N·m·s/rad].
-        torque_limit: [N·m].
-        encoder: where angle and velocity are measured: on the "joint", or on the "rotor" before the gear.
-    """
-
-    name: str
-    lower: float
+    name: str  # of the hinge in the robot's model
+    lower: float  # limit [rad]
     upper: float
-    kp: float
-    kd: float
-    torque_limit: float
-    encoder: Encoder = "joint"
+    kp: float  # nominal gain at the joint [N·m/rad]
+    kd: float  # [N·m·s/rad]
+    torque_limit: float  # [N·m]
+    encoder: Encoder = "joint"  # where angle and velocity are measured; the rotor is before the gear
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A leg of three joints: abduction about x, hip and knee about y; a growing hip angle moves the foot backwards.
-
-    Attributes:
-        name: of the leg.
-        joints: indices of abduction, hip and knee in the robot's joints.
-        foot: the geom of the model that touches the ground.
-        phase: in the trot cycle, in [0, 1).
-        thigh: from hip to knee axis [m].
-        shank: from knee axis to the centre of the foot [m].
-        foot_radius: [m].
-        rest: foot's centre in the nominal pose, forward and left of the base's origin [m].
-    """
+    """A leg of three joints: abduction about x, hip and knee about y; a growing hip angle moves the foot backwards."""
 
     name: str
-    joints: tuple[int, int, int]
-    foot: str
-    phase: float
-    thigh: float
-    shank: float
-    foot_radius: float
-    rest: tuple[float, float]
+    joints: tuple[int, int, int]  # indices of abduction, hip and knee in the robot's joints
+    foot: str  # the geom of the model that touches the ground
+    phase: float  # in the trot cycle, in [0, 1)
+    thigh: float  # from hip to knee axis [m]
+    shank: float  # from knee axis to the centre of the foot [m]
+    foot_radius: float  # [m]
+    rest: tuple[float, float]  # foot's centre in the nominal pose, forward and left of the base's origin [m]
 
     def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
         """Foot's centre forward of and below the hip axis, in the plane of the leg [m], at (joints,) angles [rad].
@@ -84,21 +63,13 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gait:
-    """Size and frequency of a gait, see `locomotion.trajectory_generator`.
+    """Size and frequency of a gait, see `locomotion.trajectory_generator`."""
 
-    Attributes:
-        frequency: of the steps of one leg, before modulation by the policy [Hz].
-        swing_height: lift of a foot in swing [m].
-        forward: minimum (negative: backward) and maximum commanded speed [m/s].
-        yaw_rate: maximum commanded yaw rate, both directions [rad/s].
-        residual: maximum correction of a joint target by the policy [rad].
-    """
-
-    frequency: float
-    swing_height: float
-    forward: tuple[float, float]
-    yaw_rate: float = 0.6
-    residual: float = 0.3
+    frequency: float  # of the steps of one leg, before modulation by the policy [Hz]
+    swing_height: float  # lift of a foot in swing [m]
+    forward: tuple[float, float]  # minimum (negative: backward) and maximum commanded speed [m/s]
+    yaw_rate: float = 0.6  # maximum commanded, both directions [rad/s]
+    residual: float = 0.3  # maximum correction of a joint target by the policy [rad]
 
     @classmethod
     def of_size(cls, hip_height: float) -> Gait:
@@ -185,11 +156,6 @@ class Robot:
     def nominal_pose(self) -> np.ndarray:
         """(joints,) angles of the nominal pose [rad]."""
         return np.array(self.nominal)
-
-    @property
-    def limits(self) -> np.ndarray:
-        """(joints, 2) lower and upper limit [rad]."""
-        return np.array([(joint.lower, joint.upper) for joint in self.joints])
 
     def limits_of(self, joint_names: Sequence[str]) -> np.ndarray:
         """(J, 2) lower and upper limits of joints by name [rad]; NaN for unknown joints."""

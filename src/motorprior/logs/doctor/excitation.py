@@ -63,10 +63,8 @@ def excitation(log: MotorLog) -> Iterator[Finding]:
             continue
         if not RATIOS[0] <= ratio <= RATIOS[1]:
             message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
-            remedy = "check power, homing, joint order and units; if command and angle have different units, convert one "
-            remedy += (
-                f'one in the file, or {IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
-            )
+            remedy = "check power, homing, joint order and units; if command and angle have different units, state one "
+            remedy += f'{IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
             yield Finding("warning", "excitation", ratio, message, remedy, joint)
         count = sum(reversals(angle[part], 0.05 * float(np.ptp(angle))) for part in log.segment_slices())
         if count < MIN_REVERSALS:

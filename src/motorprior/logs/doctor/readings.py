@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog, settings_text, time_steps
 from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
-from motorprior.logs.settings_text import settings_text
 from motorprior.robots.robot import Robot
 
 RATES = (5.0, 2e4)  # of motor logs [Hz]; other rates mean another unit of time
@@ -55,9 +54,7 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
     if rows.size:
         steps = log.time[rows] - log.time[rows - 1]
         longest = int(np.argmax(steps))
-        message = (
-            f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[longest]:.3g} "
-        )
+        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[longest]:.3g} "
         message += f"ms before row {rows[longest]}"
         remedy = "find out why rows are lost; mp.load_log and `motorprior logs import` begin a segment after each gap"
         yield Finding("warning", "gaps", float(steps[longest]), message, remedy, row=int(rows[0]))

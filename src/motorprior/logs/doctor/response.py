@@ -109,9 +109,7 @@ def saturation(window: MotorLog) -> Iterator[Finding]:
                 found.append((first, after))
         if found:
             time = window.period * sum(after - first - 1 for first, after in found)
-            message = (
-                f"joint_pos/{joint} stays at its extreme {sign * top:.4g} rad for {time:.2f} s in total while "
-            )
+            message = f"joint_pos/{joint} stays at its extreme {sign * top:.4g} rad for {time:.2f} s in total while "
             message += "its command continues"
             remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
             yield Finding("warning", "saturation", time, message, remedy, joint, found[0][0])

@@ -74,9 +74,7 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     if square > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
         return
     names = " and ".join(log.joint_names[column] for column in joints)
-    message = (
-        f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained,"
-    )
+    message = f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained,"
     message += f" and {1e3 * after:.1f} mrad with {names} reversed"
     remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
     remedy += f"{IN_MAP} by sign and zero, or in the model"
