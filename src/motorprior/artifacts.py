@@ -47,11 +47,7 @@ def read_text(path: Path, error: type[MotorPriorError] = ArtifactError) -> str:
 
 
 def read_toml(path: Path, remedy: str) -> dict[str, Any]:
-    """Table of a TOML file.
-
-    Raises:
-        ArtifactError: as `read_text`, or not TOML.
-    """
+    """Table of a TOML file; raises ArtifactError as `read_text`, or if it is not TOML."""
     try:
         return tomllib.loads(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -59,11 +55,7 @@ def read_toml(path: Path, remedy: str) -> dict[str, Any]:
 
 
 def parse_json(text: str) -> Any:
-    """Standard JSON, in which every number is finite; Python's parser also accepts NaN, Infinity and 1e999.
-
-    Raises:
-        ValueError: not JSON, or a number that is not finite.
-    """
+    """Standard JSON, in which every number is finite, unlike Python's with NaN, Infinity, 1e999; raises ValueError."""
     return json.loads(text, parse_constant=_finite, parse_float=_finite)
 
 
@@ -75,11 +67,7 @@ def _finite(text: str) -> float:
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON.
-
-    Raises:
-        ArtifactError: as `read_text`, or not JSON; NaN and infinity are not JSON.
-    """
+    """Read JSON; raises ArtifactError as `read_text`, or if it is not JSON, which has no NaN and infinity."""
     try:
         return parse_json(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -90,8 +78,7 @@ def read_json(path: Path) -> Any:
 def atomic_path(final: Path) -> Iterator[Path]:
     """Yield a temporary path next to ``final``; fsync and rename it on success, delete it on failure.
 
-    Raises:
-        ArtifactError: the folder cannot be created or written, or the disk is full.
+    Raises ArtifactError if the folder cannot be created or written, or the disk is full.
     """
     temporary = final.with_name(f".{uuid4().hex}.tmp")
     try:

@@ -128,8 +128,7 @@ def seed_of(*words: int) -> int:
 def require_finite(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """``value`` as a C-contiguous float64 array; compiled code would read beyond a short array.
 
-    Raises:
-        ConfigError: not numbers, another shape, or a number that is not finite.
+    Raises ConfigError for no numbers, another shape, or a number that is not finite.
     """
     remedy = f"give finite numbers of shape {shape}"
     try:

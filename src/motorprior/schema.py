@@ -29,26 +29,15 @@ def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path 
 
 @dataclass(frozen=True)
 class Schema:
-    """Declaration of a table.
+    """Declaration of a table."""
 
-    Attributes:
-        fields: key -> declared value.
-        remedy: for errors.
-        optional: keys that may be missing.
-        name: of the table, if a file has several.
-    """
-
-    fields: Mapping[str, Field]
-    remedy: str
-    optional: frozenset[str] = frozenset()
-    name: str = ""
+    fields: Mapping[str, Field]  # key -> declared value
+    remedy: str  # for errors
+    optional: frozenset[str] = frozenset()  # keys that may be missing
+    name: str = ""  # of the table, if a file has several
 
     def check(self, table: Any, where: str | Path | None) -> None:
-        """Check a table from the file ``where``.
-
-        Raises:
-            ArtifactError: not a table, an unknown or missing key, or a value that is not as declared.
-        """
+        """Raise ArtifactError for no table, an unknown or missing key, or a value that is not as declared."""
         where = f"{where}[{self.name}]" if self.name else where
         require("content", table, TABLE, where, self.remedy)
         keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
@@ -59,15 +48,10 @@ class Schema:
 
 @dataclass(frozen=True)
 class Tensor:
-    """Declaration of a float64 array.
+    """Declaration of a float64 array."""
 
-    Attributes:
-        shape: sizes; a name stands for the same size wherever it occurs.
-        above: exclusive lower bound of the values.
-    """
-
-    shape: tuple[str | int, ...]
-    above: float = -inf
+    shape: tuple[str | int, ...]  # sizes; a name stands for the same size wherever it occurs
+    above: float = -inf  # exclusive lower bound of the values
 
 
 def check_tensors(
@@ -77,11 +61,7 @@ def check_tensors(
     remedy: str,
     sizes: Mapping[str, int] | None = None,
 ) -> dict[str, int]:
-    """Check arrays and return every named size, taken from ``sizes`` or from the first array that has it.
-
-    Raises:
-        ArtifactError: names the tensor, its property and the declared one.
-    """
+    """Check arrays and return every named size, taken from ``sizes`` or from the first array that has it."""
     require_keys(tensors, wanted, where, remedy)
     known = dict(sizes or {})
     for name, tensor in wanted.items():
@@ -101,34 +81,21 @@ def check_tensors(
 
 @dataclass(frozen=True)
 class Header:
-    """Declaration of the JSON header of an artefact.
+    """Declaration of the JSON header of an artefact."""
 
-    Attributes:
-        kind: of artefact.
-        version: of the header's keys.
-        fields: key -> declared value.
-        remedy: for errors.
-        file: default name of the file.
-        command: the command that writes it.
-    """
-
-    kind: str
-    version: int
-    fields: Mapping[str, Field]
-    remedy: str
-    file: str
-    command: str
+    kind: str  # of artefact
+    version: int  # of the header's keys
+    fields: Mapping[str, Field]  # key -> declared value
+    remedy: str  # for errors
+    file: str  # default name
+    command: str  # writes it
 
     def write(self, **entries: Any) -> dict[str, Any]:
         """The header with these entries."""
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors (not checked) and checked header of a file.
-
-        Raises:
-            ArtifactError: a folder, another kind of file, a newer version, or an entry that is not as declared.
-        """
+        """Tensors (not checked) and checked header of a file; raises ArtifactError as `read_tensors` and `check`."""
         if path.is_dir():
             remedy = f"give {path / self.file}" if (path / self.file).is_file() else self._give
             raise ArtifactError("a folder, not a file", where=path, remedy=remedy)
@@ -137,7 +104,7 @@ class Header:
         return tensors, header
 
     def check(self, header: Any, where: str | Path | None) -> None:
-        """Check a header; raises as `read`."""
+        """Raise ArtifactError for another kind, a newer version, or an entry that is not as declared."""
         require("header", header, TABLE, where, self.remedy)
         found, version = header.get("kind"), header.get("schema_version")
         if found != self.kind:

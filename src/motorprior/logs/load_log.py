@@ -102,12 +102,7 @@ def with_settings(
     robot: Robot | None = None,
     progress: Progress = WARNED,
 ) -> MotorLog:
-    """The log with these gains, registers and conditions; arguments as in `load_log`.
-
-    Raises:
-        ConfigError: a wrong number of gains, or several for joints in no robot's order.
-        LogError: a value out of its bounds.
-    """
+    """The log with these gains, registers and conditions; arguments and errors as in `load_log`."""
     values: dict[str, Any] = {}
     for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
         if given.size not in (0, 1, log.num_joints):

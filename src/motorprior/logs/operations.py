@@ -35,10 +35,8 @@ def gap_rows(log: MotorLog) -> np.ndarray:
 def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     """Begin a segment after every gap, so that nothing is interpolated or fitted across it.
 
-    Args:
-        log: as it was recorded.
-        period: of the grid for the log [s]. Pieces next to gaps with a shorter duration, or with fewer than 4 rows, are
-            dropped. Segments without a gap stay as they are.
+    Pieces next to gaps are dropped if they have fewer than 4 rows, or are shorter than the ``period`` [s] of the grid
+    for the log.
 
     Returns:
         The log, its segments renumbered, and a sentence about the gaps; the same log and "" if there are none.
@@ -61,14 +59,11 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
         raise LogError(problem, where=log.source, remedy=remedy)
     segment = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     kept = replace(log.rows(np.concatenate(pieces)), segment=segment)
-    return checked(kept), _gap_text(log, gaps, log.num_rows - kept.num_rows)
-
-
-def _gap_text(log: MotorLog, gaps: np.ndarray, dropped: int) -> str:
-    steps = log.time[gaps] - log.time[gaps - 1]
+    steps, dropped = log.time[gaps] - log.time[gaps - 1], log.num_rows - kept.num_rows
     named = [f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s" for step, row in zip(steps, gaps, strict=True)]
     text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; {listed(named, _MAX_NAMED)}; a segment begins "
-    return text + "after each" + (f"; {dropped} rows between gaps, too few to use, are left out" if dropped else "")
+    text += "after each" + (f"; {dropped} rows between gaps, too few to use, are left out" if dropped else "")
+    return checked(kept), text
 
 
 def resample(log: MotorLog, period: float) -> MotorLog:
@@ -153,9 +148,6 @@ def drop_repeats(log: MotorLog) -> MotorLog:
 
     A host that polls faster than the robot answers logs the same angles several times, which makes velocities zero.
     Only for logs of hardware: exact repeats in simulation are real.
-
-    Raises:
-        LogError: a segment has fewer than 2 different measurements.
     """
     return checked(log.rows(~repeated_rows(log)))
 

@@ -61,16 +61,12 @@ def load_pickle(
     persistent: Callable[[Any], Any] | None = None,
     where: Path | None = None,
 ) -> Any:
-    """Unpickle plain containers, arrays and scalars of numpy, and the names in ``allowed``; text of Python 2 is latin1.
+    """Unpickle plain containers, arrays and scalars of numpy, and ``allowed`` names, (module, name) -> substitute.
 
-    Args:
-        data: the pickle.
-        allowed: (module, name) -> substitute; no other name is imported.
-        persistent: resolves a persistent id.
-        where: its file, for errors.
+    Text of Python 2 is latin1; ``persistent`` resolves persistent ids.
 
     Raises:
-        LogError: a name that is not allowed, or a damaged pickle.
+        LogError: a name that is not allowed, or a damaged pickle; names the file ``where``.
     """
     known = _NUMPY | dict(allowed or {})
 

@@ -45,11 +45,7 @@ def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
 
 
 def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
-    """`first_seconds`, and the remaining rows, without a first segment of a single row.
-
-    Raises:
-        ConfigError: nothing would remain.
-    """
+    """`first_seconds`, and the remaining rows, without a first segment of a single row; ConfigError if none remain."""
     require_number("seconds", seconds, 0.0, log.duration)
     first = first_seconds(log, seconds)
     rest = log.rows(slice(first.num_rows, None))
@@ -91,12 +87,8 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     """Split into every second log and the others, into halves, or into alternating chunks.
 
     Halves if there is one log, or if a joint moves in the test logs only. Chunks if different joints move in the two
-    halves, as where joints are moved one after the other. Static rows at the ends of a log are left out.
-
-    Args:
-        logs: of the same joints, of which some move.
-        train_seconds: duration of all training rows [s], at least MIN_SECONDS per log.
-        test_seconds: duration of all test rows [s], likewise.
+    halves, as where joints are moved one after the other. Static rows at the ends of a log are left out. The durations
+    [s] are of all training and of all test rows, at least MIN_SECONDS per log.
 
     Raises:
         LogError: no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
@@ -140,11 +132,7 @@ def _windows(logs: Mapping[str, MotorLog], seconds: float) -> dict[str, MotorLog
 
 
 def _chunks(logs: Mapping[str, MotorLog]) -> tuple[list[tuple[str, MotorLog]], list[tuple[str, MotorLog]]]:
-    """Chunks to train on and to test on; every joint moves in as many chunks of both as possible.
-
-    Raises:
-        LogError: no joint moves in chunks of both.
-    """
+    """Chunks to train on and to test on; every joint moves in as many chunks of both as possible."""
     first = next(iter(logs.values()))
     counts, sides = np.zeros((2, first.num_joints), dtype=int), ([], [])
     for name, chunk in [(name, chunk) for name, log in logs.items() for chunk in _cut(log)]:

@@ -70,11 +70,7 @@ def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = Fal
 
 
 def csv_names(path: Path) -> list[str]:
-    """The column names of a CSV file.
-
-    Raises:
-        LogError: missing or damaged, or a first line that is empty or not UTF-8.
-    """
+    """The column names of a CSV file; LogError for a damaged file, or a first line that is empty or not UTF-8."""
     require_file(path, LogError)
     try:
         with gzip.open(path) if path.suffix == ".gz" else open(path, "rb") as file:
@@ -99,8 +95,7 @@ def _head(line: bytes, path: Path) -> tuple[list[str], str]:
 def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), may_be_cut: bool = False) -> Any:
     """Arrow table of the columns of a CSV file; float64, or of the type of its cells for ``inferred`` columns.
 
-    Raises:
-        LogError: as `csv_names`; a missing column, a row with a wrong number of cells, or a cell that is no number.
+    Raises LogError as `csv_names`, for a missing column, a wrong number of cells, or a cell that is no number.
     """
     import pyarrow as pa
     import pyarrow.csv as pa_csv
@@ -142,11 +137,7 @@ def _csv_error(error: Exception, names: Sequence[str], path: Path) -> tuple[int,
 
 
 def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:
-    """Arrow table of the columns ``wanted(names of all columns)`` of a Parquet file.
-
-    Raises:
-        LogError: not a complete Parquet file, or no rows.
-    """
+    """Arrow table of the columns ``wanted(names of all columns)`` of a complete Parquet file with rows."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -174,11 +165,7 @@ def element_of(name: str) -> tuple[str, int | None]:
 
 
 def required_columns(have: Sequence[str], names: Sequence[str], path: Path) -> list[str]:
-    """The columns of the file that hold these names, each once.
-
-    Raises:
-        LogError: a column is missing, or occurs twice.
-    """
+    """The columns of the file that hold these names, each once; raises LogError if one is missing, or occurs twice."""
     counted = Counter(have)
     found = dict.fromkeys(name if name in counted else element_of(name)[0] for name in names)
     for name in found:
@@ -225,8 +212,9 @@ def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
     """(rows,) timedelta64[ns] since the first row, of time stamps, durations or ISO 8601 texts."""
     import pyarrow as pa
 
-    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
-        to = pa.duration("ns") if pa.types.is_duration(column.type) else pa.timestamp("ns", column.type.tz)
+    is_duration = pa.types.is_duration(column.type)
+    if is_duration or pa.types.is_timestamp(column.type):
+        to = pa.duration("ns") if is_duration else pa.timestamp("ns", column.type.tz)
         counts = np.asarray(column.cast(to).cast(pa.int64()).to_numpy(zero_copy_only=False))
         return (counts - counts[:1]).astype("timedelta64[ns]")
     texts, since = column.to_pylist(), []

@@ -105,10 +105,8 @@ class UserModel:
             expected = leg.reach(np.array([angles[name] for name in names]))
             if max(abs(forward - expected[0]), abs(-down - expected[1])) > tolerance:
                 where = "in the nominal pose" if moved is None else f"as {moved!r} grows"
-                text = (
-                    f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip; with "
-                )
-                text += f"hip and knee about +y and a straight leg at 0, expected {expected[0]:.3f} and "
+                text = f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip; "
+                text += f"with hip and knee about +y and a straight leg at 0, expected {expected[0]:.3f} and "
                 return f"{text}{expected[1]:.3f} m"
         left = self._at(pose | {abduction: pose[abduction] + step}).geom_xpos[foot]
         if left[1] <= self._at(pose).geom_xpos[foot][1]:
