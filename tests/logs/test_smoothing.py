@@ -17,7 +17,7 @@ def noisy(deviation: float, seed: int = 0) -> np.ndarray:
     return WAVE + deviation * np.random.default_rng(seed).standard_normal(WAVE.shape)
 
 
-@pytest.mark.parametrize("deviation", [1e-4, 3e-4, 1e-3])
+@pytest.mark.parametrize("deviation", [1e-4, 1e-3])
 def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
     readings = noisy(deviation)
     found = smoothed(readings, PARTS, DT)

@@ -30,6 +30,12 @@ joint_pos = "dof_pos[{joint}]"
 """
 
 
+def csv_columns(num_joints: int) -> tuple[str, ...]:
+    """Columns of the CSV of jietan/puppersim: time, targets, angles, IMU."""
+    joints = [f"{name}_{joint}" for name in ("q_des", "q") for joint in range(num_joints)]
+    return ("t_s", *joints, "imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
+
+
 def write_bam(folder: Path, **changes: Any) -> Path:
     entries = [
         {"timestamp": t, "goal_position": g, "position": q, "speed": 0.0, "torque_enable": True, "load": 65535}

@@ -1,7 +1,5 @@
 """Lag and sign of an angle against its command."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,15 +16,15 @@ def sines(rates: tuple[float, ...], lag: float, sign: float = 1.0) -> MotorLog:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("rates", [(2.0,), (0.5,), (3.0,), (5.0,), (0.4, 1.3, 2.9)])
-@pytest.mark.parametrize("lag", [0.0, 0.02, 0.085])
+@pytest.mark.parametrize("rates", [(2.0,), (5.0,), (0.4, 1.3, 2.9)])
+@pytest.mark.parametrize("lag", [0.0, 0.085])
 def test_the_lag_is_that_of_the_first_peak(rates: tuple[float, ...], lag: float):
     (finding,) = check_log(sines(rates, lag)).of("tracking")
     assert finding.severity == "info" and finding.value == pytest.approx(lag, abs=0.0025)
 
 
-@pytest.mark.parametrize("rates", [(0.5,), (1.0,), (1.9,), (0.4, 1.3, 2.9), (3.0, 4.1)])
-@pytest.mark.parametrize("lag", [0.0, 0.02, 0.085])
+@pytest.mark.parametrize("rates", [(0.5,), (1.9,), (3.0, 4.1)])
+@pytest.mark.parametrize("lag", [0.0, 0.085])
 def test_a_joint_that_moves_against_its_command_is_an_error(rates: tuple[float, ...], lag: float):
     (finding,) = check_log(sines(rates, lag, -1.0)).of("tracking")
     assert finding.severity == "error" and "against" in finding.message and finding.value < -0.5
@@ -35,14 +33,3 @@ def test_a_joint_that_moves_against_its_command_is_an_error(rates: tuple[float, 
 def test_the_lag_of_one_fast_sine_is_ambiguous():
     (finding,) = check_log(sines((4.0,), 0.05, -1.0)).of("tracking")
     assert finding.severity == "warning" and "or moves against its command 50 ms later" in finding.message
-
-
-def test_a_reversed_joint_is_found_next_to_a_segment_of_noise():
-    reversed_, rest = sines((0.4, 1.3, 2.9), 0.05, -1.0), sines((0.4, 1.3, 2.9), 0.05)
-    noise = np.random.default_rng(0).normal(size=rest.joint_pos.shape)
-    whole = replace(
-        rest, time=0.005 * np.arange(4000), segment=np.repeat([0, 1], 2000),
-        position_target=np.concatenate([reversed_.position_target, rest.position_target]),
-        joint_pos=np.concatenate([reversed_.joint_pos, 0.1 * noise]),
-    )  # fmt: skip
-    assert [finding.severity for finding in check_log(whole).of("tracking")] == ["error"]

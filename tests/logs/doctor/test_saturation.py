@@ -41,11 +41,7 @@ def stopped(share: float) -> Change:
     return clip
 
 
-def times(factor: float) -> Change:
-    return lambda angle: factor * angle
-
-
-@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.7])
+@pytest.mark.parametrize("share", [0.2, 0.6])
 def test_end_stops_show_though_a_chirp_is_far_behind_its_command(share: float):
     log = of(chirp(), stopped(share)(chirp(0.1)))
     high, low = (log.joint_pos[finding.row, 0] for finding in check_log(log).of("saturation"))
@@ -79,22 +75,17 @@ def test_reversals_dead_bands_and_weights_are_no_end_stop():
         assert not check_log(of(command, angle)).of("saturation")
 
 
-REAL = [
-    ("go2", "traj_0", "go2_identification"),
-    ("so101", "chirp_sweep", "so101_sage"),
-    ("so101", "multisine", "so101_sage"),
-]
-DONE: list[tuple[str, Change]] = [
-    ("saturation", stopped(0.6)), ("saturation", stopped(0.4)),
-    ("proportion", times(2.0)), ("proportion", times(1.7)), ("proportion", times(0.5)),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("robot", "name", "columns"), REAL)
+@pytest.mark.parametrize(
+    ("robot", "name", "columns"),
+    [
+        ("go2", "traj_0", "go2_identification"),
+        ("so101", "chirp_sweep", "so101_sage"),
+        ("so101", "multisine", "so101_sage"),
+    ],
+)
 def test_what_was_done_to_a_real_log_is_found(shared_data: Path, robot: str, name: str, columns: str):
     log = replace(read_log(shared_data / robot / f"{name}.csv.gz", columns=columns), joint_vel=None)
-    for check in ("saturation", "proportion", "copied"):
-        assert not check_log(log).of(check)
-    for check, change in DONE:
-        assert check_log(replace(log, joint_pos=change(log.joint_pos))).of(check)
+    report = check_log(log)
+    assert not report.of("saturation") and not report.of("copied")
+    assert check_log(replace(log, joint_pos=stopped(0.5)(log.joint_pos))).of("saturation")
     assert len(check_log(replace(log, joint_pos=log.position_target.copy())).of("copied")) == log.num_joints
