@@ -47,25 +47,6 @@ def write_bam(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def write_sage(
-    folder: Path,
-    control_late: float = 0.0,
-    joints: Sequence[str] = JOINTS,
-    target: np.ndarray = TARGET,
-    angle: np.ndarray = ANGLE,
-) -> Path:
-    path = folder / "motion"
-    path.mkdir(exist_ok=True)
-    (path / "joint_list.txt").write_text("\n".join(joints) + "\n")
-    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, target.tolist(), strict=True)]
-    zeros = [0.0] * len(joints)
-    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, angle.tolist(), strict=True)]
-    (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
-    header = "type,timestamp,positions,velocities,torques"
-    (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")
-    return path
-
-
 def write_lerobot(folder: Path, fps: Any = 50.0, **columns: Any) -> Path:
     path = folder / "dataset"
     (path / "meta").mkdir(parents=True, exist_ok=True)
