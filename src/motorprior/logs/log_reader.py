@@ -66,7 +66,14 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     ]
     table = source(path, list(dict.fromkeys(names)), columns)
     shape = len(next(iter(table.values()))), len(joints)
-    values: dict[str, Any] = {"time": _time(table, columns, path)}
+    if columns.rate is not None:
+        time = np.arange(shape[0]) / columns.rate
+    elif (time := table[columns.time or ""]).dtype.kind == "m":
+        time = time / np.timedelta64(1, "s")
+    else:
+        require_finite(time[:, None], [f"time (column {columns.time})"], path)
+        time = columns.time_scale * time
+    values: dict[str, Any] = {"time": time}
     for channel, names in wanted.items():
         raw = np.stack([table[name] for name in names], axis=1)
         labels = [f"{channel}/{joint.name} (column {name})" for joint, name in zip(joints, names, strict=True)]
@@ -107,14 +114,3 @@ def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[Mapp
         remedy = f"remove its table, or give its key name one of {', '.join(robot.joint_names)}"
         raise LogError(problem, where=path, remedy=remedy)
     return tuple(by_name[name] for name in robot.joint_names if name in by_name)
-
-
-def _time(table: dict[str, np.ndarray], columns: ColumnMap, path: Path) -> np.ndarray:
-    """(rows,) [s]."""
-    if columns.rate is not None:
-        return np.arange(len(next(iter(table.values())))) / columns.rate
-    time = table[columns.time or ""]
-    if time.dtype.kind == "m":
-        return time / np.timedelta64(1, "s")
-    require_finite(time[:, None], [f"time (column {columns.time})"], path)
-    return columns.time_scale * time

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -171,7 +170,13 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
         return first
     source = "; ".join(dict.fromkeys(log.source for log in logs))
     if all(log.joint_names == first.joint_names for log in logs):
-        whole = replace(first, **_in_sequence(logs))
+        parts = [part for log in logs for part in log.segments()]
+        values = {
+            name: np.concatenate([channels(part)[name] for part in parts])
+            for name in channels(parts[0]).keys() - {"segment"}
+        }
+        values["segment"] = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
+        whole = replace(first, **values)
     elif len(set(names)) == len(names):
         whole = replace(_side_by_side(logs, source), joint_names=tuple(names))
     else:
@@ -192,13 +197,6 @@ def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
     if problem := problem or other_firmware(log.firmware, first.firmware) or "":
         remedy = "import all with the same channels and registers, or fit one at a time"
         raise LogError(problem, where=log.source, remedy=remedy)
-
-
-def _in_sequence(logs: Sequence[MotorLog]) -> dict[str, Any]:
-    parts = [part for log in logs for part in log.segments()]
-    names = channels(parts[0]).keys() - {"segment"}
-    values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
-    return values | {"segment": np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])}
 
 
 def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:

@@ -68,43 +68,42 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
         table = value[:, None] if value.ndim == 1 else value
         columns = [column_name(name, index, log.joint_names) for index in range(table.shape[1])]
         require_finite(table, columns, where)
-    _check_segments(log, where)
-    for name, (low, high, expected) in _BOUNDS.items():
-        values = getattr(log, name)
-        if values is not None and np.any(outside := (values < low) | (values > high)):
-            row, *column = np.argwhere(outside)[0].tolist()
-            label = column_name(name, column[0] if column else 0, log.joint_names)
+        low, high, expected = _BOUNDS.get(name, (-np.inf, np.inf, ""))
+        if np.any(outside := (table < low) | (table > high)):
+            row, column = np.argwhere(outside)[0].tolist()
             remedy = "correct it, or leave the channel out"
-            raise bad_value(row, label, values[(row, *column)], expected, where, remedy)
-    _check_gains_are_constant(log, where)
+            raise bad_value(row, columns[column], table[row, column], expected, where, remedy)
+    _check_segments(log, where)
     return log
 
 
 def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
-    arrays: dict[str, Any] = {}
-    for name in ("time", *JOINT_SERIES, *CODES, "base_orientation"):
-        kind, wanted = (np.int64, "integers") if name in CODES else (np.float64, "numbers")
-        try:
-            if (value := getattr(log, name)) is not None:
-                arrays[name] = np.asarray(value).astype(kind, casting="same_kind", copy=False)
-        except (ValueError, TypeError) as error:
-            problem = f"{name} is not an array of {wanted} ({error})"
-            raise LogError(problem, where=where, remedy=f"give {wanted} in every row") from error
-    log = replace(log, joint_names=tuple(log.joint_names), **arrays)
     if log.num_joints < 1 or len(set(log.joint_names)) != log.num_joints:
         problem = f"joint names {list(log.joint_names)} are empty or repeat"
         raise LogError(problem, where=where, remedy="give every joint its own name")
-    rows, joints = log.time.size, log.num_joints
+    arrays: dict[str, Any] = {}
+    rows, joints = np.size(log.time), log.num_joints
     wanted = {"time": (rows,), **dict.fromkeys(CODES, (rows,)), "base_orientation": (rows, len(BASE_AXES))}
-    for name, value in arrays.items():
-        shape = wanted.get(name, (rows, joints))
-        if value.shape != shape:
-            problem = f"{name} has shape {value.shape}, expected {shape} ({rows} rows, {joints} joints)"
+    for name in ("time", *JOINT_SERIES, *CODES, "base_orientation"):
+        kind, words = (np.int64, "integers") if name in CODES else (np.float64, "numbers")
+        if (value := getattr(log, name)) is None:
+            continue
+        try:
+            arrays[name] = np.asarray(value).astype(kind, casting="same_kind", copy=False)
+        except (ValueError, TypeError) as error:
+            problem = f"{name} is not an array of {words} ({error})"
+            raise LogError(problem, where=where, remedy=f"give {words} in every row") from error
+        found, shape = arrays[name].shape, wanted.get(name, (rows, joints))
+        if found != shape:
+            problem = f"{name} has shape {found}, expected {shape} ({rows} rows, {joints} joints)"
             raise LogError(problem, where=where, remedy="give one row per time and one column per joint name")
-    return log
+    return replace(log, joint_names=tuple(log.joint_names), **arrays)
 
 
 def _check_segments(log: MotorLog, where: Where) -> None:
+    """Rows, times and gains within segments."""
+    if log.stated_kp is None and log.stated_kd is not None:
+        raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
     seen: set[int] = set()
     for part in log.segment_slices():
         index = 0 if log.segment is None or not log.num_rows else int(log.segment[part.start])
@@ -116,18 +115,14 @@ def _check_segments(log: MotorLog, where: Where) -> None:
             raise LogError(problem, where=where, remedy="give each contiguous recording its own index")
         seen.add(index)
         require_increasing(log.time[part], where, part.start)
-
-
-def _check_gains_are_constant(log: MotorLog, where: Where) -> None:
-    if log.stated_kp is None and log.stated_kd is not None:
-        raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
-    first = np.concatenate([np.full(part.stop - part.start, part.start) for part in log.segment_slices()])
-    for name in ("stated_kp", "stated_kd"):
-        gains = getattr(log, name)
-        if gains is not None and np.any(changed := gains != gains[first]):
-            row, column = np.argwhere(changed)[0].tolist()
-            problem = f"row {row}, {column_name(name, column, log.joint_names)} changes within a segment"
-            raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
+        for name in ("stated_kp", "stated_kd"):
+            gains = getattr(log, name)
+            if gains is not None and np.any(changed := gains[part] != gains[part.start]):
+                row, column = np.argwhere(changed)[0].tolist()
+                problem = (
+                    f"row {part.start + row}, {column_name(name, column, log.joint_names)} changes within a segment"
+                )
+                raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
 
 
 def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = CORRECT_ROW) -> LogError:

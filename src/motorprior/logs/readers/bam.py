@@ -33,17 +33,15 @@ _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
 
 
 def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read one recording.
-
-    Raises:
-        LogError: missing or damaged file, not JSON, an entry that is missing or not a finite number, times that do not
-            increase, or a torque that was never on.
-    """
-    content = _content(path)
-    entries = content["entries"]
+    """Read one recording; raises LogError, also if the torque was never on."""
+    try:
+        content = json.loads(read_text(path, LogError))
+        entries = content["entries"]
+        enabled = np.array([bool(entry.get("torque_enable", True)) for entry in entries])
+    except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
+        raise LogError(f"not JSON with a list of entries ({error})", where=path, remedy=_REMEDY) from error
     mass, length, kp = (_positive(content, name, path) for name in ("mass", "length", "kp"))
     arm = _positive(content, "arm_mass", path) if content.get("arm_mass") else 0.0
-    enabled = np.array([bool(entry.get("torque_enable", True)) for entry in entries])
     # where the torque is off, the goal may be null
     goals = [entry if on else entry | {"goal_position": 0.0} for entry, on in zip(entries, enabled, strict=True)]
     angle, measured = _column(entries, "position", path), _conditions(content)
@@ -70,17 +68,6 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
 
 
 READER = LogReader("pendulum of Rhoban/bam", (".json", ".json.gz"), read=read_bam)
-
-
-def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(read_text(path, LogError))
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"not JSON ({error})", where=path, remedy="copy the file again") from error
-    entries = content.get("entries") if isinstance(content, dict) else None
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        raise LogError("no list of entries", where=path, remedy=_REMEDY)
-    return content
 
 
 def _conditions(content: dict[str, Any]) -> dict[str, Any]:

@@ -30,13 +30,7 @@ _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and obs
 
 
 def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read the folder of a dataset; every episode is a segment.
-
-    A robot gives the order of the joints if it has these joints.
-
-    Raises:
-        LogError: a missing or damaged file, missing rows, or actions that are not positions of the same joints.
-    """
+    """Read the folder of a dataset; a robot gives the order of the joints if it has these joints."""
     info = _info(path)
     names = _joint_names(info, ACTION, path)
     if names != (state := _joint_names(info, STATE, path)):
@@ -56,7 +50,6 @@ def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
 
 
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    """Columns of all files of a dataset."""
     info, found = _info(path), sorted(path.glob("data/chunk-*/file-*.parquet"))
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)

@@ -82,9 +82,7 @@ def write_log(path: str | Path, log: MotorLog) -> None:
 def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     """Read the file of `write_log`, which states its robot; every float64 is restored bit for bit.
 
-    Raises:
-        LogError: missing or truncated file, another schema version, unit or sign convention, a missing column, or
-            values that `checked` rejects.
+    Raises LogError for another file, schema version, unit or sign convention, or a log that `checked` rejects.
     """
     path = Path(path)
     if path.suffix != ".parquet":
@@ -127,8 +125,6 @@ def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, A
     try:
         header = parse_json(text.decode())
         _HEADER.check(header, path)
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"its header is not JSON ({error})", where=path, remedy=REWRITE) from error
-    except ArtifactError as error:
-        raise LogError(error.problem, where=path, remedy=REWRITE) from error
+    except (ValueError, ArtifactError) as error:
+        raise LogError(f"bad header: {error}", where=path, remedy=REWRITE) from error
     return header

@@ -27,13 +27,7 @@ _LISTS = {"t": "t_s", "action": "q_des_{}", "MotorAngle": "q_{}", "IMU": "{}"}  
 
 
 def read_puppersim_log(path: Path, robot: Robot | None) -> MotorLog:
-    """Read one recording of ``robot``: ``.csv``, ``.csv.gz`` or the original pickle ``.txt``.
-
-    Raises:
-        ConfigError: no robot.
-        LogError: wrong columns, truncated, not numbers, not finite, or time that does not increase; names file, row,
-            column and value.
-    """
+    """Read one recording of ``robot``: ``.csv``, ``.csv.gz`` or the original pickle ``.txt``."""
     robot = require_robot(robot, path)
     columns = ColumnMap(
         source="jietan/puppersim", motor=robot.motor, time="t_s", base_orientation=_IMU[:2],

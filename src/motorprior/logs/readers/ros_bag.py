@@ -41,11 +41,7 @@ _REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE};
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
-    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages.
-
-    Raises:
-        LogError: the extra `ros` is not installed, another storage than MCAP, or a damaged file, at opening or reading.
-    """
+    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
     if path.is_dir():
         path = max(_files(path), key=lambda file: file.suffix == ".mcap")
         if path.suffix != ".mcap":
@@ -82,13 +78,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read a bag with one topic of states and one of commands, both JointState.
-
-    A robot gives robot, motor and order of the joints if it has these joints.
-
-    Raises:
-        LogError: as `_opened`; not exactly one topic of each; a command for a joint without states.
-    """
+    """Read a bag with one topic of states and one of commands; a robot gives order and motor if it has these joints."""
     with _opened(path) as (reader, types):
         topics = [topic for topic, kind in types.items() if kind == JOINT_STATE]
         first = {topic: message for each in topics for topic, _, message in islice(_messages(reader, [each]), 1)}

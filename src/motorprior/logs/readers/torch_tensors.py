@@ -26,11 +26,7 @@ _SAVE = "save a dict of tensors by torch.save"
 
 
 def tensor_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    """Read columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` is column 2 of a tensor (T, J).
-
-    Raises:
-        LogError: not a complete file of tensors, a pickle with disallowed content, a missing key or a wrong shape.
-    """
+    """Columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` is column 2 of a tensor (T, J)."""
     content, found = _content(path), {}
     for name in names:
         key, index = element_of(name)
