@@ -27,10 +27,10 @@ def test_a_value_that_cannot_be_written_leaves_nothing(tmp_path: Path):
 
 
 def test_a_file_in_a_new_folder_is_readable_by_all_and_alone(tmp_path: Path):
-    write_json(tmp_path / "deep" / "run" / "a.json", {"b": [1, 2.5], "a": "ü"})
-    assert read_json(tmp_path / "deep" / "run" / "a.json") == {"a": "ü", "b": [1, 2.5]}
-    assert [file.name for file in (tmp_path / "deep" / "run").iterdir()] == ["a.json"]
-    assert (tmp_path / "deep" / "run" / "a.json").stat().st_mode & 0o777 == 0o644
+    path = tmp_path / "deep" / "run" / "a.json"
+    write_json(path, {"b": [1, 2.5], "a": "ü"})
+    assert read_json(path) == {"a": "ü", "b": [1, 2.5]} and list(path.parent.iterdir()) == [path]
+    assert path.stat().st_mode & 0o777 == 0o644
 
 
 TENSORS = {
