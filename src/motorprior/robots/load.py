@@ -147,7 +147,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
 def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: UserModel, where: str) -> Leg:
     _LEG.check(table, where)
     joints = tuple(table["joints"])
-    if len(joints) != 3 or len(set(joints)) != 3 or not set(joints) <= set(names):
+    if len(joints) != 3 or len(set(joints) & set(names)) != 3:
         remedy = f"give abduction, hip and knee, of {', '.join(names)}"
         raise ArtifactError(f"joints {list(joints)} are not three joints of the robot", where=where, remedy=remedy)
     indices = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
@@ -166,7 +166,6 @@ def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path) -> Gait | None:
-    """The default gait for the robot's size, overridden by the table; None without legs."""
     _GAIT.check(table, path)
     if not legs:
         return None
@@ -176,10 +175,8 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
 
 
 def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:
-    """One number per joint, from one number, one per joint of a leg, or one per joint."""
     numbers = tuple(map(float, value if isinstance(value, list) else [value]))
-    forms = sorted({1, per_leg, count})
-    if len(numbers) not in forms:
+    if len(numbers) not in (forms := sorted({1, per_leg, count})):
         remedy = f"give {' or '.join(map(str, forms))} numbers"
         raise ArtifactError(f"{key} has {len(numbers)} numbers", where=where, remedy=remedy)
     return numbers * (count // len(numbers))

@@ -75,10 +75,8 @@ class Gait:
     def of_size(cls, hip_height: float) -> Gait:
         """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
-        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h).
-
-        Args:
-            hip_height: h, of the hip axes above the ground in the nominal pose [m].
+        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of the hip
+        axes above the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
         # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite this
@@ -191,8 +189,10 @@ class Robot:
 
     def require_legs(self) -> Gait:
         """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
-        problem = self.leg_mismatch
-        remedy = "change the joints' axes and zeros in its model to the conventions of docs/your-robot.md"
+        problem, remedy = (
+            self.leg_mismatch,
+            "change axes and zeros in its model to the conventions of docs/your-robot.md",
+        )
         if self.gait is None or self.base != "free":
             problem = f"it has {len(self.legs)} legs and a {self.base} base"
             remedy = "give a robot with a free base and tables [legs.…]"

@@ -90,10 +90,9 @@ class UserModel:
         return thigh, shank, float(self._model.geom_size[geom, 0]), (forward, left)
 
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
-        """How a leg's motion differs from the conventions of `Leg`; empty if it does not.
+        """How a leg differs from `Leg` as its joints move by 0.1 rad from a pose, one at a time; empty if it does not.
 
-        Joints are moved by 0.1 rad from a pose, one at a time: hip and knee must move the foot as in `Leg.reach`, a
-        growing abduction must move it to the left.
+        Hip and knee must move the foot as in `Leg.reach`, a growing abduction must move it to the left.
         """
         step, tolerance = 0.1, 0.08 * (leg.thigh + leg.shank)  # above offsets of real legs, below a reversed joint
         abduction, hip, knee = (names[joint] for joint in leg.joints)
@@ -123,7 +122,7 @@ class UserModel:
         """Range of the load inertia of a motor [kg·m²].
 
         0.3 times the smallest diagonal element of the joints' mass matrix, to 1.5 times the largest or, with legs, the
-        share of the mass per leg at the height of the base. The factors are a margin for the bench.
+        share of the mass per leg at the height of the base; the factors are a margin.
         """
         data, own, column = self._at(pose), [], np.zeros(self._model.nv)
         self._mujoco.mj_forward(self._model, data)

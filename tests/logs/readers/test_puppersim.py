@@ -40,7 +40,7 @@ VARIANTS = {
 }
 
 
-@pytest.mark.parametrize(("variant", "protocol"), zip(VARIANTS, (0, 2, 5, 5), strict=True))
+@pytest.mark.parametrize(("variant", "protocol"), list(zip(VARIANTS, (0, 2, 5, 5), strict=True)))
 def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, variant: str, protocol: int):
     made = {key: VARIANTS[variant](value) for key, value in content().items()}
     (tmp_path / "env_real_bf_log.txt").write_bytes(pickle.dumps(made, protocol))
