@@ -75,8 +75,8 @@ class Gait:
     def of_size(cls, hip_height: float) -> Gait:
         """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
-        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of the hip
-        axes above the ground in the nominal pose [m].
+        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of
+        the hip axes above the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
         # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite this
