@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import channels
 from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
 
@@ -43,13 +42,6 @@ def test_time_may_restart_with_a_segment(make_log):
 def test_bad_channels_are_rejected(make_log, changes, problem):
     with pytest.raises(LogError, match=problem):
         checked(make_log(**changes))
-
-
-def test_segments_partition_the_rows(full_log):
-    parts = list(full_log.segments())
-    assert [part.num_rows for part in parts] == [100, 100]
-    for name, value in channels(full_log).items():
-        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), value)
 
 
 def test_logs_of_another_firmware_are_not_joined(make_log):

@@ -8,13 +8,6 @@ from motorprior.logs.motor_log import channels
 from motorprior.logs.operations import begin_at_gaps, drop_repeats, repeated_rows, resample
 
 
-def test_a_uniform_log_is_its_own_resampling(make_log):
-    log = make_log()
-    again = resample(log, 0.01)
-    for name, value in channels(log).items():
-        np.testing.assert_allclose(getattr(again, name), value, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("period", [0.002, 1 / 3000])
 def test_the_command_is_held_and_the_angle_is_linear(make_log, period):
     rng = np.random.default_rng(1)

@@ -35,14 +35,6 @@ def test_round_trip_is_exact(written, full_log):
         assert getattr(log, name) == getattr(full_log, name)
 
 
-def test_a_bad_log_is_not_written(tmp_path, make_log):
-    log = make_log()
-    log.joint_pos[3, 0] = np.nan
-    with pytest.raises(LogError, match="row 3, joint_pos/left"):
-        write_log(tmp_path / "log.parquet", log)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
 def test_a_truncated_file_is_refused(written, share):
     content = written.read_bytes()
