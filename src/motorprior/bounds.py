@@ -49,8 +49,11 @@ def integer(minimum: int, maximum: float = MAX_NUMBER) -> Field:
 
 
 def _range(minimum: float, maximum: float, above: float) -> str:
-    low = f" above {above:.10g}" if above >= minimum else f" from {minimum:.10g}" if minimum > -MAX_NUMBER else ""
-    return low + (f" to {maximum:.10g}" if maximum < MAX_NUMBER else "")
+    if above >= minimum:
+        return f" above {above:.10g}" + (f" to {maximum:.10g}" if maximum < MAX_NUMBER else "")
+    if maximum < MAX_NUMBER:
+        return f" from {minimum:.10g} to {maximum:.10g}"
+    return f" of at least {minimum:.10g}" if minimum > -MAX_NUMBER else ""
 
 
 def one_of(*values: str) -> Field:

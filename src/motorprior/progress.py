@@ -36,11 +36,15 @@ class Notes(Progress, Task):
     """Gives notes to a function, and progress to another `Progress`, if there is one."""
 
     def __init__(self, note: Callable[[str], None], progress: Progress | None = None):
-        self.note, self._progress = note, progress
+        self._note, self._progress = note, progress
 
     def start(self, name: str, total: int) -> AbstractContextManager[Task]:
         """See `Progress.start`."""
         return self._progress.start(name, total) if self._progress else nullcontext(self)
+
+    def note(self, text: str) -> None:
+        """See `Progress.note`."""
+        self._note(text)
 
 
 class Lines(Task):

@@ -73,7 +73,7 @@ def load_log(
         problem, remedy = "suspended: no model for the loads", "give robot, its .toml file (docs/your-robot.md)"
         raise ConfigError(problem, where=path, remedy=f"{remedy}, and a period", argument="robot")
     on_grid = None if period is None or columns else reader.on_grid
-    log = on_grid(path, robot, period, suspended) if on_grid else read_log(path, robot, columns)
+    log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
     log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
     if on_grid is None:
         if model is not None:
