@@ -49,56 +49,36 @@ class MotorLog:
     Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
     force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models read gains, registers and
     conditions of a segment, or of the whole log, from `gains`, `firmware` and `conditions`.
-
-    Attributes:
-        time: (T,) [s], strictly increasing within a segment.
-        position_target: (T, J) commanded angle [rad].
-        joint_pos: (T, J) measured angle [rad].
-        joint_names: J names, in column order.
-        robot: name of the robot or bench.
-        motor: motor model.
-        source: file of the recording.
-        joint_vel: (T, J) [rad/s].
-        joint_torque: (T, J) torque of the motor on the joint [N·m].
-        load_inertia: (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²].
-        external_torque: (T, J) torque on the joint by everything except the motor [N·m].
-        load_stiffness: (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle
-            [N·m/rad]. A simulated joint gets external_torque + load_stiffness·(simulated angle - joint_pos).
-        segment: (T,) index of the contiguous recording; None for a single one.
-        base_orientation: (T, 2) roll and pitch of the base [rad].
-        posture: (T,) how the base was supported, an index of POSTURES.
-        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash
-            and elasticity of the gear (angles are at the output shaft in both cases).
-        stated_kp: (T, J) logged proportional gain, constant within a segment.
-        stated_kd: (T, J) logged derivative gain, acting on the velocity; only with stated_kp.
-        supply_voltage: (T, J) at the motor [V].
-        motor_temperature: (T, J) [°C].
-        gain_unit: of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor.
-        firmware: known registers of FIRMWARE, equal for all motors.
     """
 
-    time: np.ndarray
-    position_target: np.ndarray
-    joint_pos: np.ndarray
-    joint_names: tuple[str, ...]
-    robot: str
-    motor: str
-    source: str
-    joint_vel: np.ndarray | None = None
-    joint_torque: np.ndarray | None = None
+    time: np.ndarray  # (T,) [s], strictly increasing within a segment
+    position_target: np.ndarray  # (T, J) commanded angle [rad]
+    joint_pos: np.ndarray  # (T, J) measured angle [rad]
+    joint_names: tuple[str, ...]  # J names, in column order
+    robot: str  # name of the robot or bench
+    motor: str  # motor model
+    source: str  # file of the recording
+    joint_vel: np.ndarray | None = None  # (T, J) [rad/s]
+    joint_torque: np.ndarray | None = None  # (T, J) torque of the motor on the joint [N·m]
+    # (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²]
     load_inertia: np.ndarray | None = None
-    external_torque: np.ndarray | None = None
+    external_torque: np.ndarray | None = None  # (T, J) torque on the joint by everything except the motor [N·m]
+    # (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle [N·m/rad]. A
+    # simulated joint gets external_torque + load_stiffness·(simulated angle - joint_pos).
     load_stiffness: np.ndarray | None = None
-    segment: np.ndarray | None = None
-    base_orientation: np.ndarray | None = None
-    posture: np.ndarray | None = None
+    segment: np.ndarray | None = None  # (T,) index of the contiguous recording; None for a single one
+    base_orientation: np.ndarray | None = None  # (T, 2) roll and pitch of the base [rad]
+    posture: np.ndarray | None = None  # (T,) how the base was supported, an index of POSTURES
+    # where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash and elasticity of
+    # the gear (angles are at the output shaft in both cases)
     encoder: str = "joint"
-    stated_kp: np.ndarray | None = None
-    stated_kd: np.ndarray | None = None
-    supply_voltage: np.ndarray | None = None
-    motor_temperature: np.ndarray | None = None
+    stated_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
+    stated_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with stated_kp
+    supply_voltage: np.ndarray | None = None  # (T, J) at the motor [V]
+    motor_temperature: np.ndarray | None = None  # (T, J) [°C]
+    # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor
     gain_unit: str = PHYSICAL_GAINS
-    firmware: Mapping[str, float] = field(default_factory=dict)
+    firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
 
     @property
     def num_joints(self) -> int:

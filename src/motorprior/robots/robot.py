@@ -86,59 +86,34 @@ class Gait:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot. Array properties are new copies in the order of ``joints``.
+    """A robot. Array properties are new copies in the order of ``joints``."""
 
-    Attributes:
-        name: short name, stored in priors, policies and logs.
-        motor: name of the motors.
-        joints: in the order of the model; they are the model's last coordinates.
-        base: "free" or "fixed".
-        model: MJCF, generated or a file.
-        num_links: moving bodies of the model, including a free base.
-        nominal: joint angles of the standing or resting pose [rad].
-        legs: none for an arm.
-        gait: None without legs.
-        leg_mismatch: how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does.
-        weight: weight of the whole robot [N]; 0 if unknown.
-        standing_height: height of the base above the ground in the nominal pose [m].
-        min_base_height: base height below which a walking robot has fallen [m].
-        max_base_height: base height above which the simulation has failed [m].
-        suspended_height: base height of a suspended robot [m].
-        reference_torque: joint torque with penalty 1 in the walking reward [N·m].
-        foot_friction: sliding friction of the feet [-].
-        load_inertia: minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them.
-        files: description and model files of a user's robot.
-        fleets: (name, path) of the shipped fleets of its motors, the default first.
-        physics_dt: MuJoCo's step in training [s].
-        control_dt: period of the policy [s].
-        twin_physics_dt: MuJoCo's step with physical motors [s].
-        wire: protocol constants of the real robot; None if not supported.
-    """
-
-    name: str
-    motor: str
-    joints: tuple[Joint, ...]
-    base: Literal["free", "fixed"]
-    model: GeneratedModel | ModelFile
-    num_links: int
-    nominal: tuple[float, ...]
-    legs: tuple[Leg, ...] = ()
-    gait: Gait | None = None
+    name: str  # short name, stored in priors, policies and logs
+    motor: str  # name of the motors
+    joints: tuple[Joint, ...]  # in the order of the model; they are the model's last coordinates
+    base: Literal["free", "fixed"]  # "free" or "fixed"
+    model: GeneratedModel | ModelFile  # MJCF, generated or a file
+    num_links: int  # moving bodies of the model, including a free base
+    nominal: tuple[float, ...]  # joint angles of the standing or resting pose [rad]
+    legs: tuple[Leg, ...] = ()  # none for an arm
+    gait: Gait | None = None  # None without legs
+    # how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does
     leg_mismatch: str = ""
-    weight: float = 0.0
-    standing_height: float = 0.0
-    min_base_height: float = 0.0
-    max_base_height: float = 1e3
-    suspended_height: float = 0.0
-    reference_torque: float = 1.0
-    foot_friction: float = 0.6
+    weight: float = 0.0  # weight of the whole robot [N]; 0 if unknown
+    standing_height: float = 0.0  # height of the base above the ground in the nominal pose [m]
+    min_base_height: float = 0.0  # base height below which a walking robot has fallen [m]
+    max_base_height: float = 1e3  # base height above which the simulation has failed [m]
+    suspended_height: float = 0.0  # base height of a suspended robot [m]
+    reference_torque: float = 1.0  # joint torque with penalty 1 in the walking reward [N·m]
+    foot_friction: float = 0.6  # sliding friction of the feet [-]
+    # minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them
     load_inertia: tuple[float, float] = (1e-4, 3e-2)
-    files: tuple[Path, ...] = ()
-    fleets: tuple[tuple[str, str], ...] = ()
-    physics_dt: float = 0.002
-    control_dt: float = 0.01
-    twin_physics_dt: float = 0.001
-    wire: Wire | None = None
+    files: tuple[Path, ...] = ()  # description and model files of a user's robot
+    fleets: tuple[tuple[str, str], ...] = ()  # (name, path) of the shipped fleets of its motors, the default first
+    physics_dt: float = 0.002  # MuJoCo's step in training [s]
+    control_dt: float = 0.01  # period of the policy [s]
+    twin_physics_dt: float = 0.001  # MuJoCo's step with physical motors [s]
+    wire: Wire | None = None  # protocol constants of the real robot; None if not supported
 
     @property
     def num_joints(self) -> int:
