@@ -5,8 +5,8 @@ import pytest
 
 from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed
 
-DT, ROWS = 0.002, 1500
-PARTS = (slice(0, 700), slice(700, ROWS))
+DT, ROWS = 0.002, 1000
+PARTS = (slice(0, 450), slice(450, ROWS))
 TIME = DT * np.arange(ROWS)[:, None]
 RATES = np.array([7.0, 11.0, 16.0])
 WAVE, SPEED = 0.3 * np.sin(RATES * TIME), 0.3 * RATES * np.cos(RATES * TIME)
