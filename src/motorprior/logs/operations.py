@@ -35,13 +35,8 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     """Begin a segment after every gap, so that nothing is interpolated or fitted across it.
 
     Pieces next to gaps are dropped if they have fewer than 4 rows, or are shorter than the ``period`` [s] of the grid
-    for the log.
-
-    Returns:
-        The log, its segments renumbered, and a sentence about the gaps; the same log and "" if there are none.
-
-    Raises:
-        LogError: no piece remains.
+    for the log; LogError if none remains. Returns the log, its segments renumbered, and a sentence about the gaps; the
+    same log and "" if there are none.
     """
     gaps = gap_rows(log)
     if not gaps.size:

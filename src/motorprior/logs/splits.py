@@ -90,8 +90,7 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     halves, as where joints are moved one after the other. Static rows at the ends of a log are left out. The durations
     [s] are of all training and of all test rows, at least MIN_SECONDS per log.
 
-    Raises:
-        LogError: no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
+    Raises LogError if no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
     """
     names, seconds = list(logs), (train_seconds, test_seconds)
     names = [names[round(place)] for place in np.linspace(0, len(names) - 1, min(len(names), MAX_LOGS))]

@@ -34,13 +34,10 @@ _BAD_ROW = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 def table_columns(
     path: Path, names: Sequence[str], time: str | None = None, may_be_cut: bool = False
 ) -> dict[str, np.ndarray]:
-    """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps.
+    """Name of a column, or of an element of a list column -> (rows,) float64.
 
-    Args:
-        path: the table.
-        names: of columns, or of elements of list columns.
-        time: the column that may hold time stamps.
-        may_be_cut: the writer of a CSV may have been killed; drop a last line without line end.
+    The column ``time`` may hold time stamps; it is timedelta64[ns] since the first row. If the writer of a CSV may have
+    been killed (``may_be_cut``), a last line without line end is dropped.
 
     Raises:
         LogError: missing or damaged file, missing column, no rows, or a cell that is empty or not a number; names file,

@@ -23,14 +23,11 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     """Check a log.
 
     Args:
-        log: the log; it must pass `checked`.
+        log: it must pass `validity.checked`, else LogError is raised.
         robot: of the log; gives limits of the joints, and gravity if its base was suspended or is fixed.
 
     Returns:
         The findings, errors first.
-
-    Raises:
-        LogError: the log fails `checked`.
     """
     log = checked(log)
     findings = [*readings.angles(log, robot), *(finding for check in READINGS for finding in check(log))]

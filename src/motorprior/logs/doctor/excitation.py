@@ -31,9 +31,8 @@ def static_joints(log: MotorLog) -> tuple[str, ...]:
 def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
     """The window without gaps in which the command of a joint travels farthest, of 20 000 rows at most.
 
-    Returns:
-        Its rows, and that joint alone on a uniform grid with the period of new readings; None if the command
-        moves in no window of 20 new readings.
+    Returns its rows, and that joint alone on a uniform grid with the period of new readings; None if the command moves
+    in no window of 20 new readings.
     """
     best, found, repeated, command = 0.0, None, repeated_rows(log), log.position_target[:, column]
     starts = {part.start for part in log.segment_slices()} | set(gap_rows(log).tolist())

@@ -22,10 +22,9 @@ MAX_OFFSET = 1.2  # of an angle from its command [rad]; loads deflect servos les
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
-    """Correlation r[k] of the angle with the command k rows before, over the same rows of the angle for all k.
+    """Correlation r[k] of the angle with the command k rows before, k = -lead, …, lag, over the same rows of the angle.
 
-    Returns:
-        r for k = -lead, …, lag; lead; and k >= 0 of the first positive and of the first negative peak.
+    Returns r, lead, and k >= 0 of the first positive and of the first negative peak.
     """
     command, angle = window.position_target[:, 0], window.joint_pos[:, 0]
     lag = min(int(0.5 / window.period), len(angle) // 2)  # 0.5 s later
