@@ -18,8 +18,9 @@ STEP = 0.0015
 
 
 def of(command: np.ndarray, angle: np.ndarray, period: float = 0.01) -> MotorLog:
+    time, read = period * np.arange(len(angle)), STEP * np.rint(angle / STEP)
     return MotorLog(
-        time=period * np.arange(len(angle)), position_target=command[:, None], joint_pos=STEP * np.rint(angle / STEP)[:, None],
+        time=time, position_target=command[:, None], joint_pos=read[:, None],
         joint_names=("knee",), robot="bench", motor="m", source="made",
     )  # fmt: skip
 
