@@ -67,7 +67,7 @@ class Lines(Task):
 
 def _warn(text: str) -> None:
     if text.startswith(WARNING):
-        warnings.warn(text.removeprefix(WARNING), stacklevel=2)
+        warnings.warn(text.removeprefix(WARNING), stacklevel=3)  # of the caller of note
 
 
 SILENT = Notes(lambda text: None)
