@@ -53,11 +53,10 @@ from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest
-from motorprior.logs.operations import drop_repeats, resample
-from motorprior.logs.read_log import read_log
+from motorprior.logs.operations import drop_repeats, joined, resample
+from motorprior.logs.read_log import read_log, short_name
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.logs.readers.puppersim import short_name
-from motorprior.logs.splits import first_and_rest, spread_windows, train_test_halves
+from motorprior.logs.splits import first_and_rest, train_test_halves, window
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.stage import FIGURES, description, is_finished, working
@@ -123,6 +122,11 @@ def _fold_settings(settings: Settings) -> dict[str, object]:
     """The settings on which a fold depends."""
     names = ("seconds", "adam_steps", "seed", "seeds")
     return {name: value for name, value in asdict(settings).items() if name in names}
+
+
+def spread_windows(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
+    """A window of each log, ``seconds`` in all, from the beginning of the first to the end of the last."""
+    return joined([window(log, seconds, index, len(logs)) for index, log in enumerate(logs)])
 
 
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:

@@ -62,10 +62,7 @@ def _place(item: pytest.Item) -> int:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real motor logs (`pupper_v2/`, `so101/`, `xl330/`); the test is skipped without it.
-
-    MOTORPRIOR_SHARED names it; without the variable it is a folder `shared/data` beside the checkout.
-    """
+    """Folder of real motor logs, from MOTORPRIOR_SHARED or `shared/data` beside the checkout; without it, skip."""
     folder = Path(os.environ.get("MOTORPRIOR_SHARED") or ROOT.parent / "shared" / "data")
     if not folder.is_dir():
         pytest.skip("no real motor logs: MOTORPRIOR_SHARED names their folder, or shared/data beside the checkout")
@@ -76,9 +73,8 @@ def shared_data() -> Path:
 def grey_box() -> Callable[..., GreyBox]:
     """Make a grey box: `grey_box(spread=…, coulomb=…, …)`.
 
-    ``spread`` is the standard deviation of the logarithms of the constants per latent, and constants by name are those
-    of the central motor, in SI units; 0 gives the smallest number there is room for, e^-50. Constants of ``terms`` that
-    are not named are those at which a search begins.
+    ``spread`` is the standard deviation of the logarithms of the constants per latent; named constants are those of the
+    central motor, in SI units. Others of ``terms`` are those at which a search begins; 0 stands for e^-50.
     """
 
     def make(

@@ -9,15 +9,13 @@ from motorprior.artifacts import atomic_path, read_json, read_tensors, write_jso
 from motorprior.exceptions import ArtifactError
 
 
-@pytest.mark.parametrize("already_there", [False, True])
-def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, already_there: bool):
-    final = tmp_path / "prior.safetensors"
-    if already_there:
-        final.write_text("old")
-    with pytest.raises(ZeroDivisionError), atomic_path(final) as temporary:
-        temporary.write_text("half")
-        raise ZeroDivisionError
-    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [(final.name, "old")] * already_there
+def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path):
+    for name in ("old", "new"):
+        with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / name) as temporary:
+            (tmp_path / "old").write_text("whole")
+            temporary.write_text("half")
+            raise ZeroDivisionError
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("old", "whole")]
 
 
 def test_a_value_that_cannot_be_written_leaves_nothing(tmp_path: Path):
@@ -29,10 +27,10 @@ def test_a_value_that_cannot_be_written_leaves_nothing(tmp_path: Path):
 
 
 def test_a_file_in_a_new_folder_is_readable_by_all_and_alone(tmp_path: Path):
-    write_json(tmp_path / "deep" / "run" / "a.json", {"b": [1, 2.5], "a": "ü"})
-    assert read_json(tmp_path / "deep" / "run" / "a.json") == {"a": "ü", "b": [1, 2.5]}
-    assert [file.name for file in (tmp_path / "deep" / "run").iterdir()] == ["a.json"]
-    assert (tmp_path / "deep" / "run" / "a.json").stat().st_mode & 0o777 == 0o644
+    path = tmp_path / "deep" / "run" / "a.json"
+    write_json(path, {"b": [1, 2.5], "a": "ü"})
+    assert read_json(path) == {"a": "ü", "b": [1, 2.5]} and list(path.parent.iterdir()) == [path]
+    assert path.stat().st_mode & 0o777 == 0o644
 
 
 TENSORS = {
@@ -56,17 +54,16 @@ def test_tensors_and_header_come_back_as_they_were_with_the_same_bytes(tmp_path:
         np.testing.assert_array_equal(tensors[name], value)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_not_finite_is_refused_by_name_and_place(tmp_path: Path, bad: float):
+def test_a_value_that_is_not_finite_is_refused_by_name_and_place(tmp_path: Path):
     weights = np.ones((2, 3))
-    weights[1, 2] = bad
+    weights[1, 2] = -np.inf
     write_tensors(tmp_path / "prior", {"w1": weights}, {})
     with pytest.raises(ArtifactError, match=r"w1\[1, 2\] is not finite") as error:
         read_tensors(tmp_path / "prior")
     assert error.value.where == tmp_path / "prior"
 
 
-@pytest.mark.parametrize("kept", [0.0, 0.05, 0.5, 0.99])
+@pytest.mark.parametrize("kept", [0.0, 0.99])
 def test_a_truncated_file_is_refused(tmp_path: Path, kept: float):
     write_tensors(tmp_path / "prior", {"x": np.zeros(100)}, {})
     whole = (tmp_path / "prior").read_bytes()

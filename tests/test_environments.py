@@ -26,10 +26,6 @@ ERRING = Randomization(
 FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, ACTIONS))), 20, axis=0)
 
 
-def bullet():
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-
-
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     """The file of a grey box's prior, of twelve motors around a small servo."""
@@ -38,18 +34,12 @@ def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     return path
 
 
-@pytest.fixture(params=["pd", "prior", "fleet"])
-def motors(request: pytest.FixtureRequest, prior: Path) -> dict[str, Any]:
-    """The keyword of the motors."""
-    return {"motors": f"prior:{prior}" if request.param == "prior" else request.param}
-
-
-@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize(("engine", "motors"), [("mujoco", "pd"), ("mujoco", "prior:"), ("pybullet", "fleet")])
 @pytest.mark.filterwarnings("error")
-def test_check_env_is_clean(engine, motors):
+def test_check_env_is_clean(engine: str, motors: str, prior: Path):
     if engine == "pybullet":
-        bullet()
-    settings = {"engine": engine, "episode_steps": 10} | motors
+        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    settings: dict[str, Any] = {"engine": engine, "episode_steps": 10, "motors": motors.replace(":", f":{prior}")}
     if engine == "mujoco":
         settings["randomization"] = Randomization(joint_noise=0.01, sensor_delay=(0.0, 0.03), mass=(0.9, 1.1))
     env = gymnasium.make(ID, **settings)
@@ -69,15 +59,12 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
     assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6  # all twelve joints
 
 
-@pytest.mark.parametrize("threads", [1, 2, 7])
-def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads, motors):
-    settings = motors | {"episode_steps": 40, "commands": Commands(hold=0.1), "gait": "bound", "randomization": ERRING}
-
-    def make():
-        return make_env(**settings)
-
+@pytest.mark.parametrize(("threads", "motors"), [(1, "pd"), (2, "prior:"), (7, "fleet")])
+def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads: int, motors: str, prior: Path):
+    settings: dict[str, Any] = {"motors": motors.replace(":", f":{prior}"), "episode_steps": 40, "gait": "bound"}
+    settings |= {"commands": Commands(hold=0.1), "randomization": ERRING}
     ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, **settings)
-    theirs = SyncVectorEnv([make] * 5)
+    theirs = SyncVectorEnv([lambda: make_env(**settings)] * 5)
     pairs = [(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])]
     assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
     ends = np.zeros(2, int)
@@ -105,14 +92,11 @@ def test_commands_beyond_the_robots_usual_range_are_followed():
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "train_ppo.py"
 
 
-def example(*args: object) -> subprocess.CompletedProcess[str]:
-    pytest.importorskip("stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'")
-    return subprocess.run([sys.executable, EXAMPLE, *map(str, args)], capture_output=True, text=True, check=False)
-
-
 @pytest.mark.slow
-def test_the_example_trains_on_sampled_motors(prior):
-    done = example(prior, 4096)
+def test_the_example_trains_on_sampled_motors(prior: Path):
+    pytest.importorskip("stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'")
+    words = [sys.executable, EXAMPLE, str(prior), "4096"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
     assert re.fullmatch(line, done.stdout.splitlines()[-1])

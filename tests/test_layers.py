@@ -12,7 +12,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
-    *("__version__", "compiled", "exceptions", "files", "rotations", "signals", "artifacts", "results"),
+    *("__version__", "compiled", "exceptions", "rotations", "signals", "artifacts", "results"),
     *("schema", "bounds", "delay_line", "backend", "progress", "stage"),
 }
 ORDER = [

@@ -3,13 +3,11 @@
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 
-import ast
 import json
 import subprocess
 import sys
 from dataclasses import replace
 from io import StringIO
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -41,19 +39,9 @@ def test_importing_brings_nothing_heavy_and_light_names_stay_light():
     assert found == {name: [] for name in ("motorprior", "modules", *LIGHT)}
 
 
-def test_all_type_checkers_see_every_name_where_it_is():
-    tree = ast.parse(Path(mp.__file__).read_text("utf-8"))
-    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
-    seen = {
-        alias.name: node.module
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if alias.asname == alias.name  # the form that exports
-    }
-    assert seen == {name: f"motorprior.{module}" for name, module in mp._MODULES.items()}
-    assert len(set(mp.__all__)) == len(mp.__all__) == len(seen) + 1
-    assert dir(mp) == sorted(mp.__all__) and len(mp.__all__) <= 31
+def test_every_public_name_is_there():
+    assert dir(mp) == sorted(set(mp.__all__)) and len(mp.__all__) <= 31
+    assert all(getattr(mp, name) is not None for name in dir(mp))
 
 
 @pytest.fixture(scope="module")
@@ -66,32 +54,13 @@ def prior(log: mp.MotorLog) -> mp.MotorPrior:
     return mp.fit_prior(log, "paper", steps=2)
 
 
-def test_a_bench_is_that_of_the_stage(log: mp.MotorLog, tmp_path: Path):
-    from motorprior.commands.bench import Bench, run_bench
-
-    run_bench(Bench(tmp_path, preset="paper", motors=3, steps=300))
-    stage = mp.read_log(tmp_path / "log.parquet")
-    np.testing.assert_array_equal(stage.joint_pos, log.joint_pos)
-    fleet = mp.load_fleet("pupper_v2")
-    np.testing.assert_array_equal(mp.record_bench(ROBOT, fleet, motors=3, steps=300, preset="paper").time, log.time)
-
-
 def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
-    both = mp.fit_prior([log, replace(log, joint_names=("a", "b", "c"))], "paper", steps=1)
-    assert len(both.mean) == 6
+    assert len(mp.fit_prior([log, replace(log, joint_names=("a", "b", "c"))], "paper", steps=1).mean) == 6
     again = mp.fit_prior([log, log], "paper", steps=1)
     assert len(again.mean) == 3 and again.metrics["minutes_of_log"] == pytest.approx(2 * 3 * 2.99 / 60)
     for logs in ([], [log, replace(log, joint_names=("motor_000", "b", "c"))], [log, replace(log, robot="other")]):
         with pytest.raises(mp.LogError):
             mp.fit_prior(logs, "paper", steps=1)
-
-
-def test_a_prior_becomes_motors_of_a_model_of_ones_own(prior: mp.MotorPrior, tmp_path: Path):
-    prior.save(tmp_path / "prior.safetensors")
-    motors = mp.MotorPrior.load(tmp_path / "prior.safetensors").sample(1, seed=3)
-    free = mp.Motors(motors, dt=0.002, joint_pos=np.zeros(1))
-    torque, damping = free.step(np.full(1, 0.1), np.zeros(1), np.zeros(1))
-    assert torque.shape == damping.shape == free.armature.shape == (1,)
 
 
 HINGE = '<mujoco><worldbody><body><joint name="hinge"/><geom size="0.02" pos="0.05 0 0"/></body></worldbody></mujoco>'
@@ -113,17 +82,11 @@ def test_motors_reset_with_the_simulation_that_they_drive(prior: mp.MotorPrior):
     assert data.qpos[0] != 0.0
     mujoco.mj_resetData(model, data)
     assert driven_to(0.3, 20, model, data, driven) == first
-    for _ in range(3):  # episodes of one step
-        mujoco.mj_resetData(model, data)
-        assert driven_to(0.3, 1, model, data, driven) == first[:1]
-    data.qpos[0] = data.qvel[0] = 0.0
+    mujoco.mj_resetData(model, data)
+    assert driven_to(0.3, 1, model, data, driven) == first[:1], "after an episode of one step"
+    data.qpos[0] = data.qvel[0] = data.qacc_warmstart[0] = 0.0
     driven.reset()
-    data.qacc_warmstart[:] = 0.0
     assert driven_to(0.3, 20, model, data, driven) == pytest.approx(first)
-
-
-def test_every_public_name_is_there():
-    assert all(getattr(mp, name) is not None for name in dir(mp))
 
 
 def test_adapt_warns_of_motors_that_did_not_move():
@@ -140,9 +103,6 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     env = mp.make_env(ROBOT, motors=prior, episode_steps=3)
     observation, _ = env.reset(seed=0)
     assert observation.shape == env.observation_space.shape
-    many = mp.make_vector_env(ROBOT, prior, num_envs=2)
-    assert many.reset(seed=0)[0].shape == (2, *observation.shape)
-    many.close()
     fleet = mp.load_fleet("pupper_v2")
     policies = [
         mp.train_policy(ROBOT, motors, iterations=1, seed=0, workers=1, episode_steps=5) for motors in (prior, fleet)
@@ -155,9 +115,3 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     table = {(row.quantity, row.model, row.seed): (row.unit, row.value) for row in rows}
     assert len(table) == len(rows) == 9 and {row.motors for row in rows} == {"twin"}
     assert table["speed", "prior", 0] == table["speed", "oracle", 0] and table["drift", "oracle", 1][0] == "m"
-
-
-def test_a_function_may_draw_physical_motors():
-    fleet = mp.load_fleet("pupper_v2")
-    found = mp.simulate(ROBOT, lambda rng: fleet.sample(12, rng).actuator(), np.tile(ROBOT.nominal_pose, (5, 1)))
-    assert np.all(np.isfinite(found.joint_pos))

@@ -38,22 +38,16 @@ def refusal(**changes: Any) -> str:
 
 def test_what_is_declared_is_accepted():
     Schema(FIELDS, REMEDY).check(GOOD, PATH)
-    Schema(FIELDS, REMEDY, optional=frozenset({"delay"})).check(
-        {key: value for key, value in GOOD.items() if key != "delay"}, PATH
-    )
+    Schema(FIELDS | {"other": TEXT}, REMEDY, optional=frozenset({"other"})).check(GOOD, PATH)
 
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
         ("share", 1.5, "share = 1.5 is not a finite number from 0 to 1"),
-        ("share", float("nan"), "share = nan"),
         ("gain", 0.0, "gain = 0 is not a finite number above 0 N·m/rad"),
-        ("gain", float("inf"), "gain = inf"),
         ("count", 6, "count = 6 is not an integer from 1 to 5"),
-        ("name", 3, "name = 3 is not a text"),
         ("on", 1, "on = 1 is not true or false"),
-        ("more", [], r"more = [] is not a table"),
         ("kind", "other", "kind = 'other' is not this or that"),
         ("sign", [1, 2, 3], "sign = [1, 2, 3] is not [1, 2]"),
         ("delay", 2.0, "delay = 2 is not a finite number from 0 to 1 s, or null"),
@@ -68,8 +62,6 @@ def test_keys_are_compared_and_a_table_must_be_one():
     assert refusal(colour=1) == "unknown keys ['colour']"
     with pytest.raises(ArtifactError, match=r"mine.file\[recipe\]: content = \[\] is not a table"):
         Schema(FIELDS, REMEDY, name="recipe").check([], PATH)
-    with pytest.raises(ArtifactError, match=r"mine.file\[recipe\]: missing keys \['share'\]"):
-        Schema(FIELDS, REMEDY, name="recipe").check({k: v for k, v in GOOD.items() if k != "share"}, PATH)
 
 
 WANTED = {"mean": Tensor(("motors", "latents")), "std": Tensor(("latents",), above=0.0), "bias": Tensor(())}
@@ -78,17 +70,14 @@ ARRAYS = {"mean": np.zeros((5, 3)), "std": np.ones(3), "bias": np.array(0.0)}
 
 def test_symbols_stand_for_one_size():
     assert check_tensors(ARRAYS, WANTED, PATH, REMEDY) == {"motors": 5, "latents": 3}
-    assert check_tensors({**ARRAYS, "mean": np.zeros((0, 3))}, WANTED, PATH, REMEDY)["motors"] == 0
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"std": np.ones(4)}, r"std is float64\(4,\), wanted float64\(3,\)"),
-        ({"mean": np.zeros((4, 3))}, r"mean is float64\(4, 3\), wanted float64\(5, 3\)"),
         ({"bias": np.zeros((), np.float32)}, r"bias is float32\(\), wanted float64\(\)"),
         ({"std": np.zeros(3)}, "std has a value of 0, not above 0"),
-        ({"std": np.array([1.0, np.nan, 1.0])}, r"std\[1\] is not finite"),
         ({"extra": np.zeros(1)}, "unknown keys .'extra'"),
     ],
 )
@@ -107,9 +96,7 @@ def test_a_tensor_that_is_not_the_declared_one_is_named(changes: dict[str, np.nd
     ],
 )
 def test_a_header_of_another_kind_or_version_is_rejected(change: dict[str, Any], words: str):
-    header = Header(
-        "test", 1 if change.get("schema_version") is True else 3, {"name": TEXT}, REMEDY, "x.safetensors", "make"
-    )
+    header = Header("test", 3, {"name": TEXT}, REMEDY, "x.safetensors", "make")
     header.check(header.write(name="x"), PATH)
     with pytest.raises(ArtifactError, match=words):
         header.check(header.write(name="x") | change, PATH)

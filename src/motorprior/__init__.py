@@ -8,7 +8,9 @@
 Each name is imported at its first use, so numba, MuJoCo, JAX and Gymnasium load only when they are needed.
 """
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -45,33 +47,13 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_NAMES = {  # module -> public names; the imports above are for type checkers
-    "actuator.ideal_pd": "IdealPd",
-    "actuator.motor_posterior": "MotorPosterior",
-    "actuator.motor_prior": "MotorPrior",
-    "actuator.motors": "Motors",
-    "actuator.true_motors": "PhysicalActuator",
-    "bench.fleet": "Fleet load_fleet",
-    "bench.recording": "record_bench",
-    "environments": "make_env make_vector_env",
-    "exceptions": "ArtifactError ConfigError LogError MotorPriorError SimulationFault",
-    "identification.adapt": "adapt",
-    "identification.fit_prior": "fit_prior",
-    "locomotion.policy": "Policy",
-    "logs.doctor.checks": "check_log",
-    "logs.load_log": "load_log",
-    "logs.motor_log": "MotorLog",
-    "logs.read_log": "read_log",
-    "logs.readers.motor_log_file": "write_log",
-    "progress": "Lines",
-    "robots.load": "load_robot",
-    "robots.robot": "Robot",
-    "simulation.driven_joints": "DrivenJoints",
-    "simulation.playback": "simulate",
-    "simulation.training": "train_policy",
-    "studies.compare": "compare",
+# public name -> module, read from the imports above, which run for type checkers only
+_MODULES = {
+    alias.name: node.module
+    for node in ast.walk(ast.parse(Path(__file__).read_text("utf-8")))
+    if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("motorprior.")
+    for alias in node.names
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 if not TYPE_CHECKING:  # otherwise a type checker would accept every name
@@ -80,7 +62,7 @@ if not TYPE_CHECKING:  # otherwise a type checker would accept every name
         """The public name, imported at its first use."""
         if name not in _MODULES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+        globals()[name] = getattr(import_module(_MODULES[name]), name)
         return globals()[name]
 
 

@@ -1,10 +1,13 @@
-"""Files that are complete or absent: atomic writes, strict JSON, safetensors with a JSON header. None is a pickle."""
+"""Files: read with one clear error, written whole or not at all, as JSON or safetensors with a JSON header."""
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 import os
+import tomllib
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,19 +17,77 @@ from uuid import uuid4
 import numpy as np
 
 from motorprior.bounds import first_not_finite
-from motorprior.exceptions import ArtifactError
-from motorprior.files import read_text, require_file
+from motorprior.exceptions import ArtifactError, MotorPriorError
 
-MAX_JSON = 15_000_000  # bytes of a file; parsed JSON needs up to 35 times as much memory
-MAX_TENSORS = 400_000_000  # bytes of a safetensors file, which is briefly in memory twice
+
+MAX_BYTES = 1_000_000_000  # of a file, and of an unpacked one; each is held in memory
+
+
+def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> None:
+    """Raise an ``error`` unless the path is a file."""
+    if not path.exists():
+        raise error("no such file", where=path, remedy="check the path")
+    if not path.is_file():
+        raise error("not a file", where=path, remedy="give a file")
+
+
+def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> bytes:
+    """Content of a file of at most MAX_BYTES, unpacked if its name ends in ``.gz``.
+
+    Raises an ``error`` if it is missing, damaged or larger.
+    """
+    require_file(path, error)
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as reason:
+        raise error(f"unreadable or damaged ({reason})", where=path, remedy="copy it again from its source") from reason
+    if len(data) > MAX_BYTES:
+        raise error(f"more than {MAX_BYTES} bytes", where=path, remedy="split it, or check that it is the right file")
+    return data
+
+
+def read_text(path: Path, error: type[MotorPriorError] = ArtifactError) -> str:
+    """Text of a UTF-8 file, with or without byte order mark; raises an ``error`` as `read_bytes`, or if not UTF-8."""
+    try:
+        return read_bytes(path, error).decode("utf-8-sig")
+    except UnicodeDecodeError as reason:
+        raise error(f"not a text file ({reason})", where=path, remedy="save it as UTF-8") from reason
+
+
+def read_toml(path: Path, remedy: str) -> dict[str, Any]:
+    """Table of a TOML file; raises ArtifactError as `read_text`, or if it is not TOML."""
+    try:
+        return tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"not valid TOML ({error})", where=path, remedy=remedy) from error
+
+
+def parse_json(text: str) -> Any:
+    """Standard JSON, in which every number is finite, unlike Python's with NaN, Infinity, 1e999; raises ValueError."""
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is not a finite number")
+    return value
+
+
+def read_json(path: Path) -> Any:
+    """Read JSON; raises ArtifactError as `read_text`, or if it is not JSON, which has no NaN and infinity."""
+    try:
+        return parse_json(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it again") from error
 
 
 @contextmanager
 def atomic_path(final: Path) -> Iterator[Path]:
     """Yield a temporary path next to ``final``; fsync and rename it on success, delete it on failure.
 
-    Raises:
-        ArtifactError: the folder cannot be created or written, or the disk is full.
+    Raises ArtifactError if the folder cannot be created or written, or the disk is full.
     """
     temporary = final.with_name(f".{uuid4().hex}.tmp")
     try:
@@ -50,40 +111,8 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write ``value`` as sorted, indented JSON, atomically.
-
-    Raises:
-        ValueError: NaN or infinity.
-    """
+    """Write ``value`` as sorted, indented JSON, atomically; raises ValueError for NaN and infinity."""
     write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")
-
-
-def parse_json(text: str) -> Any:
-    """Standard JSON, in which every number is finite; Python's parser also accepts NaN, Infinity and 1e999.
-
-    Raises:
-        ValueError: not JSON, or a number that is not finite.
-    """
-    return json.loads(text, parse_constant=_finite, parse_float=_finite)
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text[:40]} is not a finite number")
-    return value
-
-
-def read_json(path: Path) -> Any:
-    """Read JSON.
-
-    Raises:
-        ArtifactError: missing, not a file, larger than `MAX_JSON`, or not JSON; NaN and infinity are not JSON.
-    """
-    try:
-        return parse_json(read_text(path, MAX_JSON))
-    except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it again") from error
 
 
 def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> bytes:
@@ -106,13 +135,11 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Arrays and header that `write_tensors` wrote.
 
     Raises:
-        ArtifactError: missing, not such a file, truncated, larger than `MAX_TENSORS`, or with a number in the header or
-            in an array that is not finite.
+        ArtifactError: missing, not such a file, truncated, or with a number in header or arrays that is not finite.
     """
     from safetensors import SafetensorError, safe_open
 
-    if (size := require_file(path)) > MAX_TENSORS:
-        raise ArtifactError(f"{size} bytes, more than {MAX_TENSORS}", where=path, remedy="copy it again")
+    require_file(path)
     try:
         with safe_open(path, "numpy") as file:
             header = parse_json((file.metadata() or {})["motorprior"])

@@ -27,10 +27,7 @@ class Field:
 
 def is_number(value: Any, minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER) -> bool:
     """Whether a value is a real number, not a bool, in [minimum, maximum]; False for NaN."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return False
-    number: Any = value  # not converted: an integer may be too large for a float
-    return bool(minimum <= number <= maximum)
+    return isinstance(value, Real) and not isinstance(value, bool) and bool(minimum <= value <= maximum)  # pyright: ignore[reportOperatorIssue]
 
 
 def is_range(value: Any, minimum: float, maximum: float) -> bool:
@@ -54,9 +51,9 @@ def integer(minimum: int, maximum: float = MAX_NUMBER) -> Field:
 def _range(minimum: float, maximum: float, above: float) -> str:
     if above >= minimum:
         return f" above {above:.10g}" + (f" to {maximum:.10g}" if maximum < MAX_NUMBER else "")
-    if minimum <= -MAX_NUMBER:
-        return "" if maximum >= MAX_NUMBER else f" of at most {maximum:.10g}"
-    return f" of at least {minimum:.10g}" if maximum >= MAX_NUMBER else f" from {minimum:.10g} to {maximum:.10g}"
+    if maximum < MAX_NUMBER:
+        return f" from {minimum:.10g} to {maximum:.10g}"
+    return f" of at least {minimum:.10g}" if minimum > -MAX_NUMBER else ""
 
 
 def one_of(*values: str) -> Field:
@@ -76,10 +73,11 @@ def maybe(field: Field) -> Field:
 
 def many(field: Field, minimum: int = 0) -> Field:
     """A list of at least ``minimum`` values of a field."""
-    meaning = f"a list of {minimum} or more, each {field.meaning}"
-    return Field(
-        meaning, lambda value: isinstance(value, list) and len(value) >= minimum and all(map(field.accepts, value))
-    )
+
+    def accepts(value: Any) -> bool:
+        return isinstance(value, list) and len(value) >= minimum and all(map(field.accepts, value))
+
+    return Field(f"a list of {minimum} or more, each {field.meaning}", accepts)
 
 
 TEXT = Field("a text", lambda value: isinstance(value, str))
@@ -88,21 +86,13 @@ TABLE = Field("a table", lambda value: isinstance(value, Mapping))
 
 
 def require(key: str, value: Any, field: Field, where: str | Path | None, remedy: str) -> None:
-    """Check the entry ``key`` of a file.
-
-    Raises:
-        ArtifactError: it is not as declared.
-    """
+    """Raise ArtifactError unless the entry ``key`` of a file is as declared."""
     if not field.accepts(value):
         raise ArtifactError(f"{key} = {quoted(value)} is not {field.meaning}", where=where, remedy=remedy)
 
 
 def require_argument(name: str, value: Any, field: Field) -> None:
-    """Check the argument ``name``.
-
-    Raises:
-        ConfigError: it is not as declared.
-    """
+    """Raise ConfigError unless the argument ``name`` is as declared."""
     if not field.accepts(value):
         problem = f"{name} {quoted(value)} is not {field.meaning}"
         raise ConfigError(problem, remedy=f"give {field.meaning}", argument=name)
@@ -141,8 +131,7 @@ def seed_of(*words: int) -> int:
 def require_finite(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """``value`` as a C-contiguous float64 array; compiled code would read beyond a short array.
 
-    Raises:
-        ConfigError: not numbers, another shape, or a number that is not finite.
+    Raises ConfigError for no numbers, another shape, or a number that is not finite.
     """
     remedy = f"give finite numbers of shape {shape}"
     try:

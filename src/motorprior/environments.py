@@ -4,10 +4,8 @@
     env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", motors="prior:prior.safetensors")
 
 Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors are the physical
-ones of the robot's fleet, and nothing else is randomized.
-
-A fatal error of MuJoCo (out of memory, a broken model) ends the process, since compiled code cannot raise: save your
-training from time to time.
+ones of the robot's fleet, and nothing else is randomized. A fatal error of MuJoCo (out of memory, a broken model) ends
+the process, since compiled code cannot raise: save your training from time to time.
 """
 
 from __future__ import annotations
@@ -30,17 +28,15 @@ ENV_ID = "motorprior/Walk-v0"
 
 
 def _scene(robot: str | Path | Robot, motors: MotorSource, options: dict[str, Any]) -> Scene:
-    """The simulation of an environment."""
-    walk = WalkConfig(**options)
-    robot = as_robot(robot) if isinstance(walk.commands, Timetable) else walk.commands.extend_range(as_robot(robot))
+    walk, robot = WalkConfig(**options), as_robot(robot)
+    if not isinstance(walk.commands, Timetable):
+        robot = walk.commands.extend_range(robot)
     draw_motors, physics_dt = motor_sampler(motors, robot)
     return Scene(robot, draw_motors, walk, physics_dt)
 
 
 def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any) -> WalkEnv:
-    """Make one Gymnasium environment that samples new motors in each episode.
-
-    Its observations and actions are those of the policies of `train_policy`.
+    """Make one Gymnasium environment that samples new motors in each episode, for policies as of `train_policy`.
 
     Args:
         robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
@@ -65,10 +61,9 @@ def make_vector_env(
     threads: int = 1,
     **options: Any,
 ) -> WalkVectorEnv:
-    """Make ``num_envs`` environments in one, stepped by compiled code on ``threads`` threads; see `make_env`.
+    """Make ``num_envs`` environments in one, stepped by compiled code on ``threads`` threads; MuJoCo only.
 
-    Raises:
-        ConfigError, ArtifactError, TypeError: see `make_env`; or another engine than MuJoCo.
+    Other arguments and errors as `make_env`.
     """
     return WalkVectorEnv(_scene(robot, motors, options), num_envs, threads)
 

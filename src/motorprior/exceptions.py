@@ -48,21 +48,16 @@ class MotorPriorError(Exception):
         self.remedy = None if remedy is None else cut(remedy, _MAX_PART)
 
     def __str__(self) -> str:
-        return self._at(self._problem_and_remedy())
+        text = f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
+        return text if self.where is None else f"{cut(str(self.where)[-_MAX_PART:], _MAX_PART)}: {text}"
 
     def on_command_line(self) -> str:
         """The message with the argument as an option: ``task.max_speed`` becomes ``--task.max-speed``."""
-        text = self._problem_and_remedy()
-        if self.argument is not None:
-            option = "--" + self.argument.replace("_", "-")
-            text = re.sub(rf"(?<![\w.]){re.escape(self.argument)}(?!\w)", option, text, count=1)
-        return self._at(text)
-
-    def _problem_and_remedy(self) -> str:
-        return f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
-
-    def _at(self, text: str) -> str:
-        return text if self.where is None else f"{cut(str(self.where)[-_MAX_PART:], _MAX_PART)}: {text}"
+        if self.argument is None:
+            return str(self)
+        place, problem, remedy = str(self).partition(self.problem)
+        name, option = rf"(?<![\w.]){re.escape(self.argument)}(?!\w)", "--" + self.argument.replace("_", "-")
+        return place + re.sub(name, option, problem + remedy, count=1)
 
 
 class LogError(MotorPriorError):

@@ -32,29 +32,23 @@ class Progress(Protocol):
         """Report a line to the user."""
 
 
-class Silent(Progress, Task):
-    """`Progress` and `Task` without output."""
+class Notes(Progress, Task):
+    """Gives notes to a function, and progress to another `Progress`, if there is one."""
+
+    def __init__(self, note: Callable[[str], None], progress: Progress | None = None):
+        self._note, self._progress = note, progress
 
     def start(self, name: str, total: int) -> AbstractContextManager[Task]:
         """See `Progress.start`."""
-        return nullcontext(self)
-
-
-class PythonWarnings(Silent):
-    """Turns warnings into Python warnings; no other output."""
+        return self._progress.start(name, total) if self._progress else nullcontext(self)
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
-        if text.startswith(WARNING):
-            warnings.warn(text.removeprefix(WARNING), stacklevel=2)
+        self._note(text)
 
 
-class Lines(Silent):
-    """Prints a line for every note and every finished unit of work.
-
-    Args:
-        stream: for example `sys.stderr`.
-    """
+class Lines(Task):
+    """Prints a line to a stream, such as `sys.stderr`, for every note and every finished unit of work."""
 
     def __init__(self, stream: TextIO):
         self._stream = stream
@@ -71,33 +65,13 @@ class Lines(Silent):
         print(text, file=self._stream, flush=True)
 
 
-class WithoutNotes(Progress):
-    """Another `Progress` without its notes, for baselines."""
-
-    def __init__(self, progress: Progress):
-        self._progress = progress
-
-    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
-        """See `Progress.start`."""
-        return self._progress.start(name, total)
+def _warn(text: str) -> None:
+    if text.startswith(WARNING):
+        warnings.warn(text.removeprefix(WARNING), stacklevel=3)  # of the caller of note
 
 
-class WarningCollector(WithoutNotes):
-    """Another `Progress` that also collects its ``warnings``."""
-
-    def __init__(self, progress: Progress):
-        super().__init__(progress)
-        self.warnings: list[str] = []
-
-    def note(self, text: str) -> None:
-        """See `Progress.note`."""
-        if text.startswith(WARNING):
-            self.warnings.append(text.removeprefix(WARNING))
-        self._progress.note(text)
-
-
-SILENT = Silent()
-WARNED = PythonWarnings()  # default of the Python API
+SILENT = Notes(lambda text: None)
+WARNED = Notes(_warn)  # warnings become Python warnings; default of the Python API
 
 
 def usable_threads(workers: int, progress: Progress) -> int:

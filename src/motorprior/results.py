@@ -18,31 +18,18 @@ _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high"
 
 @dataclass(frozen=True)
 class Result:
-    """One measurement.
-
-    Attributes:
-        quantity: name of the measured quantity.
-        unit: of the value; 1 for shares and ratios.
-        value: a finite number.
-        model: actuator model, or the one that a policy was trained on.
-        motors: train or held_out; for a walk, own (training motors) or twin.
-        statistic: over motors or samples: median, mean, low, high, p05, p95; None for a single value.
-        seed: of the training.
-        log: name of a log of the real robot.
-        part: joint, excitation or feature.
-        seconds: duration of the log of the motors [s].
-    """
+    """One measurement."""
 
     quantity: str
-    unit: str
-    value: float
-    model: str | None = None
-    motors: str | None = None
-    statistic: str | None = None
-    seed: int | None = None
-    log: str | None = None
-    part: str | None = None
-    seconds: float | None = None
+    unit: str  # 1 for shares and ratios
+    value: float  # finite
+    model: str | None = None  # actuator model, or the one that a policy was trained on
+    motors: str | None = None  # train or held_out; for a walk, own (training motors) or twin
+    statistic: str | None = None  # over motors or samples: median, mean, low, high, p05, p95
+    seed: int | None = None  # of the training
+    log: str | None = None  # name of a log of the real robot
+    part: str | None = None  # joint, excitation or feature
+    seconds: float | None = None  # duration of the log of the motors [s]
 
 
 @dataclass(frozen=True)
@@ -79,24 +66,19 @@ class Results:
         return list(dict.fromkeys(getattr(row, column) for row in self))
 
     def value(self, **columns: Any) -> float:
-        """Value of the only row with these values; raises ArtifactError unless there is exactly one."""
-        found = self.where(**columns)
-        if len(found) != 1:
-            raise ArtifactError(f"{len(found)} results with {columns}, wanted one")
-        return found.rows[0].value
+        """Value of the only row with these values; raises ValueError unless there is exactly one."""
+        (row,) = self.where(**columns)
+        return row.value
 
     def mean(self, **columns: Any) -> float:
-        """Mean value of the rows with these values; raises ArtifactError if there is none."""
-        found = self.where(**columns)
-        if not found:
-            raise ArtifactError(f"no result with {columns}")
-        return float(np.mean([row.value for row in found]))
+        """Mean value of the rows with these values."""
+        return float(np.mean([row.value for row in self.where(**columns)]))
 
     def to_figures(self) -> dict[str, float]:
         """Name -> value, as in ``figures.json``.
 
-        A quantity measured on training and held-out motors has the suffix train or held_out; the value on the training
-        motors is also given without suffix. A quantity measured for several seeds also has a mean.
+        A quantity of training and held-out motors has the suffix train or held_out, that of the training motors also
+        none. A quantity measured for several seeds also has a mean.
         """
         figures: dict[str, float] = {}
         both = set.intersection(*({row.quantity for row in self.where(motors=name)} for name in ("train", "held_out")))
@@ -120,11 +102,10 @@ class Results:
     def load(cls, path: Path) -> Results:
         """Read what `save` wrote; raises ArtifactError if it is missing or damaged."""
         try:
-            return cls.of(Result(**row | {"value": float(row["value"])}) for row in read_json(path)["rows"])
-        except (ArtifactError, KeyError, TypeError, ValueError) as error:
-            problem = error.problem if isinstance(error, ArtifactError) else f"not a table of results ({error})"
+            return cls.of(Result(**row) for row in read_json(path)["rows"])
+        except (KeyError, TypeError) as error:
             remedy = f"delete the folder {path.parent} and run the same command again"
-            raise ArtifactError(problem, where=path, remedy=remedy) from error
+            raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
 
 
 def _name(row: Result) -> str:

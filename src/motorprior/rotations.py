@@ -26,11 +26,8 @@ def roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
 def roll_pitch_below(up: np.ndarray, quaternion: np.ndarray) -> tuple[float, float]:
     """Roll and pitch [rad] of a body relative to gravity; those of `roll_pitch_yaw` if ``up`` is z.
 
-    u = rotation_base_to_worldᵀ·up, roll = atan2(u_y, u_z), pitch = -asin(u_x).
-
-    Args:
-        up: (3,) unit vector opposite to gravity, in the world frame.
-        quaternion: (4,) rotation_base_to_world.
+    u = rotation_base_to_worldᵀ·up, roll = atan2(u_y, u_z), pitch = -asin(u_x), with the unit vector ``up`` (3,) against
+    gravity, in the world frame.
     """
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     forward = up[0] * (1.0 - 2.0 * (y * y + z * z)) + up[1] * 2.0 * (x * y + w * z) + up[2] * 2.0 * (x * z - w * y)

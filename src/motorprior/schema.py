@@ -14,16 +14,12 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import read_tensors
-from motorprior.bounds import TABLE, Field, exactly, first_not_finite, require
+from motorprior.bounds import TABLE, Field, exactly, require
 from motorprior.exceptions import ArtifactError, quoted
 
 
 def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path | None, remedy: str) -> None:
-    """Check that a table of the file ``where`` has exactly the wanted keys.
-
-    Raises:
-        ArtifactError: names unknown and missing keys.
-    """
+    """Raise ArtifactError, with unknown and missing keys, unless a table has exactly the wanted keys."""
     given, wanted = set(given), set(wanted)
     kinds = {"unknown": sorted(given - wanted), "missing": sorted(wanted - given)}
     problems = [f"{kind} keys {quoted(keys, 300)}" for kind, keys in kinds.items() if keys]
@@ -33,46 +29,29 @@ def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path 
 
 @dataclass(frozen=True)
 class Schema:
-    """Declaration of a table.
+    """Declaration of a table."""
 
-    Attributes:
-        fields: key -> declared value.
-        remedy: for errors.
-        optional: keys that may be missing.
-        name: of the table, if a file has several.
-    """
-
-    fields: Mapping[str, Field]
-    remedy: str
-    optional: frozenset[str] = frozenset()
-    name: str = ""
+    fields: Mapping[str, Field]  # key -> declared value
+    remedy: str  # for errors
+    optional: frozenset[str] = frozenset()  # keys that may be missing
+    name: str = ""  # of the table, if a file has several
 
     def check(self, table: Any, where: str | Path | None) -> None:
-        """Check a table from the file ``where``.
-
-        Raises:
-            ArtifactError: not a table, an unknown or missing key, or a value that is not as declared.
-        """
+        """Raise ArtifactError for no table, an unknown or missing key, or a value that is not as declared."""
         where = f"{where}[{self.name}]" if self.name else where
         require("content", table, TABLE, where, self.remedy)
         keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
         require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys)
-        for key, field in self.fields.items():
-            if key in table:
-                require(key, table[key], field, where, self.remedy)
+        for key in table:
+            require(key, table[key], self.fields[key], where, self.remedy)
 
 
 @dataclass(frozen=True)
 class Tensor:
-    """Declaration of a float64 array of finite values.
+    """Declaration of a float64 array."""
 
-    Attributes:
-        shape: sizes; a name stands for the same size wherever it occurs.
-        above: exclusive lower bound of the values.
-    """
-
-    shape: tuple[str | int, ...]
-    above: float = -inf
+    shape: tuple[str | int, ...]  # sizes; a name stands for the same size wherever it occurs
+    above: float = -inf  # exclusive lower bound of the values
 
 
 def check_tensors(
@@ -82,82 +61,60 @@ def check_tensors(
     remedy: str,
     sizes: Mapping[str, int] | None = None,
 ) -> dict[str, int]:
-    """Check arrays and return every named size, taken from ``sizes`` or from the first array that has it.
-
-    Raises:
-        ArtifactError: names the tensor, its property and the declared one.
-    """
+    """Check arrays and return every named size, taken from ``sizes`` or from the first array that has it."""
     require_keys(tensors, wanted, where, remedy)
-    known, problem = dict(sizes or {}), ""
+    known = dict(sizes or {})
     for name, tensor in wanted.items():
-        value = np.asarray(tensors[name])
+        value = tensors[name]
         for size, length in zip(tensor.shape, value.shape, strict=False):
             if isinstance(size, str):
                 known.setdefault(size, length)
         shape = tuple(known.get(size, size) if isinstance(size, str) else size for size in tensor.shape)
         if value.dtype != np.float64 or value.shape != shape:
             problem = f"{name} is {value.dtype}{value.shape}, wanted float64{shape}"
-        elif (index := first_not_finite(value)) is not None:
-            problem = f"{name}{index} is not finite"
-        elif value.size and value.min() <= tensor.above:
+            raise ArtifactError(problem, where=where, remedy=remedy)
+        if not np.all(value > tensor.above):
             problem = f"{name} has a value of {value.min():.3g}, not above {tensor.above:g}"
-        if problem:
             raise ArtifactError(problem, where=where, remedy=remedy)
     return known
 
 
 @dataclass(frozen=True)
 class Header:
-    """Declaration of the JSON header of an artefact.
+    """Declaration of the JSON header of an artefact."""
 
-    Attributes:
-        kind: of artefact.
-        version: of the header's keys.
-        fields: key -> declared value.
-        remedy: for errors.
-        file: default name of the file.
-        command: the command that writes it.
-    """
-
-    kind: str
-    version: int
-    fields: Mapping[str, Field]
-    remedy: str
-    file: str
-    command: str
+    kind: str  # of artefact
+    version: int  # of the header's keys
+    fields: Mapping[str, Field]  # key -> declared value
+    remedy: str  # for errors
+    file: str  # default name
+    command: str  # writes it
 
     def write(self, **entries: Any) -> dict[str, Any]:
         """The header with these entries."""
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors (not checked) and checked header of a file.
-
-        Raises:
-            ArtifactError: a folder, or see `read_tensors` and `check`.
-        """
+        """Tensors (not checked) and checked header of a file; raises ArtifactError as `read_tensors` and `check`."""
         if path.is_dir():
-            raise ArtifactError("a folder, not a file", where=path, remedy=self._other(path / self.file))
+            remedy = f"give {path / self.file}" if (path / self.file).is_file() else self._give
+            raise ArtifactError("a folder, not a file", where=path, remedy=remedy)
         tensors, header = read_tensors(path)
         self.check(header, path)
         return tensors, header
 
     def check(self, header: Any, where: str | Path | None) -> None:
-        """Check a header.
-
-        Raises:
-            ArtifactError: another kind, a newer version, or an entry that is not as declared.
-        """
+        """Raise ArtifactError for another kind, a newer version, or an entry that is not as declared."""
         require("header", header, TABLE, where, self.remedy)
         found, version = header.get("kind"), header.get("schema_version")
-        if isinstance(found, str) and found != self.kind:
-            raise ArtifactError(f"a {quoted(found)[1:-1]}, not a {self.kind}", where=where, remedy=self._other())
-        if type(version) is int and version > self.version:
+        if found != self.kind:
+            raise ArtifactError(f"a {quoted(str(found))[1:-1]}, not a {self.kind}", where=where, remedy=self._give)
+        if isinstance(version, int) and version > self.version:
             problem = f"written by a newer motorprior: schema_version {version}, this one reads {self.version}"
             raise ArtifactError(problem, where=where, remedy="update motorprior")
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
         Schema(identity | dict(self.fields), self.remedy).check(header, where)
 
-    def _other(self, file: Path | None = None) -> str:
-        """Where the right file is."""
-        return f"give {file}" if file and file.is_file() else f"give the {self.file} that `{self.command}` wrote"
+    @property
+    def _give(self) -> str:
+        return f"give the {self.file} that `{self.command}` wrote"

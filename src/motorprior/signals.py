@@ -21,16 +21,7 @@ def runs_of_true(mask: np.ndarray) -> np.ndarray:
 
 
 def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:
-    """RMS of a signal's content above ``cutoff`` [Hz], by Parseval's theorem.
-
-    Args:
-        signal: shape (time, ...), any unit.
-        period: sample period [s].
-        cutoff: lower limit of the frequencies [Hz].
-
-    Returns:
-        Shape (...), the unit of ``signal``.
-    """
+    """(...) RMS of the content above ``cutoff`` [Hz] of a signal (time, ...) with a ``period`` [s], by Parseval."""
     count = signal.shape[0]
     spectrum = np.fft.rfft(signal - signal.mean(axis=0), axis=0)
     power = np.abs(spectrum) ** 2

@@ -25,11 +25,7 @@ LOCK = ".lock"
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file.
-
-    Raises:
-        ArtifactError: it cannot be read.
-    """
+    """SHA-256 of a file; raises ArtifactError if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -85,7 +81,7 @@ def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
         found = read_json(folder / MARKER)
     except ArtifactError:
         return False
-    return isinstance(found, dict) and {name: value for name, value in found.items() if name != "seconds"} == wanted
+    return isinstance(found, dict) and found == wanted | {"seconds": found.get("seconds")}
 
 
 def seconds_of(folder: Path) -> float:
@@ -95,15 +91,7 @@ def seconds_of(folder: Path) -> float:
 
 @contextmanager
 def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
-    """Run a stage in its locked folder; an exit without error marks it as finished.
-
-    Args:
-        folder: of the stage.
-        wanted: its `description`.
-
-    Raises:
-        ArtifactError: the folder cannot be written, or another process or thread writes there.
-    """
+    """Run the stage with the `description` ``wanted`` in its `locked` folder; without an error it is then finished."""
     with locked(folder):
         (folder / MARKER).unlink(missing_ok=True)
         started = time.monotonic()
@@ -123,11 +111,12 @@ def locked(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder.resolve() / LOCK, timeout=0, is_singleton=True)
         lock.acquire()
+    except Timeout as error:
+        remedy = "wait until it ends, or choose another folder"
+        raise ArtifactError("another command writes there", where=folder, remedy=remedy) from error
     except OSError as error:
-        busy = isinstance(error, Timeout)
-        problem = "another command writes there" if busy else f"cannot write there ({error.strerror or error})"
-        remedy = "wait until it ends, or choose another folder" if busy else "choose another folder"
-        raise ArtifactError(problem, where=folder, remedy=remedy) from error
+        problem = f"cannot write there ({error.strerror or error})"
+        raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
     try:
         yield
     finally:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from third_party_files import csv_columns
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
@@ -16,7 +17,6 @@ from motorprior.cli.console import Bar
 from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.walk import Walk, run_walk
-from motorprior.logs.readers.puppersim import csv_columns
 from motorprior.robots.pupper_v2 import spec
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from third_party_files import write_bam, write_csv, write_lerobot, write_pt, write_sage
+from third_party_files import csv_columns, write_bam, write_csv, write_lerobot, write_pt
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs import read_log as registry
@@ -13,7 +13,6 @@ from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import READERS, find_readers, read_log
 from motorprior.logs.readers.motor_log_file import write_log
-from motorprior.logs.readers.puppersim import csv_columns
 from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.load import load_robot
 
@@ -42,7 +41,6 @@ def write_rows(path: Path, columns: tuple[str, ...], mode: float = 0.0) -> Path:
 SAMPLES = {
     "motor log": write_motor_log,
     "pendulum of Rhoban/bam": write_bam,
-    "motion of isaac-sim2real/sage": write_sage,
     "dataset of LeRobot": write_lerobot,
     "table": write_csv,
     "tensors": write_pt,

@@ -38,14 +38,16 @@ def make_log() -> Callable[..., MotorLog]:
 def rich_log() -> MotorLog:
     """A good bench log: 12 s of 2 joints that follow sums of sines 50 ms late, on known loads."""
     time = 0.01 * np.arange(1200)
-    ways = (0.3, 0.4), (0.15, 1.1), (0.06, 2.7)  # rad, Hz
+    ways = ((0.3, 0.4), (0.15, 1.1), (0.06, 2.7))  # rad, Hz
 
     def motion(late: float, order: int) -> np.ndarray:
         """Derivative of that order."""
-        phase = lambda rate: 2 * np.pi * rate * (time[:, None] - late) + np.array([0.0, 1.0])  # noqa: E731
-        turned = np.pi / 2 * order
+        angular = [2 * np.pi * rate * (time[:, None] - late) + [0.0, 1.0] + np.pi / 2 * order for _, rate in ways]
         return sum(
-            (size * (2 * np.pi * rate) ** order * np.sin(phase(rate) + turned) for size, rate in ways),
+            (
+                size * (2 * np.pi * rate) ** order * np.sin(phase)
+                for (size, rate), phase in zip(ways, angular, strict=True)
+            ),
             start=np.zeros((len(time), 2)),
         )
 

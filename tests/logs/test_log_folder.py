@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.log_folder import read_log_folder
+from motorprior.logs.read_log import read_log_folder
 from motorprior.robots.load import load_robot
 
 MAP = """

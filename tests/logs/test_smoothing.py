@@ -5,8 +5,8 @@ import pytest
 
 from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed
 
-DT, ROWS = 0.002, 1500
-PARTS = (slice(0, 700), slice(700, ROWS))
+DT, ROWS = 0.002, 1000
+PARTS = (slice(0, 450), slice(450, ROWS))
 TIME = DT * np.arange(ROWS)[:, None]
 RATES = np.array([7.0, 11.0, 16.0])
 WAVE, SPEED = 0.3 * np.sin(RATES * TIME), 0.3 * RATES * np.cos(RATES * TIME)
@@ -17,7 +17,7 @@ def noisy(deviation: float, seed: int = 0) -> np.ndarray:
     return WAVE + deviation * np.random.default_rng(seed).standard_normal(WAVE.shape)
 
 
-@pytest.mark.parametrize("deviation", [1e-4, 3e-4, 1e-3])
+@pytest.mark.parametrize("deviation", [1e-4, 1e-3])
 def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
     readings = noisy(deviation)
     found = smoothed(readings, PARTS, DT)

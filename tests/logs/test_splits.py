@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.splits import moving_joints, split, spread_windows
+from motorprior.logs.splits import moving_joints, split, window
 
 
 def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment: np.ndarray | None = None) -> MotorLog:
@@ -19,10 +19,8 @@ def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment
 
 
 def test_windows_are_equally_long_and_cover_a_motion_together():
-    found = spread_windows([a_log(3000, 0.0), a_log(3000, 1e4), a_log(3000, 2e4)], 6.0)
-    assert [part.stop - part.start for part in found.segment_slices()] == [1000, 1000, 1000]
-    assert [found.joint_pos[part.start, 0] for part in found.segment_slices()] == [0.0, 1e4 + 1000, 2e4 + 2000]
-    assert spread_windows([a_log(500, 0.0)], 6.0).num_rows == 500
+    found = [window(a_log(3000), 6.0, index, 3) for index in range(3)]
+    assert [(log.num_rows, log.joint_pos[0, 0]) for log in found] == [(1000, 0.0), (1000, 1000.0), (1000, 2000.0)]
 
 
 def test_every_second_log_is_a_test():

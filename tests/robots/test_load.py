@@ -10,7 +10,6 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
-from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -90,7 +89,7 @@ def test_the_default_robot_is_shipped_and_an_unknown_name_lists_the_known():
 def test_an_arm_is_what_its_two_files_say(tmp_path: Path):
     arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
     assert (arm.name, arm.base, arm.joint_names, arm.num_links) == ("arm", "fixed", ("shoulder", "elbow"), 3)
-    np.testing.assert_allclose(arm.limits, np.radians([[-90, 90], [-120, 120]]))
+    np.testing.assert_allclose([arm.lower, arm.upper], np.radians([[-90, -120], [90, 120]]))
     asked = arm.limits_of(("elbow", "tail"))
     np.testing.assert_allclose(asked, [[-np.radians(120), np.radians(120)], [np.nan, np.nan]])
     assert [(joint.kp, joint.kd, joint.torque_limit) for joint in arm.joints] == [(20.0, 1.0, 4.0), (20.0, 1.0, 2.0)]
@@ -131,11 +130,6 @@ def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
     walk = WalkConfig(30, commands=Commands.steady(0.3))
     episode = WalkSimulator(Scene(dog, lambda rng: motors, walk)).run(zero_policy(12), seed=0, trace=True)
     assert episode.fault == 0 and episode.trace.shape == (episode.steps, 19)
-    targets = open_loop_gait(body_of(dog), 80, 0.3, 1.25, 0.0, 1.0, dog.control_dt).reshape(-1, 4, 3)
-    front_right, front_left, rear_right, rear_left = targets.swapaxes(0, 1)
-    np.testing.assert_allclose(front_right, rear_left)
-    np.testing.assert_allclose(front_right[:40], front_left[40:], atol=1e-9)  # half a cycle of 0.8 s apart
-    assert np.ptp(rear_right[:, 2]) > 0.3
 
 
 def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
@@ -146,9 +140,7 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     speed = np.sqrt(9.81 * hips)
     assert gait.forward == pytest.approx((-0.16 * speed, 0.5 * speed), abs=0.005)
     assert (gait.yaw_rate, gait.residual) == (0.6, 0.3)
-    body = body_of(dog)
-    assert (body.min_speed, body.max_speed, body.frequency) == (*gait.forward, gait.frequency)
-    feet = body.nominal_feet
+    feet = body_of(dog).nominal_feet
     np.testing.assert_allclose(np.abs(feet[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)  # folded evenly
     np.testing.assert_allclose(feet[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)
 
@@ -162,7 +154,6 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
         (("kp = 20.0", "kP = 20.0"), r"unknown keys \['kP'\] and missing keys \['kp'\].*the keys are"),
         (("arm.xml", "leg.xml"), "leg.xml: MuJoCo cannot read it"),
         (('"fixed"', '"free"'), r"arm.xml: free joints \[\], but its base is free"),
-        (("name", "name = 1\nname"), "not valid TOML"),
         (('"arm"', f'"{DEFAULT_ROBOT}"'), "name = '.*' is not a name of letters.*that no shipped robot has"),
         (("kp = 20.0", "kp = 20.0\nphysics_dt = 0.003"), "physics_dt 0.003 s does not divide control_dt 0.01 s"),
         (("kp = 20.0", "kp = 20.0\nload_inertia = [2.0, 1.0]"), r"load_inertia = \[2.0, 1.0\] is not \[min, max\]"),
@@ -185,7 +176,6 @@ ACTUATOR = '<actuator><motor name="pull" joint="elbow"/></actuator></mujoco>'
         (("</mujoco>", ACTUATOR), "1 actuators of its own, the first is 'pull'.*delete the <actuator> section"),
         (('name="elbow"', 'type="slide" name="elbow"'), r"joint number 1 \('elbow'\) is not a hinge"),
         (("</worldbody>", '<body><geom size="0.1"/></body></worldbody>'), "the world holds 2 bodies"),
-        (("<mujoco>", "<mujoco><nonsense/>"), "MuJoCo cannot read it"),
     ],
 )
 def test_a_model_that_does_not_fit_is_refused_with_joint_file_and_remedy(tmp_path: Path, change, words: str):

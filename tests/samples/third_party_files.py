@@ -5,7 +5,6 @@ import io
 import json
 import pickle
 import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,12 @@ joint_pos = "dof_pos[{joint}]"
 """
 
 
+def csv_columns(num_joints: int) -> tuple[str, ...]:
+    """Columns of the CSV of jietan/puppersim: time, targets, angles, IMU."""
+    joints = [f"{name}_{joint}" for name in ("q_des", "q") for joint in range(num_joints)]
+    return ("t_s", *joints, "imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
+
+
 def write_bam(folder: Path, **changes: Any) -> Path:
     entries = [
         {"timestamp": t, "goal_position": g, "position": q, "speed": 0.0, "torque_enable": True, "load": 65535}
@@ -38,25 +43,6 @@ def write_bam(folder: Path, **changes: Any) -> Path:
     whole = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330", "entries": entries} | changes
     path = folder / "swing.json.gz"
     path.write_bytes(gzip.compress(json.dumps(whole).encode()))
-    return path
-
-
-def write_sage(
-    folder: Path,
-    control_late: float = 0.0,
-    joints: Sequence[str] = JOINTS,
-    target: np.ndarray = TARGET,
-    angle: np.ndarray = ANGLE,
-) -> Path:
-    path = folder / "motion"
-    path.mkdir(exist_ok=True)
-    (path / "joint_list.txt").write_text("\n".join(joints) + "\n")
-    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, target.tolist(), strict=True)]
-    zeros = [0.0] * len(joints)
-    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, angle.tolist(), strict=True)]
-    (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
-    header = "type,timestamp,positions,velocities,torques"
-    (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")
     return path
 
 

@@ -10,9 +10,8 @@ import pytest
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import load_fleet, load_robot_fleet, nominal_pd
 from motorprior.exceptions import ConfigError
-from motorprior.logs.log_folder import read_log_folder
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.read_log import read_log
+from motorprior.logs.read_log import read_log, read_log_folder
 from motorprior.robots.load import load_robot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.fleet_problem import FleetProblem

@@ -13,11 +13,10 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.artifacts import write_text
+from motorprior.artifacts import read_toml, write_text
 from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import TABLE, TEXT, Field, exactly, generator_of, number, one_of, require, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.files import read_toml
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema

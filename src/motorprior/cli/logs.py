@@ -47,10 +47,7 @@ def run_logs_check(config: LogsCheck) -> None:
     for path in config.paths:
         log = read_log(path, given, config.columns)
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
-        rows = [
-            [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
-            for found in report.findings
-        ]
+        rows = [[found.severity, found.check, str(found.row), found.message, found.remedy] for found in report.findings]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)
         if not report.usable:

@@ -12,10 +12,9 @@ import numpy as np
 from motorprior.commands.fit_loads import with_fitted_loads
 from motorprior.exceptions import ConfigError, listed
 from motorprior.logs.load_log import PERIOD, load_log
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, settings_text
 from motorprior.logs.read_log import recording_name
 from motorprior.logs.readers.motor_log_file import write_log
-from motorprior.logs.settings_text import settings_text
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import locked

@@ -13,10 +13,9 @@ import numpy as np
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.evaluation.traces import read_traces, write_traces
 from motorprior.logs.loads import require_fixed_base, with_loads
-from motorprior.logs.log_folder import LogFolder, read_log_folder
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import begin_at_gaps, drop_repeats, resample, smooth_on_grid
-from motorprior.logs.read_log import reader_of
+from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
 from motorprior.logs.splits import long_segments, moving_joints, split
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results

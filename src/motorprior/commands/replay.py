@@ -15,7 +15,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.identification.prior_file import gains_for, load_prior
 from motorprior.logs.doctor.checks import check_log
-from motorprior.logs.log_folder import LogFolder, read_log_folder
+from motorprior.logs.read_log import LogFolder, read_log_folder
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot

@@ -13,7 +13,7 @@ from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import Preset
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
-from motorprior.progress import SILENT, Progress, WithoutNotes
+from motorprior.progress import SILENT, Notes, Progress
 
 if TYPE_CHECKING:  # here and in functions: scipy's optimizers take half a second
     from motorprior.identification.baselines.response_models import ResponseMotors
@@ -52,7 +52,7 @@ def fitted_baselines(
     for name, (named, recipe) in recipes.items():
         if name == "pooled_network" and adam_steps is not None:
             recipe = replace(recipe, steps=adam_steps)
-        fitted = fit_recipe(log, named, recipe, seed, folder / name, WithoutNotes(progress), tuned=tuned)
+        fitted = fit_recipe(log, named, recipe, seed, folder / name, Notes(SILENT.note, progress), tuned=tuned)
         models[name] = fitted.model.motors(fitted.mean)
     return models | {"tuned_pd": tuned}
 

@@ -34,7 +34,7 @@ from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import Split
-from motorprior.progress import Progress, WarningCollector
+from motorprior.progress import WARNING, Notes, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
@@ -68,8 +68,13 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         LogError: too short, or without a channel that the fit needs.
     """
     train = joined(list(logs.train.values()))
-    collector, tuned = WarningCollector(progress), fitted_tuned_pd(train, progress)
-    prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, collector, tuned=tuned)
+    warnings, tuned = [], fitted_tuned_pd(train, progress)
+
+    def note(text: str) -> None:
+        warnings.extend([text] if text.startswith(WARNING) else [])
+        progress.note(text)
+
+    prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, Notes(note, progress), tuned=tuned)
     expected = prior.expected(train.joint_names)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(expected)}
     if train.num_joints > 1:
@@ -87,8 +92,8 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         for name, values in constants.items()
         if name not in identified
     )
-    lines = (*collector.warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
-    return results, drawn, [line.removeprefix("warning: ") for line in lines]
+    lines = (*warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
+    return results, drawn, [line.removeprefix(WARNING) for line in lines]
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickReport:

@@ -11,11 +11,13 @@
     [joints.1]
     name = "shoulder_pan"                   # of the robot's joint
 
-An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle.
+An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle. The
+table of a channel overrides that of its joint, and that overrides [units].
 """
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -25,44 +27,73 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_toml
 from motorprior.bounds import TABLE, TEXT, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.files import read_toml
-from motorprior.logs.column_units import (
-    OF_JOINTS,
-    QUANTITIES,
-    REMEDY,
-    SCALES,
-    TIMES,
-    UNITS,
-    Conversion,
-    conversions,
-    optional,
-)
 from motorprior.logs.motor_log import CONDITIONS, ENCODERS, GAIN_UNITS, PHYSICAL_GAINS, POSTURES
 from motorprior.schema import Schema
 
+REMEDY = "see docs/your-motors.md"
+TURN = 2.0 * math.pi
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SCALES: dict[str, dict[str, float]] = {
+    "angle": {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan},  # tick: TURN / ticks_per_turn
+    "velocity": {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0},
+    "torque": {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665},
+    "voltage": {"V": 1.0, "dV": 0.1, "mV": 1e-3},
+    "temperature": {"degC": 1.0},
+}
+QUANTITIES = {  # of the channels that may have a sign or a unit of their own
+    "position_target": "angle", "joint_pos": "angle", "joint_vel": "velocity", "joint_torque": "torque",
+    "external_torque": "torque", "supply_voltage": "voltage", "motor_temperature": "temperature",
+}  # fmt: skip
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
 GAINS = ("kp", "kd")
 JOINT, NAME = "{joint}", "{name}"  # placeholders in column names
+
+_UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {"ticks_per_turn": number(above=1.0)}
+_SCALED = {"scale": number(above=0.0)}
+_SIGNED = _SCALED | {"sign": Field("1 or -1", lambda value: is_number(value, -1.0, 1.0) and abs(value) == 1)}
+_ENTRIES = {  # of the table of a channel, by its quantity
+    "angle": {
+        **_SIGNED,
+        "zero": number(-TURN, TURN, unit="rad"),
+        **{name: _UNITS[name] for name in ("angle", "ticks_per_turn")},
+    },
+    "velocity": {**_SIGNED, "velocity": _UNITS["velocity"]},
+    "torque": {**_SIGNED, "torque": _UNITS["torque"]},
+    "voltage": {**_SCALED, "voltage": _UNITS["voltage"]},
+    "temperature": _SCALED,
+}
 _NAME = Field("a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200)
 _CONDITION = Field("the name of a column, or a number", lambda value: _NAME.accepts(value) or is_number(value))
 _MAP = Schema(
     {
-        **dict.fromkeys(("motor", "robot", "time", "segment", "posture", *SERIES), _NAME),
+        **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
         **dict.fromkeys(CONDITIONS, _CONDITION),
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
+        "posture": one_of(*POSTURES),
         **dict.fromkeys(("units", "firmware"), TABLE),
         "joints": Field("a table with a table per joint", lambda value: TABLE.accepts(value) and len(value) > 0),
     },
     REMEDY,
     optional=frozenset({"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}),
 )
-_UNITS = optional({**UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}, "units")
-_JOINT = optional({"name": _NAME, **OF_JOINTS, **dict.fromkeys(GAINS, number(0.0))})
 _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
+_UNIT_TABLE = {**_UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
+_JOINT = {
+    "name": _NAME, **_ENTRIES["angle"], **dict.fromkeys(QUANTITIES, TABLE), **dict.fromkeys(GAINS, number(0.0)),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """A value in SI units is factor·value of the column + offset."""
+
+    factor: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -78,46 +109,23 @@ class MappedJoint:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """The meaning of the columns of a table.
+    """The meaning of the columns of a table; names, encoder, posture, gain_unit and firmware as in `MotorLog`."""
 
-    Attributes:
-        source: file or name of the map.
-        series: channel -> name of its columns, with JOINT or NAME; for CONDITIONS it may be one column for all joints.
-        joints: in the order of the map.
-        motor: motor model.
-        robot: name of the robot, or empty.
-        encoder: where angles are measured, "joint" or "rotor"; empty if not given.
-        time: column of the time, or None with ``rate``.
-        time_scale: seconds per unit of that column.
-        rate: of the rows [Hz], or None.
-        segment: column with the index of the recording, or None.
-        posture: one of POSTURES for all rows, or the name of a column, or None.
-        base_orientation: columns of roll and pitch [rad], or none.
-        conditions: CONDITIONS that hold for all rows and joints.
-        gain_unit: of the joints' gains (`MotorLog`).
-        firmware: registers of all motors (`MotorLog`).
-    """
-
-    source: str
-    series: dict[str, str]
+    source: str  # file or name of the map
+    series: dict[str, str]  # channel -> name of its columns, with JOINT or NAME; of CONDITIONS maybe one for all joints
     joints: tuple[MappedJoint, ...]
     motor: str = ""
     robot: str = ""
     encoder: str = ""
-    time: str | None = None
-    time_scale: float = 1.0
-    rate: float | None = None
-    segment: str | None = None
+    time: str | None = None  # its column, or None with rate
+    time_scale: float = 1.0  # seconds per unit of that column
+    rate: float | None = None  # of the rows [Hz]
+    segment: str | None = None  # column with the index of the recording
     posture: str | None = None
-    base_orientation: tuple[str, ...] = ()
-    conditions: Mapping[str, float] = field(default_factory=dict)
+    base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
+    conditions: Mapping[str, float] = field(default_factory=dict)  # for all rows and joints
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def posture_column(self) -> str | None:
-        """Name of the column of postures, if there is one."""
-        return None if self.posture in POSTURES else self.posture
 
     def columns_of(self, channel: str, joints: Iterable[MappedJoint]) -> list[str]:
         """Column names of a channel, one per joint."""
@@ -152,7 +160,7 @@ def load_column_map(name_or_path: str | Path) -> ColumnMap:
 def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _MAP.check(table, where)
     units = table.get("units", {})
-    _UNITS.check(units, where)
+    _check(units, _UNIT_TABLE, f"{where}[units]")
     if ("time" in table) == ("rate" in table):
         problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
         raise ArtifactError(problem, where=where, remedy="give one of the two")
@@ -164,6 +172,11 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         conditions={name: table[name] * scale[name] for name in CONDITIONS if is_number(table.get(name))},
         **{name: table[name] for name in _PLAIN if name in table},
     )  # fmt: skip
+
+
+def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
+    """Check a table of optional entries."""
+    Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
 
 
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
@@ -180,7 +193,7 @@ def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[M
     found = tuple(_joint(column, joint, units, f"{where}[joints.{column}]") for column, joint in table.items())
     names = [joint.name for joint in found]
     if double := {name for name in names if names.count(name) > 1}:
-        raise ArtifactError(f"two joints are named {sorted(double)[0]!r}", where=where, remedy="name each once")
+        raise ArtifactError(f"two joints are named {min(double)!r}", where=where, remedy="name each once")
     for name in GAINS:
         lacking = [joint.column for joint in found if getattr(joint, name) is None]
         if 0 < len(lacking) < len(found):
@@ -190,6 +203,33 @@ def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[M
 
 
 def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> MappedJoint:
-    _JOINT.check(joint, place)
-    known = conversions(joint, units, place)
+    _check(joint, _JOINT, place)
+    known = {name: _conversion(name, joint, units, place) for name in QUANTITIES}
     return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
+
+
+def _conversion(channel: str, joint: Mapping[str, Any], units: Mapping[str, Any], place: str) -> Conversion:
+    quantity, own = QUANTITIES[channel], joint.get(channel, {})
+    entries = _ENTRIES[quantity]
+    _check(own, entries, f"{place}.{channel}")
+    of_joint = joint if quantity == "angle" else {}
+    factor = _scale(quantity, (own, of_joint, units), place)
+    if "sign" in entries:
+        sign = joint.get("sign", 1)
+        factor *= own.get("sign", joint.get("joint_pos", {}).get("sign", sign) if channel == "joint_vel" else sign)
+    return Conversion(float(factor), float(own.get("zero", of_joint.get("zero", 0.0))))
+
+
+def _scale(quantity: str, tables: tuple[Mapping[str, Any], ...], where: str) -> float:
+    """SI units per unit of the column, from the first table that gives one."""
+    ticks: Any = next((table["ticks_per_turn"] for table in tables if "ticks_per_turn" in table), None)
+    for table in tables:
+        default = "tick" if quantity == "angle" and "ticks_per_turn" in table else None
+        unit = table.get("scale", table.get(quantity, default))
+        if unit == "tick" and ticks is None:
+            raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
+        if unit == "tick":
+            return TURN / ticks
+        if unit is not None:
+            return SCALES[quantity][unit] if isinstance(unit, str) else float(unit)
+    return 1.0

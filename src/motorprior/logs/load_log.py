@@ -19,7 +19,7 @@ from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
 from motorprior.logs.validity import checked
 from motorprior.progress import WARNED, WARNING, Progress
-from motorprior.robots.load import load_robot
+from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 
 PERIOD = 0.002  # of the presets of identification for real motors [s]
@@ -64,8 +64,7 @@ def load_log(
         LogError: the log cannot be read, lacks what loads need, or a given value is out of its bounds.
         ArtifactError: a bad column map or robot.
     """
-    robot = robot if isinstance(robot, Robot) or robot is None else load_robot(robot)
-    path = Path(path)
+    robot, path = None if robot is None else as_robot(robot), Path(path)
     reader = reader_of(path, columns is not None)
     if period is not None:
         require_number("period", period, 1e-6, 1.0)
@@ -73,11 +72,10 @@ def load_log(
     if suspended and (robot is None or period is None):
         problem, remedy = "suspended: no model for the loads", "give robot, its .toml file (docs/your-robot.md)"
         raise ConfigError(problem, where=path, remedy=f"{remedy}, and a period", argument="robot")
-    if period is not None and columns is None and reader.on_grid is not None:
-        log = reader.on_grid(path, robot, period, suspended)
-        log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
-    else:
-        log = with_settings(read_log(path, robot, columns), kp, kd, firmware, conditions, robot, progress)
+    on_grid = None if period is None or columns else reader.on_grid
+    log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
+    log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
+    if on_grid is None:
         if model is not None:
             if present := [name for name in LOADS if getattr(log, name) is not None]:
                 problem = f"suspended: the log already contains its load ({present[0]})"
@@ -104,12 +102,7 @@ def with_settings(
     robot: Robot | None = None,
     progress: Progress = WARNED,
 ) -> MotorLog:
-    """The log with these gains, registers and conditions; arguments as in `load_log`.
-
-    Raises:
-        ConfigError: a wrong number of gains, or several for joints in no robot's order.
-        LogError: a value out of its bounds.
-    """
+    """The log with these gains, registers and conditions; arguments and errors as in `load_log`."""
     values: dict[str, Any] = {}
     for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
         if given.size not in (0, 1, log.num_joints):
@@ -131,4 +124,4 @@ def with_settings(
         values[name] = np.full(log.joint_pos.shape, value)
     if firmware:
         values["firmware"] = {**log.firmware, **firmware}
-    return checked(replace(log, **values), where=log.source) if values else log
+    return checked(replace(log, **values)) if values else log

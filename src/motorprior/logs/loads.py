@@ -44,12 +44,10 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     Raises:
         LogError: not the joints of this robot, no velocities, or a base that was not level or not fixed.
     """
-    _require_joints(log, robot)
-    require_fixed_base(log, robot, log.source)
+    _require_level_robot(log, robot)
     if log.joint_vel is None:
         remedy = "load it with a period, which computes them from the angles"
         raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
-    _require_level(log)
     dynamics = _Dynamics(robot)
     inertia, external, stiffness = (np.empty_like(log.joint_pos) for _ in range(3))
     for part in log.segment_slices():
@@ -63,7 +61,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
         inertia[part] = mean
     posture = np.full(log.num_rows, POSTURES.index(_posture(robot)))
     loads = dict(zip(LOADS, (inertia, external, stiffness), strict=True))
-    return checked(replace(log, **loads, joint_torque=None, posture=posture), where=log.source)
+    return checked(replace(log, **loads, joint_torque=None, posture=posture))
 
 
 def with_some_load(log: MotorLog) -> MotorLog:
@@ -80,9 +78,7 @@ def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nda
     None if the log has other joints, its base was not level and fixed, or a free base has no logged posture.
     """
     try:
-        _require_joints(log, robot)
-        require_fixed_base(log, robot, log.source)
-        _require_level(log)
+        _require_level_robot(log, robot)
     except LogError:
         return None
     if robot.base == "free" and log.posture is None:
@@ -96,11 +92,7 @@ def _posture(robot: Robot) -> str:
 
 
 def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path) -> None:
-    """Reject a log, from the file ``where``, with a posture other than suspended (free base) or fixed in any row.
-
-    Raises:
-        LogError: another posture.
-    """
+    """Raise LogError for a log, from the file ``where``, of another posture than suspended (free base) or fixed."""
     wanted = _posture(robot)
     if log.posture is None or not (others := np.flatnonzero(log.posture != POSTURES.index(wanted))).size:
         return
@@ -110,26 +102,21 @@ def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path) -> None:
     raise LogError(problem, where=where, remedy=remedy, argument="suspended")
 
 
-def _require_joints(log: MotorLog, robot: Robot) -> None:
-    """Reject a log that does not have all joints of the robot in its order: the load of each depends on all."""
-    if log.joint_names == robot.joint_names:
-        return
-    missing = [name for name in robot.joint_names if name not in log.joint_names]
-    unknown = [name for name in log.joint_names if name not in robot.joint_names]
-    problem = f"joints in the order {', '.join(log.joint_names)}"
-    if missing:
-        problem = f"it lacks {', '.join(missing)}: {len(missing)} of the {robot.num_joints} joints of {robot.name}"
-    if unknown:
-        problem += f"; {robot.name} has no joint {', '.join(unknown)}"
-    remedy = "loads come from the motion of all joints: record all, or give the file of a robot that has only these, "
-    raise LogError(problem, where=log.source, remedy=f"{remedy}in the order {', '.join(robot.joint_names)}")
-
-
-def _require_level(log: MotorLog) -> None:
-    if log.base_orientation is None:
-        return
-    tilt = np.median(np.abs(log.base_orientation), axis=0)
-    for axis, angle in zip(BASE_AXES, tilt, strict=True):
+def _require_level_robot(log: MotorLog, robot: Robot) -> None:
+    """Reject a log without all joints of the robot in its order, since each load depends on all; or a tilted base."""
+    if log.joint_names != robot.joint_names:
+        missing = [name for name in robot.joint_names if name not in log.joint_names]
+        unknown = [name for name in log.joint_names if name not in robot.joint_names]
+        problem = f"joints in the order {', '.join(log.joint_names)}"
+        if missing:
+            problem = f"it lacks {', '.join(missing)}: {len(missing)} of the {robot.num_joints} joints of {robot.name}"
+        if unknown:
+            problem += f"; {robot.name} has no joint {', '.join(unknown)}"
+        remedy = "loads come from the motion of all joints: record all, or give the file of a robot that has only "
+        raise LogError(problem, where=log.source, remedy=f"{remedy}these, in the order {', '.join(robot.joint_names)}")
+    require_fixed_base(log, robot, log.source)
+    orientation = np.zeros((1, 2)) if log.base_orientation is None else log.base_orientation
+    for axis, angle in zip(BASE_AXES, np.median(np.abs(orientation), axis=0), strict=True):
         if angle > MAX_TILT:
             problem = f"{axis} is {angle:.2f} rad off level, by its median"
             remedy = f"suspend the robot with its body level, to {MAX_TILT:g} rad, and record again"

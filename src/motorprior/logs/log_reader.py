@@ -10,41 +10,31 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.column_map import ColumnMap, MappedJoint
-from motorprior.logs.column_units import Conversion
+from motorprior.logs.column_map import ColumnMap, Conversion, MappedJoint
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.validity import CORRECT, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name
 GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
-# Reads named columns of a path, each (rows,) float64, timedelta64 for time stamps or int64 for postures
+# Reads named columns of a path, each (rows,) float64, or timedelta64 for time stamps
 Columns: TypeAlias = Callable[[Path, list[str], ColumnMap], dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class LogReader:
-    """A log format; the READER of a module in `logs.readers`.
+    """A log format; the READER of a module in `logs.readers`."""
 
-    Attributes:
-        name: of the format, for messages.
-        endings: of its file names, each with its dot, or FOLDER.
-        recognises: (path) whether a path with such an ending has this format.
-        read: (path, robot or None) the log; None if the format needs a column map.
-        columns: reads named columns for a column map; None if it needs none.
-        unmapped: (path) text about the content, for the error if a format that needs a map is read without.
-        on_grid: (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows.
-        assumption: a sentence for the user about what is assumed because the format lacks it; empty if none.
-    """
-
-    name: str
-    endings: tuple[str, ...]
-    recognises: Callable[[Path], bool] = lambda path: True
-    read: Callable[[Path, Robot | None], MotorLog] | None = None
-    columns: Columns | None = None
+    name: str  # for messages
+    endings: tuple[str, ...]  # of its file names, each with its dot, or FOLDER
+    recognises: Callable[[Path], bool] = lambda path: True  # whether a path with such an ending has this format
+    read: Callable[[Path, Robot | None], MotorLog] | None = None  # None if the format needs a column map
+    columns: Columns | None = None  # for a column map; None if it needs none
+    # text about the content, for the error if a format that needs a map is read without
     unmapped: Callable[[Path], str] = lambda path: ""
+    # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows
     on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
-    assumption: str = ""
+    assumption: str = ""  # a sentence for the user about what is assumed because the format lacks it
 
     def matches(self, path: Path) -> bool:
         """Whether an existing path has this format; raises `LogError` if it cannot be read."""
@@ -53,36 +43,37 @@ class LogReader:
 
 
 def require_robot(robot: Robot | None, path: Path) -> Robot:
-    """The robot of a format that does not name its joints.
-
-    Raises:
-        ConfigError: none was given.
-    """
+    """The robot of a format that does not name its joints; raises ConfigError if none was given."""
     if robot is None:
         raise ConfigError("the log does not name its joints", where=path, remedy="give robot", argument="robot")
     return robot
 
 
 def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robot | None = None) -> MotorLog:
-    """Read a table.
+    """The log of the columns of a path that ``source`` reads.
 
-    Args:
-        path: file or folder.
-        columns: meaning of its columns.
-        source: reads columns by name.
-        robot: gives the order of the joints, and the place of the encoder unless the map does. Without a robot, the
-            map's order.
+    A robot gives the order of the joints, and the place of the encoder unless the map does.
 
     Raises:
         LogError: as ``source``; a cell that is not finite, or a joint that the robot does not have.
     """
     joints = _in_order(columns, robot, path)
     wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
-    singles = [name for name in (columns.time, columns.segment, columns.posture_column) if name]
-    names = [*singles, *columns.base_orientation, *(name for names in wanted.values() for name in names)]
+    names = [
+        *filter(None, (columns.time, columns.segment)),
+        *columns.base_orientation,
+        *(name for names in wanted.values() for name in names),
+    ]
     table = source(path, list(dict.fromkeys(names)), columns)
     shape = len(next(iter(table.values()))), len(joints)
-    values: dict[str, Any] = {"time": _time(table, columns, path)}
+    if columns.rate is not None:
+        time = np.arange(shape[0]) / columns.rate
+    elif (time := table[columns.time or ""]).dtype.kind == "m":
+        time = time / np.timedelta64(1, "s")
+    else:
+        require_finite(time[:, None], [f"time (column {columns.time})"], path)
+        time = columns.time_scale * time
+    values: dict[str, Any] = {"time": time}
     for channel, names in wanted.items():
         raw = np.stack([table[name] for name in names], axis=1)
         labels = [f"{channel}/{joint.name} (column {name})" for joint, name in zip(joints, names, strict=True)]
@@ -94,17 +85,19 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     if columns.base_orientation:
         values["base_orientation"] = np.stack([table[name] for name in columns.base_orientation], axis=1)
     if columns.segment:
-        values["segment"] = _integers(table[columns.segment], columns.segment, path)
-    if columns.posture_column:
-        values["posture"] = table[columns.posture_column]
-    elif columns.posture:
+        segment = table[columns.segment]
+        if not np.all(whole := segment == np.rint(segment)):
+            row = int(np.argmin(whole))
+            raise bad_value(row, columns.segment, segment[row], "an integer", path, CORRECT)
+        values["segment"] = segment.astype(np.int64)
+    if columns.posture:
         values["posture"] = np.full(shape[0], POSTURES.index(columns.posture))
     log = MotorLog(
         joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
         motor=columns.motor, source=str(path), encoder=columns.encoder or (robot.encoder if robot else "joint"),
         gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
     )  # fmt: skip
-    return checked(log, where=path)
+    return checked(log)
 
 
 def robot_of_joints(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:
@@ -117,27 +110,7 @@ def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[Mapp
         return columns.joints
     by_name = {joint.name: joint for joint in columns.joints}
     if unknown := sorted(by_name.keys() - set(robot.joint_names)):
-        problem = (
-            f"the column map {columns.source} has a joint {unknown[0]!r}, robot {robot.name} has none of that name"
-        )
+        problem = f"the column map {columns.source} has a joint {unknown[0]!r}, robot {robot.name} has none such"
         remedy = f"remove its table, or give its key name one of {', '.join(robot.joint_names)}"
         raise LogError(problem, where=path, remedy=remedy)
     return tuple(by_name[name] for name in robot.joint_names if name in by_name)
-
-
-def _time(table: dict[str, np.ndarray], columns: ColumnMap, path: Path) -> np.ndarray:
-    """(rows,) [s]."""
-    if columns.rate is not None:
-        return np.arange(len(next(iter(table.values())))) / columns.rate
-    time = table[columns.time or ""]
-    if time.dtype.kind == "m":
-        return time / np.timedelta64(1, "s")
-    require_finite(time[:, None], [f"time (column {columns.time})"], path)
-    return columns.time_scale * time
-
-
-def _integers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    wrong = np.flatnonzero((values != np.rint(values)) | ~np.isfinite(values))
-    if wrong.size:
-        raise bad_value(int(wrong[0]), name, values[wrong[0]], "an integer", path, CORRECT)
-    return values.astype(np.int64)

@@ -9,8 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from motorprior.bounds import is_number
-
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
     "position_target": "rad",
@@ -34,6 +32,8 @@ GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
 FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
 # Operating conditions and their bounds
 CONDITIONS = {"supply_voltage": (0.1, 2000.0), "motor_temperature": (-60.0, 300.0)}
+_GAINS = {"kp": "N·m/rad", "kd": "N·m·s/rad"}
+_REGISTERS = {"profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad"}
 CONDITION_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
 POSTURES = ("standing", "suspended", "fixed", "fallen")  # the channel `posture` holds indices of this tuple
 SIGN_CONVENTION = (
@@ -49,56 +49,36 @@ class MotorLog:
     Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
     force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models read gains, registers and
     conditions of a segment, or of the whole log, from `gains`, `firmware` and `conditions`.
-
-    Attributes:
-        time: (T,) [s], strictly increasing within a segment.
-        position_target: (T, J) commanded angle [rad].
-        joint_pos: (T, J) measured angle [rad].
-        joint_names: J names, in column order.
-        robot: name of the robot or bench.
-        motor: motor model.
-        source: file of the recording.
-        joint_vel: (T, J) [rad/s].
-        joint_torque: (T, J) torque of the motor on the joint [N·m].
-        load_inertia: (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²].
-        external_torque: (T, J) torque on the joint by everything except the motor [N·m].
-        load_stiffness: (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle
-            [N·m/rad]. A simulated joint gets external_torque + load_stiffness·(simulated angle - joint_pos).
-        segment: (T,) index of the contiguous recording; None for a single one.
-        base_orientation: (T, 2) roll and pitch of the base [rad].
-        posture: (T,) how the base was supported, an index of POSTURES.
-        encoder: where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash
-            and elasticity of the gear (angles are at the output shaft in both cases).
-        stated_kp: (T, J) logged proportional gain, constant within a segment.
-        stated_kd: (T, J) logged derivative gain, acting on the velocity; only with stated_kp.
-        supply_voltage: (T, J) at the motor [V].
-        motor_temperature: (T, J) [°C].
-        gain_unit: of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor.
-        firmware: known registers of FIRMWARE, equal for all motors.
     """
 
-    time: np.ndarray
-    position_target: np.ndarray
-    joint_pos: np.ndarray
-    joint_names: tuple[str, ...]
-    robot: str
-    motor: str
-    source: str
-    joint_vel: np.ndarray | None = None
-    joint_torque: np.ndarray | None = None
+    time: np.ndarray  # (T,) [s], strictly increasing within a segment
+    position_target: np.ndarray  # (T, J) commanded angle [rad]
+    joint_pos: np.ndarray  # (T, J) measured angle [rad]
+    joint_names: tuple[str, ...]  # J names, in column order
+    robot: str  # name of the robot or bench
+    motor: str  # motor model
+    source: str  # file of the recording
+    joint_vel: np.ndarray | None = None  # (T, J) [rad/s]
+    joint_torque: np.ndarray | None = None  # (T, J) torque of the motor on the joint [N·m]
+    # (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²]
     load_inertia: np.ndarray | None = None
-    external_torque: np.ndarray | None = None
+    external_torque: np.ndarray | None = None  # (T, J) torque on the joint by everything except the motor [N·m]
+    # (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle [N·m/rad]. A
+    # simulated joint gets external_torque + load_stiffness·(simulated angle - joint_pos).
     load_stiffness: np.ndarray | None = None
-    segment: np.ndarray | None = None
-    base_orientation: np.ndarray | None = None
-    posture: np.ndarray | None = None
+    segment: np.ndarray | None = None  # (T,) index of the contiguous recording; None for a single one
+    base_orientation: np.ndarray | None = None  # (T, 2) roll and pitch of the base [rad]
+    posture: np.ndarray | None = None  # (T,) how the base was supported, an index of POSTURES
+    # where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash and elasticity of
+    # the gear (angles are at the output shaft in both cases)
     encoder: str = "joint"
-    stated_kp: np.ndarray | None = None
-    stated_kd: np.ndarray | None = None
-    supply_voltage: np.ndarray | None = None
-    motor_temperature: np.ndarray | None = None
+    stated_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
+    stated_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with stated_kp
+    supply_voltage: np.ndarray | None = None  # (T, J) at the motor [V]
+    motor_temperature: np.ndarray | None = None  # (T, J) [°C]
+    # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor
     gain_unit: str = PHYSICAL_GAINS
-    firmware: Mapping[str, float] = field(default_factory=dict)
+    firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
 
     @property
     def num_joints(self) -> int:
@@ -124,19 +104,16 @@ class MotorLog:
         """Rows of each segment, in order."""
         if self.segment is None:
             return [slice(0, self.num_rows)]
-        starts = np.flatnonzero(np.diff(self.segment)) + 1
-        bounds = [0, *starts.tolist(), self.num_rows]
+        bounds = [0, *(np.flatnonzero(np.diff(self.segment)) + 1).tolist(), self.num_rows]
         return [slice(first, last) for first, last in pairwise(bounds)]
 
     def segments(self) -> Iterator[MotorLog]:
         """One log per segment."""
-        for part in self.segment_slices():
-            yield self.rows(part)
+        return map(self.rows, self.segment_slices())
 
     def rows(self, selection: slice | np.ndarray) -> MotorLog:
         """The rows a slice, a mask (T,) or an index array selects."""
-        picked = {name: value[selection] for name, value in channels(self).items()}
-        return replace(self, **picked)
+        return replace(self, **{name: value[selection] for name, value in channels(self).items()})
 
     def with_joints(self, joints: Sequence[int]) -> MotorLog:
         """The log of some of its joints."""
@@ -167,8 +144,7 @@ class MotorLog:
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
     """The arrays of the log by field name."""
-    values = {each.name: getattr(log, each.name) for each in fields(log)}
-    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    return {name: value for name, value in vars(log).items() if isinstance(value, np.ndarray)}
 
 
 def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
@@ -176,11 +152,6 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     parts = log.segment_slices()
     rows = np.concatenate([np.arange(part.start + 1, part.stop) for part in parts])
     return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
-
-
-def is_register(name: str, value: object) -> bool:
-    """Whether a value of a FIRMWARE register is valid; 0 is off."""
-    return is_number(value, 0.0, 0.0) or is_number(value, *FIRMWARE[name])
 
 
 def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:
@@ -215,3 +186,36 @@ def column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
     if channel in JOINT_SERIES:
         return f"{channel}/{joint_names[column]}"
     return f"{channel}/{BASE_AXES[column]}" if channel == "base_orientation" else channel
+
+
+def settings_text(log: MotorLog) -> str:
+    """Gains, registers and conditions with units, and postures, separated by semicolons; empty without any."""
+    parts = gain_texts(log)
+    for name, unit in _REGISTERS.items():
+        if name in log.firmware:
+            parts.append(f"{name} {log.firmware[name]:.4g} {unit}" if log.firmware[name] else f"{name} off")
+    for name, values in channels(log).items():
+        if name in CONDITION_UNITS:
+            parts.append(f"{name} {range_text(name, values.min(), values.max())}")
+    if log.posture is not None:
+        parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
+    return "; ".join(parts)
+
+
+def gain_texts(log: MotorLog) -> list[str]:
+    """Each logged gain with its unit; of more than three different values, the range."""
+    texts = []
+    for name, unit in _GAINS.items():
+        if (gains := getattr(log, f"stated_{name}")) is not None:
+            values = np.unique(gains).tolist()
+            text = ", ".join(f"{value:.4g}" for value in values)
+            if len(values) > 3:
+                text = f"{values[0]:.4g} to {values[-1]:.4g}"
+            texts.append(f"{name} {text} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}")
+    return texts
+
+
+def range_text(condition: str, low: float, high: float) -> str:
+    """For example "9.6 to 12 V", or "12 V" if both are equal."""
+    one, other = f"{low:.3g}", f"{high:.3g}"
+    return f"{one if one == other else f'{one} to {other}'} {CONDITION_UNITS[condition]}"

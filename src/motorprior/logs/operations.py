@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, listed
 from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, other_firmware, time_steps
 from motorprior.logs.validity import checked
 
@@ -35,16 +34,9 @@ def gap_rows(log: MotorLog) -> np.ndarray:
 def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     """Begin a segment after every gap, so that nothing is interpolated or fitted across it.
 
-    Args:
-        log: as it was recorded.
-        period: of the grid for the log [s]. Pieces next to gaps with a shorter duration, or with fewer than 4 rows, are
-            dropped. Segments without a gap stay as they are.
-
-    Returns:
-        The log, its segments renumbered, and a sentence about the gaps; the same log and "" if there are none.
-
-    Raises:
-        LogError: no piece remains.
+    Pieces next to gaps are dropped if they have fewer than 4 rows, or are shorter than the ``period`` [s] of the grid
+    for the log; LogError if none remains. Returns the log, its segments renumbered, and a sentence about the gaps; the
+    same log and "" if there are none.
     """
     gaps = gap_rows(log)
     if not gaps.size:
@@ -61,17 +53,11 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
         raise LogError(problem, where=log.source, remedy=remedy)
     segment = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     kept = replace(log.rows(np.concatenate(pieces)), segment=segment)
-    return checked(kept, where=log.source), _gap_text(log, gaps, log.num_rows - kept.num_rows)
-
-
-def _gap_text(log: MotorLog, gaps: np.ndarray, dropped: int) -> str:
-    steps = log.time[gaps] - log.time[gaps - 1]
+    steps, dropped = log.time[gaps] - log.time[gaps - 1], log.num_rows - kept.num_rows
     named = [f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s" for step, row in zip(steps, gaps, strict=True)]
-    more = [f"and {len(gaps) - _MAX_NAMED} more"] if len(gaps) > _MAX_NAMED else []
-    more += ["a segment begins after each"]
-    more += [f"{dropped} rows between gaps, too few to use, are left out"] if dropped else []
-    count = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    return f"{count} longer than {GAP_FACTOR:g} median steps: {'; '.join(named[:_MAX_NAMED] + more)}"
+    text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; {listed(named, _MAX_NAMED)}; a segment begins "
+    text += "after each" + (f"; {dropped} rows between gaps, too few to use, are left out" if dropped else "")
+    return checked(kept), text
 
 
 def resample(log: MotorLog, period: float) -> MotorLog:
@@ -79,10 +65,6 @@ def resample(log: MotorLog, period: float) -> MotorLog:
 
     Commands are held (zero order); measurements are interpolated linearly. Drop repeated measurements first
     (`drop_repeats`), or the result moves in steps.
-
-    Args:
-        log: T rows.
-        period: time step of the grid [s].
 
     Raises:
         LogError: a period that is longer than a segment, or gives more than 50 million rows.
@@ -160,11 +142,8 @@ def drop_repeats(log: MotorLog) -> MotorLog:
 
     A host that polls faster than the robot answers logs the same angles several times, which makes velocities zero.
     Only for logs of hardware: exact repeats in simulation are real.
-
-    Raises:
-        LogError: a segment has fewer than 2 different measurements.
     """
-    return checked(log.rows(~repeated_rows(log)), where=log.source)
+    return checked(log.rows(~repeated_rows(log)))
 
 
 def joined(logs: Sequence[MotorLog]) -> MotorLog:
@@ -186,13 +165,19 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
         return first
     source = "; ".join(dict.fromkeys(log.source for log in logs))
     if all(log.joint_names == first.joint_names for log in logs):
-        whole = replace(first, **_in_sequence(logs))
+        parts = [part for log in logs for part in log.segments()]
+        values = {
+            name: np.concatenate([channels(part)[name] for part in parts])
+            for name in channels(parts[0]).keys() - {"segment"}
+        }
+        values["segment"] = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
+        whole = replace(first, **values)
     elif len(set(names)) == len(names):
         whole = replace(_side_by_side(logs, source), joint_names=tuple(names))
     else:
         remedy = "give each motor its own joint name, or give logs of the same joints in the same order"
         raise LogError("some of the logs' joint names are equal", where=source, remedy=remedy)
-    return checked(replace(whole, source=source), where=source)
+    return checked(replace(whole, source=source))
 
 
 def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
@@ -207,13 +192,6 @@ def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
     if problem := problem or other_firmware(log.firmware, first.firmware) or "":
         remedy = "import all with the same channels and registers, or fit one at a time"
         raise LogError(problem, where=log.source, remedy=remedy)
-
-
-def _in_sequence(logs: Sequence[MotorLog]) -> dict[str, Any]:
-    parts = [part for log in logs for part in log.segments()]
-    names = channels(parts[0]).keys() - {"segment"}
-    values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
-    return values | {"segment": np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])}
 
 
 def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:

@@ -1,12 +1,17 @@
-"""Read a log in any format. A new format is a file in `logs.readers` with its `LogReader` as READER."""
+"""Read a log in any format, or every log of a folder.
+
+A new format is a file in `logs.readers` with its `LogReader` as READER.
+"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs import readers
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
@@ -53,11 +58,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
 
 
 def reader_of(path: Path, with_columns: bool = False) -> LogReader:
-    """The reader of a path, with or without a column map.
-
-    Raises:
-        LogError: no such path, an unknown format, or one that needs a map; says what would help.
-    """
+    """The reader of a path, with or without a column map; else LogError, which says what would help."""
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
     for reader in READERS:
@@ -86,3 +87,60 @@ def _ending(name: str) -> str:
     """The format's ending of a file's name, or empty."""
     endings = {ending for reader in READERS for ending in reader.endings}
     return max((ending for ending in endings if name.endswith(ending)), key=len, default="")
+
+
+@dataclass(frozen=True)
+class LogFolder:
+    """The logs of a folder."""
+
+    logs: dict[str, MotorLog]  # by short name, sorted
+    paths: tuple[Path, ...]  # of the logs
+    unreadable: tuple[str, ...] = ()  # "NAME: reason" for each file that looks like a log but cannot be read
+
+    @property
+    def files(self) -> list[Path]:
+        """All files of the logs, without the videos of LeRobot datasets."""
+        found = [file for path in self.paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+        return [file for file in found if file.is_file() and file.suffix != ".mp4"]
+
+
+def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
+    """Read a log, or every log of a folder.
+
+    With a column map it reads all tables that fit the map. Without one it reads the motor logs (.parquet), else logs
+    of jietan/puppersim except replays in simulation, else all files that a reader accepts. Arguments as `read_log`.
+
+    Raises:
+        LogError: no log, or none that can be read; the message has the reason for the first.
+        ArtifactError: a bad column map.
+    """
+    column_map = None if columns is None else load_column_map(columns)
+    known = [reader for reader in READERS if (reader.columns if column_map else reader.read) is not None]
+    if not path.is_dir() or any(reader.matches(path) for reader in known):
+        return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
+    endings = tuple(ending for reader in known for ending in reader.endings)
+    entries = {entry: recording_name(entry) for entry in sorted(path.iterdir()) if entry.name.endswith(endings)}
+    if column_map is None:
+        written = {entry: name for entry, name in entries.items() if entry.suffix == ".parquet"}
+        entries = written or {entry: name for entry in entries if robot and (name := short_name(entry))} or entries
+    logs, taken, unreadable = {}, [], []
+    for entry, name in entries.items():
+        try:
+            if name in logs:
+                raise LogError(f"there is another log {name!r}")
+            logs[name] = read_log(entry, robot, column_map)
+            taken.append(entry)
+        except (LogError, ConfigError, ArtifactError) as error:
+            unreadable.append(f"{entry.name}: {error.problem}")
+    if not logs:
+        problem = "; ".join(["no log in it can be read", *unreadable[:1]])
+        remedy = f"give logs (docs/logs.md), or read tables {GIVE_COLUMNS} or a shipped map: "
+        raise LogError(problem, where=path, remedy=remedy + ", ".join(shipped_maps()), argument="columns")
+    return LogFolder(logs, tuple(taken), tuple(unreadable))
+
+
+def short_name(path: Path) -> str:
+    """0116 of ``env_log_real_0116.csv.gz``; empty unless it is a log of jietan/puppersim from the real robot."""
+    found = re.fullmatch(r"env_(.+?)(\.csv\.gz|\.csv|\.txt)", path.name)
+    words = found[1].split("_") if found else []
+    return "_".join(word for word in words if word not in ("log", "real")) if "real" in words else ""

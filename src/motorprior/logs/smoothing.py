@@ -25,8 +25,11 @@ _BLOCK, _FIRST_STATES = 500, 10  # rows that are tried together; rows until the 
 
 
 @njit(cache=True, nogil=True)
-def _filter(readings, dt, noise, density, means, covariances, predicted, predicted_covariances):
-    """Kalman filter of (steps,) readings; fills states after and before each reading. Returns the log-likelihood."""
+def _filter(readings, dt, noise, density):
+    """Kalman filter of (steps,) readings: log-likelihood, and means and covariances after and before each reading."""
+    steps = readings.shape[0]
+    means, predicted = np.empty((steps, 3)), np.empty((steps, 3))
+    covariances, predicted_covariances = np.empty((steps, 3, 3)), np.empty((steps, 3, 3))
     r, d = noise * noise, density * density
     x = np.array([readings[0], 0.0, 0.0])
     cov = np.diag(np.array([r, _WIDE**2 * 1e-2, _WIDE**4]))
@@ -35,7 +38,7 @@ def _filter(readings, dt, noise, density, means, covariances, predicted, predict
         [dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt],
     ])  # fmt: skip
     likelihood = 0.0
-    for step in range(readings.shape[0]):
+    for step in range(steps):
         if step > 0:
             x = move @ x
             cov = move @ cov @ move.T + extra
@@ -48,16 +51,14 @@ def _filter(readings, dt, noise, density, means, covariances, predicted, predict
         x = x + gain * innovation
         cov = cov - np.outer(gain, cov[0])
         means[step], covariances[step] = x, cov
-    return likelihood
+    return likelihood, means, covariances, predicted, predicted_covariances
 
 
 @njit(cache=True, nogil=True)
 def _smooth(readings, dt, noise, density, out):
     """Fill out (2, steps) with smoothed positions and velocities of (steps,) readings."""
     steps = readings.shape[0]
-    means, predicted = np.empty((steps, 3)), np.empty((steps, 3))
-    covariances, predicted_covariances = np.empty((steps, 3, 3)), np.empty((steps, 3, 3))
-    _filter(readings, dt, noise, density, means, covariances, predicted, predicted_covariances)
+    _, means, covariances, predicted, predicted_covariances = _filter(readings, dt, noise, density)
     move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     x = means[steps - 1].copy()
     out[0, steps - 1], out[1, steps - 1] = x[0], x[1]
@@ -70,14 +71,9 @@ def _smooth(readings, dt, noise, density, out):
 @njit(cache=True, nogil=True)
 def _likelihoods(readings, dt, noises, densities, out):
     """Fill out (noises, densities) with the log-likelihood of (steps,) readings."""
-    steps = readings.shape[0]
-    means, predicted = np.empty((steps, 3)), np.empty((steps, 3))
-    covariances, predicted_covariances = np.empty((steps, 3, 3)), np.empty((steps, 3, 3))
     for i in range(noises.shape[0]):
         for j in range(densities.shape[0]):
-            out[i, j] += _filter(
-                readings, dt, noises[i], densities[j], means, covariances, predicted, predicted_covariances
-            )
+            out[i, j] += _filter(readings, dt, noises[i], densities[j])[0]
 
 
 def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:

@@ -45,11 +45,7 @@ def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
 
 
 def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
-    """`first_seconds`, and the remaining rows, without a first segment of a single row.
-
-    Raises:
-        ConfigError: nothing would remain.
-    """
+    """`first_seconds`, and the remaining rows, without a first segment of a single row; ConfigError if none remain."""
     require_number("seconds", seconds, 0.0, log.duration)
     first = first_seconds(log, seconds)
     rest = log.rows(slice(first.num_rows, None))
@@ -63,10 +59,7 @@ def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
 def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
     """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
     starts = [part.start for part in log.segment_slices()[1:]]
-    return _cut_at(log, min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2))
-
-
-def _cut_at(log: MotorLog, row: int) -> tuple[MotorLog, MotorLog]:
+    row = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
     return log.rows(slice(0, row)), log.rows(slice(row, None))
 
 
@@ -80,22 +73,11 @@ def long_segments(log: MotorLog) -> MotorLog | None:
 
 def moving_joints(logs: Mapping[str, MotorLog]) -> list[int]:
     """Joints that are excited in any of the logs, in order."""
-    return sorted(_excited(logs))
+    return sorted({int(joint) for log in logs.values() for joint in excited_joints(log)})
 
 
-def _excited(logs: Mapping[str, MotorLog]) -> set[int]:
-    return {int(joint) for log in logs.values() for joint in excited_joints(log)}
-
-
-def spread_windows(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
-    """A window of each log, ``seconds`` in all, from the beginning of the first to the end of the last.
-
-    Logs of the same motion cover it together; a log that is shorter than its window is used whole.
-    """
-    return joined([_window(log, seconds, index, len(logs)) for index, log in enumerate(logs)])
-
-
-def _window(log: MotorLog, seconds: float, index: int, count: int) -> MotorLog:
+def window(log: MotorLog, seconds: float, index: int, count: int) -> MotorLog:
+    """The window of ``seconds / count`` of log ``index`` of ``count``: the first begins its log, the last ends it."""
     rows = min(log.num_rows, round(seconds / count / log.period))
     first = round((log.num_rows - rows) * index / max(1, count - 1))
     return log.rows(slice(first, first + rows))
@@ -105,29 +87,24 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     """Split into every second log and the others, into halves, or into alternating chunks.
 
     Halves if there is one log, or if a joint moves in the test logs only. Chunks if different joints move in the two
-    halves, as where joints are moved one after the other. Static rows at the ends of a log are left out.
+    halves, as where joints are moved one after the other. Static rows at the ends of a log are left out. The durations
+    [s] are of all training and of all test rows, at least MIN_SECONDS per log.
 
-    Args:
-        logs: of the same joints, of which some move.
-        train_seconds: duration of all training rows [s], at least MIN_SECONDS per log.
-        test_seconds: duration of all test rows [s], likewise.
-
-    Raises:
-        LogError: no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
+    Raises LogError if no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
     """
     names, seconds = list(logs), (train_seconds, test_seconds)
     names = [names[round(place)] for place in np.linspace(0, len(names) - 1, min(len(names), MAX_LOGS))]
-    used, chosen = {name: _moving_part(logs[name]) for name in names}, ""
-    if len(names) < len(logs):
-        chosen = f"{len(names)} of {len(logs)} logs. "
+    used = {name: _moving_part(logs[name]) for name in names}
+    chosen = f"{len(names)} of {len(logs)} logs. " if len(names) < len(logs) else ""
     if len(names) > 1:
         sides = [{name: used[name] for name in names[first::2]} for first in (0, 1)]
         train, test = map(_windows, sides, seconds)
-        if set() < _excited(test) <= _excited(train):
+        if set() < set(moving_joints(test)) <= set(moving_joints(train)):
             return Split(train, test, f"{chosen}train: {', '.join(sides[0])}; test: {', '.join(sides[1])}")
-    halves = {name: _cut_at(log, log.num_rows // 2) for name, log in used.items()}
-    train, test = map(_windows, ({name: both[half] for name, both in halves.items()} for half in (0, 1)), seconds)
-    if _excited(test) and _excited(test) == _excited(train):
+    first = {name: log.rows(slice(0, log.num_rows // 2)) for name, log in used.items()}
+    second = {name: log.rows(slice(log.num_rows // 2, None)) for name, log in used.items()}
+    train, test = map(_windows, (first, second), seconds)
+    if [] != moving_joints(test) == moving_joints(train):
         return Split(train, test, f"{chosen}train: first half of {', '.join(names)}; test: second half")
     train, test = map(_spread, _chunks(used), seconds)
     return Split(train, test, f"{chosen}train and test: alternating chunks of {CHUNK:g} s of {', '.join(names)}")
@@ -145,7 +122,7 @@ def _moving_part(log: MotorLog) -> MotorLog:
 
 def _windows(logs: Mapping[str, MotorLog], seconds: float) -> dict[str, MotorLog]:
     each = max(seconds, MIN_SECONDS * len(logs))
-    windows = [long_segments(_window(log, each, index, len(logs))) for index, log in enumerate(logs.values())]
+    windows = [long_segments(window(log, each, index, len(logs))) for index, log in enumerate(logs.values())]
     kept = {name: log for name, log in zip(logs, windows, strict=True) if log is not None}
     if not kept:
         where = next(iter(logs.values())).source
@@ -154,11 +131,7 @@ def _windows(logs: Mapping[str, MotorLog], seconds: float) -> dict[str, MotorLog
 
 
 def _chunks(logs: Mapping[str, MotorLog]) -> tuple[list[tuple[str, MotorLog]], list[tuple[str, MotorLog]]]:
-    """Chunks to train on and to test on; every joint moves in as many chunks of both as possible.
-
-    Raises:
-        LogError: no joint moves in chunks of both.
-    """
+    """Chunks to train on and to test on; every joint moves in as many chunks of both as possible."""
     first = next(iter(logs.values()))
     counts, sides = np.zeros((2, first.num_joints), dtype=int), ([], [])
     for name, chunk in [(name, chunk) for name, log in logs.items() for chunk in _cut(log)]:

@@ -2,7 +2,7 @@
 
 The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons
 or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the
-first row; names of postures become indices of `motor_log.POSTURES`.
+first row.
 """
 
 from __future__ import annotations
@@ -19,17 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_bytes, require_file
 from motorprior.exceptions import LogError, quoted
-from motorprior.files import MAX_FILE, read_bytes, require_file
-from motorprior.logs.motor_log import POSTURES
 from motorprior.logs.validity import CORRECT, bad_value, missing_column
 
 COPY_AGAIN = "copy or record it again"
 SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
-_CORRECT_POSTURE = (
-    f"use {', '.join(POSTURES[:-1])} or {POSTURES[-1]} in each row, or give one of them for all rows as posture in the "
-    "column map"
-)
 _CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 _BAD_CELL = re.compile(r"In CSV column #(\d+): Row #(\d+): .*invalid value '(.*)'", re.DOTALL)
@@ -37,38 +32,29 @@ _BAD_ROW = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 def table_columns(
-    path: Path, names: Sequence[str], time: str | None = None, posture: str | None = None, may_be_cut: bool = False
+    path: Path, names: Sequence[str], time: str | None = None, may_be_cut: bool = False
 ) -> dict[str, np.ndarray]:
-    """Name -> (rows,) float64; timedelta64[ns] since the first row for time stamps, int64 for postures.
+    """Name of a column, or of an element of a list column -> (rows,) float64.
 
-    Args:
-        path: the table.
-        names: of columns, or of elements of list columns.
-        time: the column that may hold time stamps.
-        posture: the column that holds names of `motor_log.POSTURES`.
-        may_be_cut: the writer of a CSV may have been killed; drop a last line without line end.
+    The column ``time`` may hold time stamps; it is timedelta64[ns] since the first row. If the writer of a CSV may have
+    been killed (``may_be_cut``), a last line without line end is dropped.
 
     Raises:
         LogError: missing or damaged file, missing column, no rows, or a cell that is empty or not a number; names file,
             row and column.
     """
-    special = [name for name in (time, posture) if name]
     if path.suffix == ".parquet":
         table = parquet_table(path, lambda have: required_columns(have, names, path))
     else:
-        table = csv_table(path, names, special, may_be_cut)
-    if not table.num_rows:
-        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+        table = csv_table(path, names, [time] if time else [], may_be_cut)
     found: dict[str, np.ndarray] = {}
     for name in names:
         owner, index = (name, None) if name in table.column_names else element_of(name)
         column = table.column(owner).combine_chunks()
         if column.null_count:
-            row, remedy = int(np.argmin(column.is_valid())), _CORRECT_POSTURE if name == posture else CORRECT
-            raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=remedy)
-        if name == posture:
-            found[name] = _posture_codes(column.to_pylist(), name, path)
-        elif name == time and not _is_number(column.type):
+            row = int(np.argmin(column.is_valid()))
+            raise LogError(f"row {row}, {name[:80]} is empty", where=path, remedy=CORRECT)
+        if name == time and not _is_number(column.type):
             found[name] = _since_first(column, name, path)
         else:
             found[name] = _numbers(column if index is None else _elements(column, name, index, path), name, path)
@@ -81,11 +67,7 @@ def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = Fal
 
 
 def csv_names(path: Path) -> list[str]:
-    """The column names of a CSV file.
-
-    Raises:
-        LogError: missing or damaged, or a first line that is empty or not UTF-8.
-    """
+    """The column names of a CSV file; LogError for a damaged file, or a first line that is empty or not UTF-8."""
     require_file(path, LogError)
     try:
         with gzip.open(path) if path.suffix == ".gz" else open(path, "rb") as file:
@@ -110,18 +92,17 @@ def _head(line: bytes, path: Path) -> tuple[list[str], str]:
 def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), may_be_cut: bool = False) -> Any:
     """Arrow table of the columns of a CSV file; float64, or of the type of its cells for ``inferred`` columns.
 
-    Raises:
-        LogError: as `csv_names`; a missing column, a row with a wrong number of cells, or a cell that is no number.
+    Raises LogError as `csv_names`, for a missing column, a wrong number of cells, or a cell that is no number.
     """
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
-    first, _, body = read_bytes(path, error=LogError).partition(b"\n")
+    first, _, body = read_bytes(path, LogError).partition(b"\n")
     have, delimiter = _head(first, path)
     wanted = required_columns(have, names, path)
     body = body[: body.rfind(b"\n") + 1] if may_be_cut else body
     if not body.strip():
-        return pa.table({name: pa.array([], pa.float64()) for name in wanted})
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     errors = []
     for decimal_point in "." if delimiter == "," else ".,":
         try:
@@ -153,23 +134,19 @@ def _csv_error(error: Exception, names: Sequence[str], path: Path) -> tuple[int,
 
 
 def parquet_table(path: Path, wanted: Callable[[list[str]], list[str]]) -> Any:
-    """Arrow table of the columns ``wanted(names of all columns)`` of a Parquet file.
-
-    Raises:
-        LogError: not a complete Parquet file, or larger than `files.MAX_FILE` when unpacked.
-    """
+    """Arrow table of the columns ``wanted(names of all columns)`` of a complete Parquet file with rows."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     require_file(path, LogError)
     try:
         with pq.ParquetFile(path) as file:
-            groups = range(file.metadata.num_row_groups)
-            if sum(file.metadata.row_group(index).total_byte_size for index in groups) > MAX_FILE:
-                raise LogError(f"more than {MAX_FILE} bytes", where=path, remedy="split the recording")
-            return file.read(columns=wanted(file.schema_arrow.names))
+            table = file.read(columns=wanted(file.schema_arrow.names))
     except (pa.ArrowException, OSError) as error:
         raise LogError(f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN) from error
+    if not table.num_rows:
+        raise LogError("no rows", where=path, remedy=COPY_AGAIN)
+    return table
 
 
 def unreadable(path: Path, error: Exception) -> LogError:
@@ -185,11 +162,7 @@ def element_of(name: str) -> tuple[str, int | None]:
 
 
 def required_columns(have: Sequence[str], names: Sequence[str], path: Path) -> list[str]:
-    """The columns of the file that hold these names, each once.
-
-    Raises:
-        LogError: a column is missing, or occurs twice.
-    """
+    """The columns of the file that hold these names, each once; raises LogError if one is missing, or occurs twice."""
     counted = Counter(have)
     found = dict.fromkeys(name if name in counted else element_of(name)[0] for name in names)
     for name in found:
@@ -232,20 +205,13 @@ def _numbers(column: Any, name: str, path: Path) -> np.ndarray:
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _posture_codes(words: list[Any], name: str, path: Path) -> np.ndarray:
-    """(rows,) indices of `motor_log.POSTURES`."""
-    for row, word in enumerate(words):
-        if str(word).strip() not in POSTURES:
-            raise bad_value(row, name, word, "a posture", path, _CORRECT_POSTURE)
-    return np.array([POSTURES.index(word.strip()) for word in words])
-
-
 def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
     """(rows,) timedelta64[ns] since the first row, of time stamps, durations or ISO 8601 texts."""
     import pyarrow as pa
 
-    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
-        to = pa.duration("ns") if pa.types.is_duration(column.type) else pa.timestamp("ns", column.type.tz)
+    is_duration = pa.types.is_duration(column.type)
+    if is_duration or pa.types.is_timestamp(column.type):
+        to = pa.duration("ns") if is_duration else pa.timestamp("ns", column.type.tz)
         counts = np.asarray(column.cast(to).cast(pa.int64()).to_numpy(zero_copy_only=False))
         return (counts - counts[:1]).astype("timedelta64[ns]")
     texts, since = column.to_pylist(), []

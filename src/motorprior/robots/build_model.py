@@ -1,8 +1,7 @@
 """MuJoCo model of a robot: on a flat floor, or with its base fixed.
 
-Explicit foot-floor pairs are the only contacts: other parts of a fallen robot pass through the floor. Armature, damping
-and dry friction of the joints belong to the motors, so the model's own are removed, as are its actuators, sensors, keys
-and contact pairs.
+Explicit foot-floor pairs are the only contacts. Armature, damping and dry friction of the joints belong to the motors,
+so the model's own are removed, as are its actuators, sensors, keys and contact pairs.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -13,7 +12,7 @@ from typing import Any
 
 import mujoco
 
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import GeneratedModel, files_digest
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.robots.user_model import cannot_read
@@ -26,15 +25,9 @@ FLOOR = "floor of the simulation"  # name of its geom; a model may have a floor 
 def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool = False) -> mujoco.MjModel:
     """Compile the model, for steps of ``physics_dt`` [s] or the robot's own.
 
-    ``suspended`` welds a free base to the world, high enough that no foot reaches the floor.
-
-    Raises:
-        ConfigError: a robot with a fixed base cannot be suspended.
-        ArtifactError: a model file is missing or has changed since the robot was loaded, or the model cannot be
-            compiled with a floor and without actuators.
+    ``suspended`` welds a free base to the world, high enough that no foot reaches the floor. Raises ArtifactError if a
+    file of the model has changed since the robot was loaded, or it cannot be compiled with a floor.
     """
-    if suspended and robot.base == "fixed":
-        raise ConfigError(f"robot {robot.name!r} has a fixed base", remedy="use suspended=False")
     physics_dt = robot.physics_dt if physics_dt is None else physics_dt
     try:
         spec = _read(robot)

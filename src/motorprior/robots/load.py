@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_toml
 from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.files import read_toml
 from motorprior.robots.model_source import ModelFile, files_digest, model_files
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
@@ -25,8 +25,8 @@ _TEXT = Field("a text", lambda value: isinstance(value, str) and bool(value))
 
 
 def _is_new_name(value: Any) -> bool:
-    own = _TEXT.accepts(value) and value not in {shipped.name for shipped in SHIPPED}
-    return own and re.fullmatch(r"[A-Za-z0-9_-]+", value) is not None
+    is_name = isinstance(value, str) and re.fullmatch(r"[A-Za-z0-9_-]+", value) is not None
+    return is_name and value not in {shipped.name for shipped in SHIPPED}
 
 
 def _per_joint(field: Field) -> Field:
@@ -35,8 +35,6 @@ def _per_joint(field: Field) -> Field:
 
 
 def _pair(meaning: str, minimum: Field, maximum: Field) -> Field:
-    """Two numbers [min, max] with min <= max."""
-
     def accepts(value: Any) -> bool:
         pair = isinstance(value, list) and len(value) == 2
         return pair and minimum.accepts(value[0]) and maximum.accepts(value[1]) and value[0] <= value[1]
@@ -78,13 +76,7 @@ _GAIT = Schema(
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Load a shipped robot by name, or a user's robot by the path of its TOML (docs/your-robot.md).
-
-    Args:
-        name_or_path: ``"pupper_v2"``, or a .toml file next to an MJCF or URDF.
-
-    Returns:
-        The frozen description: joints, limits, gains, poses, clocks, and legs.
+    """Load a shipped robot by name, such as "pupper_v2", or a user's by the path of its TOML (docs/your-robot.md).
 
     Raises:
         ArtifactError: an unknown name, a file that cannot be read, an unknown, missing or bad key, or a model that does
@@ -92,9 +84,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     """
     path, shipped = Path(name_or_path), {robot.name: robot for robot in SHIPPED}
     if path.suffix == ".toml":
-        table = read_toml(path, _SEE)
-        _ROBOT.check(table, path)
-        return _from_table(table, path)
+        return _from_table(read_toml(path, _SEE), path)
     if str(name_or_path) not in shipped:
         remedy = f"use one of {', '.join(shipped)}, or the path of a .toml file"
         raise ArtifactError(f"no robot {str(name_or_path)!r}", remedy=remedy)
@@ -107,6 +97,7 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
+    _ROBOT.check(table, path)
     where, legs = str(path), table.get("legs", {})
     file = path.parent / table["model"]
     model = UserModel(file, table["base"] == "free", "actuators" in table)
@@ -156,7 +147,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
 def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: UserModel, where: str) -> Leg:
     _LEG.check(table, where)
     joints = tuple(table["joints"])
-    if len(joints) != 3 or len(set(joints)) != 3 or not set(joints) <= set(names):
+    if len(joints) != 3 or len(set(joints) & set(names)) != 3:
         remedy = f"give abduction, hip and knee, of {', '.join(names)}"
         raise ArtifactError(f"joints {list(joints)} are not three joints of the robot", where=where, remedy=remedy)
     indices = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
@@ -175,7 +166,6 @@ def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path) -> Gait | None:
-    """The default gait for the robot's size, overridden by the table; None without legs."""
     _GAIT.check(table, path)
     if not legs:
         return None
@@ -185,10 +175,8 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
 
 
 def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:
-    """One number per joint, from one number, one per joint of a leg, or one per joint."""
     numbers = tuple(map(float, value if isinstance(value, list) else [value]))
-    forms = sorted({1, per_leg, count})
-    if len(numbers) not in forms:
+    if len(numbers) not in (forms := sorted({1, per_leg, count})):
         remedy = f"give {' or '.join(map(str, forms))} numbers"
         raise ArtifactError(f"{key} has {len(numbers)} numbers", where=where, remedy=remedy)
     return numbers * (count // len(numbers))

@@ -16,29 +16,20 @@ ROTOR_GEAR_RATIO = 1e5
 
 @dataclass(frozen=True)
 class GeneratedModel:
-    """A model written by this library.
+    """A model written by this library."""
 
-    Attributes:
-        mjcf: returns the MJCF text; its only body in the world is the robot's base.
-        urdf: returns URDF text for engines that do not read MJCF, from the joints' reflected inertias [kg·m²] and a
-            shift of the base's centre of mass [m]; or None.
-    """
-
-    mjcf: Callable[[], str]
+    mjcf: Callable[[], str]  # returns MJCF; its only body in the world is the robot's base
+    # returns URDF for engines that do not read MJCF, from the joints' reflected inertias [kg·m²] and a shift of the
+    # base's centre of mass [m]
     urdf: Callable[..., str] | None = None
 
 
 @dataclass(frozen=True)
 class ModelFile:
-    """A user's MJCF or URDF.
+    """A user's MJCF or URDF."""
 
-    Attributes:
-        files: its own first, then included files and meshes.
-        sha256: `files_digest` of these files when the robot was loaded.
-    """
-
-    files: tuple[Path, ...]
-    sha256: str
+    files: tuple[Path, ...]  # its own first, then included files and meshes
+    sha256: str  # `files_digest` of these files when the robot was loaded
 
     @property
     def path(self) -> Path:
@@ -82,10 +73,6 @@ def _named_files(file: Path, model_folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def files_digest(files: Iterable[Path]) -> str:
-    """SHA-256 of the content of files, in this order.
-
-    Raises:
-        OSError: one cannot be read.
-    """
+    """SHA-256 of the content of files, in this order; raises OSError if one cannot be read."""
     digests = "".join(hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
     return hashlib.sha256(digests.encode()).hexdigest()

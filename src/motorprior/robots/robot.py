@@ -20,50 +20,29 @@ Encoder = Literal["joint", "rotor"]
 
 @dataclass(frozen=True)
 class Joint:
-    """One driven joint with torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit).
+    """One driven joint with torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit)."""
 
-    Attributes:
-        name: of the hinge in the robot's model.
-        lower: limit [rad].
-        upper: limit [rad].
-        kp: nominal gain at the joint [N·m/rad].
-        kd: nominal gain at the joint [N·m·s/rad].
-        torque_limit: [N·m].
-        encoder: where angle and velocity are measured: on the "joint", or on the "rotor" before the gear.
-    """
-
-    name: str
-    lower: float
+    name: str  # of the hinge in the robot's model
+    lower: float  # limit [rad]
     upper: float
-    kp: float
-    kd: float
-    torque_limit: float
-    encoder: Encoder = "joint"
+    kp: float  # nominal gain at the joint [N·m/rad]
+    kd: float  # [N·m·s/rad]
+    torque_limit: float  # [N·m]
+    encoder: Encoder = "joint"  # where angle and velocity are measured; the rotor is before the gear
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A leg of three joints: abduction about x, hip and knee about y; a growing hip angle moves the foot backwards.
-
-    Attributes:
-        name: of the leg.
-        joints: indices of abduction, hip and knee in the robot's joints.
-        foot: the geom of the model that touches the ground.
-        phase: in the trot cycle, in [0, 1).
-        thigh: from hip to knee axis [m].
-        shank: from knee axis to the centre of the foot [m].
-        foot_radius: [m].
-        rest: foot's centre in the nominal pose, forward and left of the base's origin [m].
-    """
+    """A leg of three joints: abduction about x, hip and knee about y; a growing hip angle moves the foot backwards."""
 
     name: str
-    joints: tuple[int, int, int]
-    foot: str
-    phase: float
-    thigh: float
-    shank: float
-    foot_radius: float
-    rest: tuple[float, float]
+    joints: tuple[int, int, int]  # indices of abduction, hip and knee in the robot's joints
+    foot: str  # the geom of the model that touches the ground
+    phase: float  # in the trot cycle, in [0, 1)
+    thigh: float  # from hip to knee axis [m]
+    shank: float  # from knee axis to the centre of the foot [m]
+    foot_radius: float  # [m]
+    rest: tuple[float, float]  # foot's centre in the nominal pose, forward and left of the base's origin [m]
 
     def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
         """Foot's centre forward of and below the hip axis, in the plane of the leg [m], at (joints,) angles [rad].
@@ -84,30 +63,20 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gait:
-    """Size and frequency of a gait, see `locomotion.trajectory_generator`.
+    """Size and frequency of a gait, see `locomotion.trajectory_generator`."""
 
-    Attributes:
-        frequency: of the steps of one leg, before modulation by the policy [Hz].
-        swing_height: lift of a foot in swing [m].
-        forward: minimum (negative: backward) and maximum commanded speed [m/s].
-        yaw_rate: maximum commanded yaw rate, both directions [rad/s].
-        residual: maximum correction of a joint target by the policy [rad].
-    """
-
-    frequency: float
-    swing_height: float
-    forward: tuple[float, float]
-    yaw_rate: float = 0.6
-    residual: float = 0.3
+    frequency: float  # of the steps of one leg, before modulation by the policy [Hz]
+    swing_height: float  # lift of a foot in swing [m]
+    forward: tuple[float, float]  # minimum (negative: backward) and maximum commanded speed [m/s]
+    yaw_rate: float = 0.6  # maximum commanded, both directions [rad/s]
+    residual: float = 0.3  # maximum correction of a joint target by the policy [rad]
 
     @classmethod
     def of_size(cls, hip_height: float) -> Gait:
         """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
-        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h).
-
-        Args:
-            hip_height: h, of the hip axes above the ground in the nominal pose [m].
+        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of
+        the hip axes above the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
         # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite this
@@ -117,59 +86,34 @@ class Gait:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot. Array properties are new copies in the order of ``joints``.
+    """A robot. Array properties are new copies in the order of ``joints``."""
 
-    Attributes:
-        name: short name, stored in priors, policies and logs.
-        motor: name of the motors.
-        joints: in the order of the model; they are the model's last coordinates.
-        base: "free" or "fixed".
-        model: MJCF, generated or a file.
-        num_links: moving bodies of the model, including a free base.
-        nominal: joint angles of the standing or resting pose [rad].
-        legs: none for an arm.
-        gait: None without legs.
-        leg_mismatch: how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does.
-        weight: weight of the whole robot [N]; 0 if unknown.
-        standing_height: height of the base above the ground in the nominal pose [m].
-        min_base_height: base height below which a walking robot has fallen [m].
-        max_base_height: base height above which the simulation has failed [m].
-        suspended_height: base height of a suspended robot [m].
-        reference_torque: joint torque with penalty 1 in the walking reward [N·m].
-        foot_friction: sliding friction of the feet [-].
-        load_inertia: minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them.
-        files: description and model files of a user's robot.
-        fleets: (name, path) of the shipped fleets of its motors, the default first.
-        physics_dt: MuJoCo's step in training [s].
-        control_dt: period of the policy [s].
-        twin_physics_dt: MuJoCo's step with physical motors [s].
-        wire: protocol constants of the real robot; None if not supported.
-    """
-
-    name: str
-    motor: str
-    joints: tuple[Joint, ...]
-    base: Literal["free", "fixed"]
-    model: GeneratedModel | ModelFile
-    num_links: int
-    nominal: tuple[float, ...]
-    legs: tuple[Leg, ...] = ()
-    gait: Gait | None = None
+    name: str  # short name, stored in priors, policies and logs
+    motor: str  # name of the motors
+    joints: tuple[Joint, ...]  # in the order of the model; they are the model's last coordinates
+    base: Literal["free", "fixed"]  # "free" or "fixed"
+    model: GeneratedModel | ModelFile  # MJCF, generated or a file
+    num_links: int  # moving bodies of the model, including a free base
+    nominal: tuple[float, ...]  # joint angles of the standing or resting pose [rad]
+    legs: tuple[Leg, ...] = ()  # none for an arm
+    gait: Gait | None = None  # None without legs
+    # how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does
     leg_mismatch: str = ""
-    weight: float = 0.0
-    standing_height: float = 0.0
-    min_base_height: float = 0.0
-    max_base_height: float = 1e3
-    suspended_height: float = 0.0
-    reference_torque: float = 1.0
-    foot_friction: float = 0.6
+    weight: float = 0.0  # weight of the whole robot [N]; 0 if unknown
+    standing_height: float = 0.0  # height of the base above the ground in the nominal pose [m]
+    min_base_height: float = 0.0  # base height below which a walking robot has fallen [m]
+    max_base_height: float = 1e3  # base height above which the simulation has failed [m]
+    suspended_height: float = 0.0  # base height of a suspended robot [m]
+    reference_torque: float = 1.0  # joint torque with penalty 1 in the walking reward [N·m]
+    foot_friction: float = 0.6  # sliding friction of the feet [-]
+    # minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them
     load_inertia: tuple[float, float] = (1e-4, 3e-2)
-    files: tuple[Path, ...] = ()
-    fleets: tuple[tuple[str, str], ...] = ()
-    physics_dt: float = 0.002
-    control_dt: float = 0.01
-    twin_physics_dt: float = 0.001
-    wire: Wire | None = None
+    files: tuple[Path, ...] = ()  # description and model files of a user's robot
+    fleets: tuple[tuple[str, str], ...] = ()  # (name, path) of the shipped fleets of its motors, the default first
+    physics_dt: float = 0.002  # MuJoCo's step in training [s]
+    control_dt: float = 0.01  # period of the policy [s]
+    twin_physics_dt: float = 0.001  # MuJoCo's step with physical motors [s]
+    wire: Wire | None = None  # protocol constants of the real robot; None if not supported
 
     @property
     def num_joints(self) -> int:
@@ -185,11 +129,6 @@ class Robot:
     def nominal_pose(self) -> np.ndarray:
         """(joints,) angles of the nominal pose [rad]."""
         return np.array(self.nominal)
-
-    @property
-    def limits(self) -> np.ndarray:
-        """(joints, 2) lower and upper limit [rad]."""
-        return np.array([(joint.lower, joint.upper) for joint in self.joints])
 
     def limits_of(self, joint_names: Sequence[str]) -> np.ndarray:
         """(J, 2) lower and upper limits of joints by name [rad]; NaN for unknown joints."""
@@ -225,8 +164,10 @@ class Robot:
 
     def require_legs(self) -> Gait:
         """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
-        problem = self.leg_mismatch
-        remedy = "change the joints' axes and zeros in its model to the conventions of docs/your-robot.md"
+        problem, remedy = (
+            self.leg_mismatch,
+            "change axes and zeros in its model to the conventions of docs/your-robot.md",
+        )
         if self.gait is None or self.base != "free":
             problem = f"it has {len(self.legs)} legs and a {self.base} base"
             remedy = "give a robot with a free base and tables [legs.…]"

@@ -19,15 +19,7 @@ def cannot_read(path: Path | None, reason: str) -> ArtifactError:
 
 
 class UserModel:
-    """A compiled model file.
-
-    Attributes:
-        num_links: moving bodies.
-        mass: of all bodies [kg].
-
-    Raises:
-        ArtifactError: the file cannot be compiled, has actuators that may not be removed, or does not fit ``is_free``.
-    """
+    """A compiled model file; ArtifactError if it has actuators that may not be removed, or does not fit ``is_free``."""
 
     def __init__(self, path: Path, is_free: bool, removes_actuators: bool):
         import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
@@ -39,18 +31,11 @@ class UserModel:
             raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
             first = self._model.actuator(0).name
-            raise self._error(
-                f"it has {self._model.nu} actuators of its own, the first is {first!r}: a joint would be driven twice",
-                'delete the <actuator> section, or write actuators = "remove" in the robot\'s file',
-            )
-        self._require_base(is_free)
-        self.num_links = self._model.nbody - 1
-        self.mass = float(np.sum(self._model.body_mass))
-
-    def _error(self, problem: str, remedy: str) -> ArtifactError:
-        return ArtifactError(problem, where=self._path, remedy=remedy)
-
-    def _require_base(self, is_free: bool) -> None:
+            problem = f"it has {self._model.nu} actuators of its own, the first is {first!r}"
+            remedy = 'delete the <actuator> section, or write actuators = "remove" in the robot\'s file'
+            raise self._error(f"{problem}: a joint would be driven twice", remedy)
+        self.num_links = self._model.nbody - 1  # moving bodies
+        self.mass = float(np.sum(self._model.body_mass))  # of all bodies [kg]
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
         if free != ([0] if is_free else []):
             problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
@@ -58,6 +43,9 @@ class UserModel:
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
         if roots != 1:
             raise self._error(f"the world holds {roots} bodies", "leave the robot alone in its model")
+
+    def _error(self, problem: str, remedy: str) -> ArtifactError:
+        return ArtifactError(problem, where=self._path, remedy=remedy)
 
     def joint_names(self) -> tuple[str, ...]:
         """Names of the hinges in the model's order; raises ArtifactError for no joint, or one of another type."""
@@ -86,11 +74,7 @@ class UserModel:
     def leg_geometry(
         self, joints: tuple[str, ...], foot: str, pose: dict[str, float]
     ) -> tuple[float, float, float, tuple[float, float]]:
-        """Thigh, shank and foot radius [m], and the foot's centre in the pose, forward and left of the base [m].
-
-        Raises:
-            ArtifactError: no such foot, or one that is not a sphere.
-        """
+        """Thigh, shank and foot radius [m], and the foot's centre in the pose, forward and left of the base [m]."""
         known = [self._model.geom(index).name for index in range(self._model.ngeom)]
         if foot not in known:
             found = ", ".join(name for name in known if name) or "none has a name"
@@ -106,10 +90,9 @@ class UserModel:
         return thigh, shank, float(self._model.geom_size[geom, 0]), (forward, left)
 
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
-        """How a leg's motion differs from the conventions of `Leg`; empty if it does not.
+        """How a leg differs from `Leg` as its joints move by 0.1 rad from a pose, one at a time; empty if it does not.
 
-        Joints are moved by 0.1 rad from a pose, one at a time: hip and knee must move the foot as in `Leg.reach`, a
-        growing abduction must move it to the left.
+        Hip and knee must move the foot as in `Leg.reach`, a growing abduction must move it to the left.
         """
         step, tolerance = 0.1, 0.08 * (leg.thigh + leg.shank)  # above offsets of real legs, below a reversed joint
         abduction, hip, knee = (names[joint] for joint in leg.joints)
@@ -121,10 +104,9 @@ class UserModel:
             expected = leg.reach(np.array([angles[name] for name in names]))
             if max(abs(forward - expected[0]), abs(-down - expected[1])) > tolerance:
                 where = "in the nominal pose" if moved is None else f"as {moved!r} grows"
-                return (
-                    f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip; with "
-                    f"hip and knee about +y and a straight leg at 0, expected {expected[0]:.3f} and {expected[1]:.3f} m"
-                )
+                text = f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip; "
+                text += f"with hip and knee about +y and a straight leg at 0, expected {expected[0]:.3f} and "
+                return f"{text}{expected[1]:.3f} m"
         left = self._at(pose | {abduction: pose[abduction] + step}).geom_xpos[foot]
         if left[1] <= self._at(pose).geom_xpos[foot][1]:
             return f"foot {leg.foot!r} moves right as {abduction!r} grows; an abduction about +x moves it left"
@@ -140,7 +122,7 @@ class UserModel:
         """Range of the load inertia of a motor [kg·m²].
 
         0.3 times the smallest diagonal element of the joints' mass matrix, to 1.5 times the largest or, with legs, the
-        share of the mass per leg at the height of the base. The factors are a margin for the bench.
+        share of the mass per leg at the height of the base; the factors are a margin.
         """
         data, own, column = self._at(pose), [], np.zeros(self._model.nv)
         self._mujoco.mj_forward(self._model, data)

@@ -16,9 +16,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from motorprior.artifacts import write_text
+from motorprior.artifacts import read_text, write_text
 from motorprior.exceptions import ArtifactError
-from motorprior.files import read_text
 from motorprior.results import Result, Results
 from motorprior.studies import statistics
 from motorprior.studies.environments import ENVIRONMENTS
@@ -34,7 +33,6 @@ COMPARED = ("speed", "upright")
 OWN, OWN_FOREIGN = "own", "own_foreign"  # training simulations, the second of policies for out-of-family motors
 PLACES = (OWN, OWN_FOREIGN, *ENVIRONMENTS)
 _KEYS = {"place": str, "condition": str, "seed": int, "draw": int}
-_MAX_TABLE = 100_000_000  # bytes
 
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
@@ -86,7 +84,7 @@ def read_walks(path: Path) -> list[WalkRow]:
         ArtifactError: missing, or damaged; names the row.
     """
     walks = []
-    for number, row in enumerate(csv.DictReader(io.StringIO(read_text(path, _MAX_TABLE), newline="")), start=2):
+    for number, row in enumerate(csv.DictReader(io.StringIO(read_text(path), newline="")), start=2):
         try:
             keys = {key: kind(row.pop(key)) for key, kind in _KEYS.items()}
             walks.append(keys | {name: float(text or "nan") for name, text in row.items()})

@@ -36,10 +36,6 @@ def test_a_turned_sign_is_a_warning_that_names_its_joint(arm: str, joint: str):
     assert finding.value > 0.99 and f"0.0 mrad with {joint} reversed" in finding.message
 
 
-def test_who_knows_no_gravity_finds_nothing(arm: str):
-    assert not check_log(turned(slow_motion(arm), -1.0, 1.0)).of("gravity")
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -50,7 +46,3 @@ def test_who_knows_no_gravity_finds_nothing(arm: str):
 )
 def test_what_shows_no_weight_is_no_finding(arm: str, change):
     assert not found(change(turned(slow_motion(arm), -1.0, 1.0)), arm)
-
-
-def test_a_stiff_motor_shows_no_weight(arm: str):
-    assert not found(turned(slow_motion(arm, kp=1000.0), -1.0, 1.0), arm)

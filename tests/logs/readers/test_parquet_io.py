@@ -11,12 +11,11 @@ from motorprior.logs.motor_log import channels
 from motorprior.logs.readers.motor_log_file import METADATA_KEY, read_parquet, write_log
 
 
-def rewrite(path, change_table=None, **header):
-    """Change columns or header entries of a written log (None removes an entry)."""
+def rewrite(path, **header):
+    """Change header entries of a written log (None removes an entry)."""
     table = pq.read_table(path)
     metadata = json.loads(table.schema.metadata[METADATA_KEY]) | header
     metadata = {key: value for key, value in metadata.items() if value is not None}
-    table = change_table(table) if change_table else table
     pq.write_table(table.replace_schema_metadata({METADATA_KEY: json.dumps(metadata)}), path)
 
 
@@ -36,24 +35,7 @@ def test_round_trip_is_exact(written, full_log):
         assert getattr(log, name) == getattr(full_log, name)
 
 
-def test_columns_say_channel_unit_and_joint(written):
-    names = pq.read_schema(written).names
-    assert names[:5] == [
-        *("time_s", "position_target_rad/left", "position_target_rad/right"),
-        *("joint_pos_rad/left", "joint_pos_rad/right"),
-    ]
-    assert {"joint_torque_N_m/left", "load_inertia_kg_m2/right", "segment", "base_roll_rad"} <= set(names)
-
-
-def test_a_bad_log_is_not_written(tmp_path, make_log):
-    log = make_log()
-    log.joint_pos[3, 0] = np.nan
-    with pytest.raises(LogError, match="row 3, joint_pos/left"):
-        write_log(tmp_path / "log.parquet", log)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
 def test_a_truncated_file_is_refused(written, share):
     content = written.read_bytes()
     written.write_bytes(content[: int(share * len(content))])
@@ -69,7 +51,6 @@ def test_a_truncated_file_is_refused(written, share):
         ({"colour": "red"}, r"unknown keys \['colour'\]"),
         ({"units": {"time": "ms"}}, "units"),
         ({"sign_convention": "the other one"}, "sign_convention"),
-        ({"channels": ["joint_pos"]}, "channels"),
         ({"joint_names": ["left", "middle"]}, "no column .position_target_rad/middle"),
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
         ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not 0"),
@@ -78,12 +59,6 @@ def test_a_truncated_file_is_refused(written, share):
 def test_a_header_that_does_not_fit_is_refused(written, header, problem):
     rewrite(written, **header)
     with pytest.raises(LogError, match=problem):
-        read_parquet(written)
-
-
-def test_a_missing_column_is_refused(written):
-    rewrite(written, lambda table: table.drop_columns(["joint_pos_rad/left"]))
-    with pytest.raises(LogError, match="no column 'joint_pos_rad/left'"):
         read_parquet(written)
 
 

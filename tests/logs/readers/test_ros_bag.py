@@ -1,48 +1,77 @@
-"""A ROS 2 bag becomes a motor log; it needs the extra `ros`."""
+"""A ROS 2 bag becomes a motor log, by its JointState or by any topics of a column map; it needs the extra `ros`."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from third_party_files import ANGLE, JOINTS, TARGET, TIME
 
 from motorprior.exceptions import LogError
-from motorprior.logs.log_folder import read_log_folder
-from motorprior.logs.read_log import read_log
+from motorprior.logs.read_log import read_log, read_log_folder
 
+pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")
 LINE = "=" * 80
-DEFINITION = "\n".join(
+JOINT_STATE = "\n".join(
     [
         *("std_msgs/Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"),
         *(LINE, "MSG: std_msgs/Header", "builtin_interfaces/Time stamp", "string frame_id"),
         *(LINE, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec"),
     ]
 )
+STATE = f"Motor[2] motor_state\nstring[] name\nfloat32 level\n{LINE}\nMSG: demo_msgs/Motor\nfloat64 q\nfloat64 dq"
+LEGGED = """
+motor = "servo"
+time = "log_time"
+position_target = "/commands:data[{joint}]"
+joint_pos = "/state:motor_state[{joint}].q"
+joint_vel = "/state:motor_state[{joint}].dq"
+posture = "suspended"
+
+[joints]
+0 = { name = "pan", kp = 20 }
+1 = { name = "lift", kp = 20, sign = -1 }
+"""
 
 
 def write_bag(
     path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS, numbers: str = "",
-    lacks: dict[str, int] | None = None,
+    velocity: float = 0.0,
 ) -> Path:  # fmt: skip
-    """A bag of two topics of JointState, and one of plain numbers where its name is given.
+    """A bag of two topics of JointState, and one of plain numbers where its name is given."""
+    from mcap_ros2.writer import Writer
 
-    Of the second joint the fields that are named in ``lacks`` are NaN in that row and all after it.
-    """
-    writer_of = pytest.importorskip("mcap_ros2.writer", reason="the extra ros is not installed")
-    with open(path, "wb") as file, writer_of.Writer(file) as writer:
-        schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION)
+    with open(path, "wb") as file, Writer(file) as writer:
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
         head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
-        for row, (time, target, angle) in enumerate(zip(TIME, TARGET, ANGLE, strict=True)):
+        for time, target, angle in zip(TIME, TARGET, ANGLE, strict=True):
             order = {"name": names[::-1], "position": target[::-1].tolist(), "velocity": [], "effort": []}
             writer.write_message(commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1)
-            measured = {"name": JOINTS, "position": angle.tolist(), "velocity": (2 * angle).tolist(), "effort": []}
-            for name, first in (lacks or {}).items():
-                measured[name] = [0.0, np.nan if row >= first else 0.0]
+            speed = (2 * angle + velocity).tolist()
+            measured = {"name": JOINTS, "position": angle.tolist(), "velocity": speed, "effort": []}
             writer.write_message(states, schema, {"header": head} | measured, log_time=int(1e9 * time) + 2)
         if numbers:
             plain = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
             writer.write_message(numbers, plain, {"data": [0.5]}, log_time=0)
     return path
+
+
+def write_legged(folder: Path, text: str = LEGGED, late: int = 0) -> tuple[Path, str]:
+    """Commands as plain numbers, states of an own type; commands begin ``late`` rows after the states; and a map."""
+    from mcap_ros2.writer import Writer
+
+    with open(folder / "a.mcap", "wb") as file, Writer(file) as writer:
+        command = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
+        state = writer.register_msgdef("demo_msgs/msg/State", STATE)
+        for row, (time, target, angle) in enumerate(zip(TIME, TARGET, ANGLE, strict=True)):
+            now = int(1e9 * time) + 5_000_000
+            if row >= late:
+                writer.write_message("/commands", command, {"data": target.tolist()}, log_time=now - 1)
+            motors: list[Any] = [{"q": q, "dq": 2.0 * q} for q in angle.tolist()]
+            message = {"motor_state": motors, "name": ["a.left", "b"], "level": 0.5}
+            writer.write_message("/state", state, message, log_time=now)
+    (folder / "map.toml").write_text(text, encoding="utf-8")
+    return folder / "a.mcap", str(folder / "map.toml")
 
 
 def test_states_with_the_command_in_force(tmp_path: Path):
@@ -52,12 +81,7 @@ def test_states_with_the_command_in_force(tmp_path: Path):
     np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
     np.testing.assert_array_equal(log.joint_vel, 2 * ANGLE[:, ::-1])
     np.testing.assert_array_equal(log.position_target, TARGET[:, ::-1])
-
-
-def test_a_velocity_or_effort_that_is_always_nan_is_absent(tmp_path: Path):
-    log = read_log(write_bag(tmp_path / "a.mcap", lacks={"velocity": 0, "effort": 0}))
-    assert log.joint_vel is None and log.joint_torque is None
-    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
+    assert read_log(write_bag(tmp_path / "b.mcap", velocity=np.nan)).joint_vel is None
 
 
 @pytest.mark.parametrize(
@@ -68,22 +92,16 @@ def test_a_velocity_or_effort_that_is_always_nan_is_absent(tmp_path: Path):
         ({"names": ("pan", "tail")}, "the command has a joint 'tail'"),
     ],
 )
-def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, object], said: str):
+def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, Any], said: str):
     with pytest.raises(LogError, match=said):
-        read_log(write_bag(tmp_path / "a.mcap", **changes))  # pyright: ignore[reportArgumentType]
-
-
-def write_folder(folder: Path, *names: str) -> Path:
-    """As `ros2 bag record` leaves it."""
-    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
-    for name in names:
-        write_bag(folder / name)
-    return folder
+        read_log(write_bag(tmp_path / "a.mcap", **changes))
 
 
 def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
-    (tmp_path / "run").mkdir()
-    folder = write_folder(tmp_path / "run", "run_0.mcap")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    write_bag(folder / "run_0.mcap")
     np.testing.assert_array_equal(read_log(folder).joint_pos, read_log(folder / "run_0.mcap").joint_pos)
     assert list(read_log_folder(folder, None).logs) == ["run"]
     write_bag(folder / "run_1.mcap")
@@ -93,10 +111,10 @@ def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
 
 
 def test_a_bag_in_another_storage_must_be_converted(tmp_path: Path):
-    folder = write_folder(tmp_path)
-    (folder / "run_0.db3").write_bytes(b"SQLite format 3")
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    (tmp_path / "run_0.db3").write_bytes(b"SQLite format 3")
     with pytest.raises(LogError, match=r"not stored as MCAP: run_0\.db3 -> .*ros2 bag convert"):
-        read_log(folder)
+        read_log(tmp_path)
 
 
 @pytest.mark.parametrize("left", [40, 2000, -8])
@@ -105,3 +123,36 @@ def test_a_truncated_bag_is_recommended_for_recovery(tmp_path: Path, left: int):
     path.write_bytes(path.read_bytes()[:left])
     with pytest.raises(LogError, match="mcap recover"):
         read_log(path)
+
+
+def test_messages_of_any_type_by_their_fields(tmp_path: Path):
+    path, columns = write_legged(tmp_path, late=3)
+    log = read_log(path, columns=columns)
+    assert log.joint_names == ("pan", "lift") and log.stated_kp is not None
+    np.testing.assert_allclose(log.time, TIME[3:] - TIME[3], atol=2e-9, err_msg="from the first command on")
+    np.testing.assert_array_equal(log.position_target, TARGET[3:] * [1.0, -1.0])
+    np.testing.assert_array_equal(log.joint_pos, ANGLE[3:] * [1.0, -1.0])
+    np.testing.assert_array_equal(log.joint_vel, 2.0 * ANGLE[3:] * [1.0, -1.0])
+
+
+def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_path: Path):
+    text = LEGGED.replace("motor_state[{joint}]", "motor_state[{name}]").replace('"pan"', '"b"')
+    path, columns = write_legged(tmp_path, text.replace('"lift"', '"a.left"'))
+    log = read_log(path, columns=columns)
+    np.testing.assert_array_equal(log.position_target, TARGET * [1.0, -1.0])
+    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1] * [1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("/commands:data", "/cmd:data", r"no topic '/cmd'; it has '/commands'"),
+        ("motor_state[{joint}].q", "motor_state[{joint}].angle", "message 0 has no number"),
+        ("motor_state[{joint}].q", "motor_state[7{joint}].q", "range"),
+        ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' is not TOPIC:FIELD"),
+    ],
+)
+def test_errors_of_a_map_are_named(tmp_path: Path, old: str, new: str, said: str):
+    path, columns = write_legged(tmp_path, LEGGED.replace(old, new))
+    with pytest.raises(LogError, match=said):
+        read_log(path, columns=columns)

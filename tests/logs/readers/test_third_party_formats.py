@@ -19,7 +19,6 @@ from third_party_files import (
     write_bam,
     write_lerobot,
     write_pt,
-    write_sage,
     write_tensors,
 )
 
@@ -27,7 +26,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.column_map import load_column_map
 from motorprior.logs.motor_log import channels
 from motorprior.logs.read_log import read_log
-from motorprior.logs.readers.bam import GRAVITY, read_bam
+from motorprior.logs.readers.bam import GRAVITY
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -58,12 +57,10 @@ def test_a_pendulum_has_the_voltage_and_temperature_of_its_rows_or_else_its_supp
     assert measured.supply_voltage is not None and measured.motor_temperature is not None
     np.testing.assert_allclose(measured.supply_voltage[:, 0], [7.0, 7.1, 7.2, 7.3])
     assert set(measured.motor_temperature[:, 0]) == {31.0}
-    for unread in (0, None, "7.4 V", -99.0):
-        some = [row | ({"input_volts": unread, "temp": unread} if row is rows[2] else {}) for row in rows]
-        log = read_log(write_bam(tmp_path, entries=some))
-        assert log.supply_voltage is not None and set(log.supply_voltage[:, 0]) == {7.4}
-        assert log.motor_temperature is None
-    assert read_log(write_bam(tmp_path, vin="7.4V")).supply_voltage is None
+    some = [row | ({"input_volts": 0, "temp": None} if row is rows[2] else {}) for row in rows]
+    log = read_log(write_bam(tmp_path, entries=some))
+    assert log.supply_voltage is not None and set(log.supply_voltage[:, 0]) == {7.4}
+    assert log.motor_temperature is None
 
 
 def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
@@ -78,17 +75,6 @@ def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
         read_log(write_bam(tmp_path, entries=[entry | {"torque_enable": False} for entry in whole]))
 
 
-def test_a_folder_of_sage_is_merged(tmp_path: Path):
-    log = read_log(write_sage(tmp_path), PUPPER_V2)
-    assert log.joint_names == JOINTS and log.joint_torque is None
-    np.testing.assert_allclose(log.time, TIME, atol=1e-12)
-    np.testing.assert_array_equal(log.joint_pos, ANGLE)
-    np.testing.assert_array_equal(log.position_target, TARGET)
-    late = read_log(write_sage(tmp_path, control_late=0.005))
-    np.testing.assert_array_equal(late.position_target, TARGET[:-1])
-    np.testing.assert_array_equal(late.joint_pos, ANGLE[1:])
-
-
 def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     log = read_log(write_lerobot(tmp_path), PUPPER_V2)
     assert (log.joint_names, log.robot) == (JOINTS, "arm")
@@ -96,18 +82,16 @@ def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     np.testing.assert_allclose(log.joint_pos, ANGLE, atol=1e-6)
     np.testing.assert_allclose(log.position_target, TARGET, atol=1e-6)
     arm: Any = SimpleNamespace(name="mine", joint_names=JOINTS[::-1], encoder="rotor")
-    assert read_log(tmp_path / "dataset", arm).encoder == "rotor", "the dataset does not say it"
     np.testing.assert_array_equal(read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1])
 
 
-def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_path: Path):
+def test_lerobot_records_the_acceleration_that_the_driver_writes(tmp_path: Path):
     assert read_log(write_lerobot(tmp_path)).firmware == {}
     info = tmp_path / "dataset" / "meta" / "info.json"
     info.write_text(json.dumps(json.loads(info.read_text()) | {"robot_type": "so101_follower"}))
     told = read_log(tmp_path / "dataset").firmware
     assert told == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
     assert told == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
-    assert read_log(write_sage(tmp_path)).firmware == {}, "joints of another robot"
 
 
 def test_a_lerobot_dataset_must_be_complete_and_of_joint_positions(tmp_path: Path):
@@ -124,18 +108,12 @@ def test_a_lerobot_dataset_must_be_complete_and_of_joint_positions(tmp_path: Pat
             read_log(path)
 
 
-def test_tensors_of_any_layout_come_through(tmp_path: Path):
+def test_tensors_of_any_layout_come_through_by_a_map(tmp_path: Path):
     log = read_log(write_pt(tmp_path), columns=tmp_path / "columns.toml")
     np.testing.assert_array_equal(log.joint_pos, ANGLE.astype(np.float32))
     np.testing.assert_array_equal(log.position_target, TARGET.astype(np.float32))
-    assert log.joint_names == JOINTS
-
-
-def test_unmapped_tensors_are_listed_with_the_shipped_maps(tmp_path: Path):
-    with pytest.raises(LogError) as refusal:
-        read_log(write_pt(tmp_path))
-    assert "'des_dof_pos' (40, 2)" in str(refusal.value) and "go2_tensors" in str(refusal.value)
-    assert refusal.value.argument == "columns"
+    with pytest.raises(LogError, match=r"'des_dof_pos' \(40, 2\).*go2_tensors"):
+        read_log(tmp_path / "log.pt")
     (tmp_path / "log.pt").write_bytes((tmp_path / "log.pt").read_bytes()[:-30])
     with pytest.raises(LogError, match="damaged"):
         read_log(tmp_path / "log.pt")
@@ -151,7 +129,6 @@ def test_unmapped_tensors_are_listed_with_the_shipped_maps(tmp_path: Path):
             "type bfloat16 -> save them as float32, by tensor.float()",
         ),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "does not fit"),
-        ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (3,), (-1,))}, "does not fit"),
         ({"t": 3.0}, "no tensor 'time'"),
     ],
 )
@@ -166,17 +143,7 @@ def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp
 
 
 def test_the_original_files_hold_what_their_tables_hold(shared_data: Path):
-    motion = read_log(shared_data / "so101" / "original" / "step_response")
-    same(motion, read_log(shared_data / "so101" / "step_response.csv.gz", columns="so101_sage"), 6e-7)
     tensors = read_log(shared_data / "go2" / "traj_0.pt", columns="go2_tensors")
     table = read_log(shared_data / "go2" / "traj_0.csv.gz", columns="go2_identification")
     same(tensors, table, 6e-6)
     assert tensors.joint_names == table.joint_names and channels(tensors).keys() == channels(table).keys()
-
-
-def test_the_real_pendulum_is_read(shared_data: Path):
-    recordings = [read_bam(path) for path in sorted((shared_data / "xl330").glob("*.json.gz"))]
-    gains = [recording.stated_kp for recording in recordings]
-    assert sorted({float(kp[0, 0]) for kp in gains if kp is not None}) == [100.0, 200.0, 400.0, 800.0]
-    assert sum("without torque" in recording.source for recording in recordings) == 4
-    assert all(recording.num_rows > 300 for recording in recordings)

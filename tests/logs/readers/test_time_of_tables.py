@@ -19,7 +19,7 @@ position_target = "goal_{joint}"
 joint_pos = "pos_{joint}"
 [joints.a]
 """
-SECONDS = 0.002 * np.arange(3000)
+SECONDS = 0.002 * np.arange(300)
 START = datetime(2024, 3, 31, 0, 59, 57, 250_000)  # three seconds before clocks change in Europe
 
 
@@ -56,18 +56,14 @@ def test_time_stamps_of_csv_are_seconds_since_the_first_row(tmp_path: Path, zone
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
-@pytest.mark.parametrize(
-    ("row", "cell", "problem"),
-    [(2500, "2024-03-31T01:00:02.25Z", "Z'"), (2500, "yesterday", "'yesterday'"), (7, "", "")],
-)
-def test_a_bad_time_stamp_is_named(tmp_path: Path, name: str, row: int, cell: str, problem: str):
+@pytest.mark.parametrize(("row", "cell"), [(250, "2024-03-31T01:00:02.25Z"), (7, "")])
+def test_a_bad_time_stamp_is_named(tmp_path: Path, name: str, row: int, cell: str):
     some = [each.isoformat() for each in stamps()]
     some[row] = cell
-    with pytest.raises(LogError, match=f"{name}: row {row}, when is .*{problem}"):
+    with pytest.raises(LogError, match=f"{name}: row {row}, when is .*{cell}"):
         times(tmp_path / name, some)
 
 
-@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
-def test_a_known_rate_stands_for_the_time(tmp_path: Path, name: str):
-    found = times(tmp_path / name, SECONDS.tolist(), MAP.replace('time = "when"', "rate = 500"))
+def test_a_known_rate_stands_for_the_time(tmp_path: Path):
+    found = times(tmp_path / "log.csv", SECONDS.tolist(), MAP.replace('time = "when"', "rate = 500"))
     np.testing.assert_allclose(found, SECONDS, rtol=0, atol=1e-9)

@@ -28,8 +28,7 @@ from motorprior.identification.physics.window_runs import POSITION_SCALE, Window
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
 from motorprior.logs.doctor.excitation import excited_joints, static_joints
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.settings_text import range_text
+from motorprior.logs.motor_log import MotorLog, range_text
 from motorprior.progress import Progress
 from motorprior.results import Result, Results
 from motorprior.signals import rms

@@ -1,1 +1,0 @@
-"""The log doctor: checks of a log, and findings that prevent the identification of motors."""

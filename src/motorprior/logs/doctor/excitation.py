@@ -31,12 +31,10 @@ def static_joints(log: MotorLog) -> tuple[str, ...]:
 def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
     """The window without gaps in which the command of a joint travels farthest, of 20 000 rows at most.
 
-    Returns:
-        Its rows, and that joint alone on a uniform grid with the period of new readings; None if the command
-        moves in no window of 20 new readings.
+    Returns its rows, and that joint alone on a uniform grid with the period of new readings; None if the command moves
+    in no window of 20 new readings.
     """
-    best, found = 0.0, None
-    repeated, command = repeated_rows(log), log.position_target[:, column]
+    best, found, repeated, command = 0.0, None, repeated_rows(log), log.position_target[:, column]
     starts = {part.start for part in log.segment_slices()} | set(gap_rows(log).tolist())
     for part in np.split(np.arange(log.num_rows), sorted(starts - {0})):
         for rows in np.split(part, range(MAX_ROWS, len(part), MAX_ROWS)):
@@ -54,25 +52,23 @@ def excitation(log: MotorLog) -> Iterator[Finding]:
     """Joints that are not commanded, move far less or more than commanded, or reverse rarely."""
     excited = excited_joints(log)
     if not excited.size:
-        yield Finding("error", "excitation", 0.0, "no joint is excited", "record commands that move", row=0)
+        yield Finding("error", "excitation", 0.0, "no joint is excited", "record commands that move")
     for column, joint in enumerate(log.joint_names):
         command, angle = log.position_target[:, column], log.joint_pos[:, column]
         ratio = float(np.std(angle) / max(np.std(command), 1e-12))
         if column not in excited:
             message = f"{joint} is not excited: standard deviation of its command {1e3 * np.std(command):.3f} mrad"
-            yield Finding("info", "excitation", float(np.std(command)), message, joint=joint, row=0)
+            yield Finding("info", "excitation", float(np.std(command)), message, joint=joint)
             continue
         if not RATIOS[0] <= ratio <= RATIOS[1]:
             message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
-            remedy = (
-                "check power, homing, joint order and units; if command and angle have different units, convert one "
-                f'in the file, or {IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
-            )
-            yield Finding("warning", "excitation", ratio, message, remedy, joint, 0)
+            remedy = "check power, homing, joint order and units; if command and angle have different units, state one "
+            remedy += f'{IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
+            yield Finding("warning", "excitation", ratio, message, remedy, joint)
         count = sum(reversals(angle[part], 0.05 * float(np.ptp(angle))) for part in log.segment_slices())
         if count < MIN_REVERSALS:
             message = f"{joint}: {count} reversals, fewer than {MIN_REVERSALS}: friction and backlash need reversals"
-            yield Finding("warning", "reversals", count, message, "record motions back and forth", joint, 0)
+            yield Finding("warning", "reversals", count, message, "record motions back and forth", joint)
 
 
 def reversals(angle: np.ndarray, threshold: float) -> int:
@@ -108,10 +104,9 @@ def dead(log: MotorLog) -> Iterator[Finding]:
                 moved = np.ptp(command[row : max(row + 1, last + 1 - round(MAX_LAG / log.period))])
                 extreme = values[row] in (values.min(), values.max()) and np.ptp(values) > 0.0
                 moving = np.ptp(angle[row : last + 1]) > 0.05 * np.ptp(angle)
-                if moved <= max(0.1, 0.5 * np.ptp(command)) or (not moving if channel == "joint_vel" else extreme):
-                    continue
-                message = f"{channel}/{joint} does not change for {times[place]:.2f} s from row {row} while its command"
-                message += f" moves by {moved:.2g} rad"
-                remedy = "check sensor, power and bus; record again, or delete these rows or the channel"
-                yield Finding("warning", "dead", float(times[place]), message, remedy, joint, row)
-                break
+                if moved > max(0.1, 0.5 * np.ptp(command)) and (moving if channel == "joint_vel" else not extreme):
+                    message = f"{channel}/{joint} does not change for {times[place]:.2f} s from row {row} while its "
+                    message += f"command moves by {moved:.2g} rad"
+                    remedy = "check sensor, power and bus; record again, or delete these rows or the channel"
+                    yield Finding("warning", "dead", float(times[place]), message, remedy, joint, row)
+                    break

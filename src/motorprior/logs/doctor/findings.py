@@ -10,25 +10,15 @@ IN_MAP = "in a column map (docs/your-motors.md)"
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding about a log.
+    """One finding about a log."""
 
-    Attributes:
-        severity: ``error``: do not use the log as it is; ``warning``: inspect it; ``info``: a fact.
-        check: name of the check.
-        value: what was measured, in the unit that the message names.
-        message: the finding with value and bound.
-        remedy: what to do, or empty.
-        joint: name of the joint, or None for the whole log.
-        row: first row concerned, counted from 0, or None.
-    """
-
-    severity: Literal["error", "warning", "info"]
-    check: str
-    value: float
-    message: str
+    severity: Literal["error", "warning", "info"]  # do not use the log as it is; inspect it; a fact
+    check: str  # its name
+    value: float  # what was measured, in the unit that the message names
+    message: str  # with value and bound
     remedy: str = ""
-    joint: str | None = None
-    row: int | None = None
+    joint: str | None = None  # None for the whole log
+    row: int = 0  # the first concerned
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Checks of the time column and of readings: rate, gaps, repeated rows, jumps."""
+"""Checks of readings: rate, gaps, repeated rows, jumps, and units that make angles and speeds implausible."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog, settings_text, time_steps
 from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
+from motorprior.robots.robot import Robot
 
 RATES = (5.0, 2e4)  # of motor logs [Hz]; other rates mean another unit of time
 MAX_JITTER = 0.5
 READINGS = 5  # maximum duration of a failed read
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 TURN = 2.0 * np.pi
+MAX_TURNS = 4.0  # of a joint without known limits
+MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
+_DEGREES = f'convert them in the file, or state their unit {IN_MAP}: angle = "deg", "turn" or "tick"'
 _UNWRAP = "unwrap angle and command in the file: numpy.unwrap(column, period=one turn in its unit, such as 4096 ticks)"
 REMEDIES = {
     "by a turn": _UNWRAP,
@@ -34,15 +38,14 @@ def rate(log: MotorLog) -> Iterator[Finding]:
     if not 0.99 * lowest <= hertz <= 1.01 * highest:
         message += f"; outside {lowest:g} to {highest:g} Hz"
         remedy = f'convert the time in the file, or state its unit {IN_MAP}: time = "s", "ms", "us" or "ns"'
-        yield Finding("error", "rate", hertz, message, f"{remedy}; or record faster", row=0)
+        yield Finding("error", "rate", hertz, message, f"{remedy}; or record faster")
         return
-    yield Finding("info", "rate", hertz, message, row=0)
+    yield Finding("info", "rate", hertz, message)
     if jitter > MAX_JITTER:
         row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
-        message = f"time steps vary by {jitter:.2f} of their median {1e3 * median:.3g} ms, more than {MAX_JITTER}"
         remedy = "import with a period, which resamples the log; if these are times of arrival, record the robot's "
         remedy += f"time, or replace the time by rate = … {IN_MAP}"
-        yield Finding("warning", "jitter", jitter, message, remedy, row=row)
+        yield Finding("warning", "jitter", jitter, f"{message}, more than {MAX_JITTER}", remedy, row=row)
 
 
 def gaps(log: MotorLog) -> Iterator[Finding]:
@@ -50,11 +53,11 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
     rows = gap_rows(log)
     if rows.size:
         steps = log.time[rows] - log.time[rows - 1]
-        longest, first = int(np.argmax(steps)), int(rows[0])
-        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the first before row {first}, the longest"
-        message += f" {1e3 * steps[longest]:.3g} ms before row {rows[longest]}"
+        longest = int(np.argmax(steps))
+        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[longest]:.3g} "
+        message += f"ms before row {rows[longest]}"
         remedy = "find out why rows are lost; mp.load_log and `motorprior logs import` begin a segment after each gap"
-        yield Finding("warning", "gaps", float(steps[longest]), message, remedy, row=first)
+        yield Finding("warning", "gaps", float(steps[longest]), message, remedy, row=int(rows[0]))
 
 
 def repeats(log: MotorLog) -> Iterator[Finding]:
@@ -63,19 +66,18 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
     Static joints, and joints that move slower than an encoder step per row, repeat their angles in any log.
     """
     whole, moved = repeated_rows(log), [_displacements(angle) for angle in log.joint_pos.T]
-    for joint in (None, *log.joint_names):
-        repeated, way, bound = whole, np.max(moved, axis=0), 0.05
-        if joint is not None:
-            column = log.joint_names.index(joint)
-            repeated, way, bound = repeated_rows(log.joint(column)) & ~whole, moved[column], 0.4
+    cases = [(None, whole, np.max(moved, axis=0), 0.05)]
+    cases += [
+        (joint, repeated_rows(log.joint(column)) & ~whole, moved[column], 0.4)
+        for column, joint in enumerate(log.joint_names)
+    ]
+    for joint, repeated, way, bound in cases:
         fast = way >= np.percentile(way[way > 0.0], 75) if way.any() else way > 0.0
         if fast.sum() < 20 or min(share := float(repeated[fast].mean()), repeated.mean()) <= bound:
             continue
         fresh = float(np.median(time_steps(log.rows(~repeated))[1]))
-        message = (
-            f"{100 * share:.0f} % of the rows repeat the last angle of {joint or 'all joints'} in fast motion (bound "
-            f"{100 * bound:g} %): new readings every {1e3 * fresh:.3g} ms, rows every {1e3 * log.period:.3g} ms"
-        )
+        message = f"{100 * share:.3g} % of the rows repeat the angle of {joint or 'all joints'} in fast motion (bound "
+        message += f"{100 * bound:g} %): new readings every {1e3 * fresh:.3g} ms, rows every {1e3 * log.period:.3g} ms"
         remedy = "record one row per new reading of all joints, or import with a period no shorter than theirs"
         yield Finding("warning", "repeats", share, message, remedy, joint, int(np.argmax(repeated)))
 
@@ -90,8 +92,7 @@ def _displacements(angle: np.ndarray) -> np.ndarray:
 def encoder_step(angle: np.ndarray) -> float:
     """Smallest difference [rad] above 1e-6 between two readings (T,), 0 if all are equal."""
     steps = np.diff(np.unique(angle[:: max(1, len(angle) // 20_000)]))
-    steps = steps[steps > 1e-6]  # below this is rounding
-    return float(steps.min()) if steps.size else 0.0
+    return float(steps[steps > 1e-6].min(initial=np.inf)) if np.any(steps > 1e-6) else 0.0  # below this is rounding
 
 
 def jumps(log: MotorLog) -> Iterator[Finding]:
@@ -148,3 +149,64 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
             yield from (("joint_pos", "and back (failed read)", each) for each in range(row, back))
         elif speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size:  # a joint would accelerate over several rows
             yield "joint_pos", "and stays", row
+
+
+def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
+    """Angles outside the limits of the robot, or beyond one turn (warning) or four turns (error) without limits."""
+    limits = np.full((log.num_joints, 2), np.nan) if robot is None else robot.limits_of(log.joint_names)
+    if robot is not None and np.isnan(limits).any():
+        unknown = [joint for joint, bound in zip(log.joint_names, limits, strict=True) if np.isnan(bound).any()]
+        message = f"the robot has no limits for {', '.join(unknown)}"
+        remedy = f"rename the joints in the file, or {IN_MAP} by name; or give the robot that was recorded"
+        yield Finding("info", "limits", len(unknown), message, remedy)
+    for channel in ("position_target", "joint_pos"):
+        for joint, angle, (low, high) in zip(log.joint_names, getattr(log, channel).T, limits, strict=True):
+            row, reach = int(np.argmax(np.abs(angle))), float(np.nanmax(np.abs([0.0, low, high])))
+            size, message = abs(float(angle[row])), f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}"
+            if size > max(MAX_TURNS * TURN, reach):
+                message += f", beyond {max(MAX_TURNS, reach / TURN):.3g} turns"
+                remedy = f"if it is one row, delete it; else {_DEGREES}; or give the robot, if its limits are so wide"
+                yield Finding("error", "units", size, message, remedy, joint, row)
+            elif size > max(TURN, reach) or np.ptp(angle) > np.nanmax([TURN, high - low]):
+                message += f"; it moves over {np.ptp(angle):.4g} rad: more than one turn"
+                remedy = f"if these are not rad, {_DEGREES}; if the encoder wrapped, unwrap the column (numpy.unwrap)"
+                yield Finding("warning", "units", size, message, remedy, joint, row)
+            row = int(np.argmax(np.maximum(low - angle, angle - high)))
+            if angle[row] < low or angle[row] > high:
+                message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, outside {low:.4g} to {high:.4g} rad"
+                remedy = f"check the encoder's zero, sign and joint order; correct them in the file, or {IN_MAP}"
+                yield Finding("warning", "limits", float(angle[row]), message, remedy, joint, row)
+
+
+def speeds(log: MotorLog) -> Iterator[Finding]:
+    """Speeds above 100 rad/s, of angles or joint_vel: an error if frequent, a warning for single readings of joint_vel.
+
+    The speed of an angle counts where the next one is as high in the same direction, so jumps and segment ends do not.
+    """
+    width = max(1, round(0.01 / log.period))  # over a single row an encoder step would look fast
+    rows = np.arange(0, log.num_rows, width)
+    lengths = np.maximum(np.diff(log.time[rows]), width * log.period)
+    for column, joint in enumerate(log.joint_names):
+        speed = np.diff(log.joint_pos[rows, column]) / lengths
+        lasting = np.where(speed[1:] * speed[:-1] > 0.0, np.minimum(*np.abs([speed[1:], speed[:-1]])), 0.0)
+        places = rows[np.flatnonzero(lasting > MAX_SPEED)]
+        if len(places) > 5:
+            message = f"joint_pos/{joint} moves at up to {lasting.max():.4g} rad/s, faster than {MAX_SPEED:g} rad/s"
+            yield Finding("error", "units", float(lasting.max()), message, _DEGREES, joint, int(places[0]))
+        speed = np.abs(np.zeros(1) if log.joint_vel is None else log.joint_vel[:, column])
+        if speed.max() > MAX_SPEED:
+            fast, row = float(np.mean(speed > MAX_SPEED)), int(np.argmax(speed > MAX_SPEED))
+            message = f"joint_vel/{joint} is up to {speed.max():.4g} rad/s, above {MAX_SPEED:g} rad/s in "
+            message += f"{100 * fast:.2g} % of the rows, first in row {row}"
+            remedy = f'convert it in the file, or state its unit {IN_MAP}: velocity = "deg/s" or "rpm"'
+            remedy += "; if single reads failed, delete these rows, or leave joint_vel out"
+            severity = "error" if fast > 0.02 else "warning"  # failed reads are rare
+            yield Finding(severity, "units", float(speed.max()), message, remedy, joint, row)
+
+
+def ranges(log: MotorLog) -> Iterator[Finding]:
+    """For comparison with the robot (info): ranges of the angles in degrees, and logged gains and registers."""
+    low, high = (np.rad2deg(bound(log.joint_pos, axis=0)).tolist() for bound in (np.min, np.max))
+    spans = [f"{joint} {a:.4g}..{b:.4g}" for joint, a, b in zip(log.joint_names, low, high, strict=True)]
+    yield Finding("info", "angles", max(map(abs, low + high)), f"angles in degrees: {', '.join(spans)}")
+    yield Finding("info", "settings", 0.0, f"the log states {settings_text(log) or 'no gain, register or posture'}")

@@ -1,4 +1,4 @@
-"""Checks of the response: angle against command, velocity against angle, limits.
+"""Checks of the response: angle against command, velocity against angle, end stops.
 
 A window is one joint on a uniform grid.
 """
@@ -16,18 +16,15 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import runs_of_true
 
 MIN_CORRELATION = 0.5
-SLOPES = (0.6, 1.5)  # bounds of slow angle per command; otherwise the units differ
-# correlation above which units explain a slope that is too small, too large: loads and dead bands lower it
-STRAIGHT = (0.9975, 0.95)
 VELOCITY_SLOPES = (0.7, 1.4)
-TRAVEL = 0.1  # share of its range by which the command continues beyond a limit
+TRAVEL = 0.1  # share of its range by which the command continues beyond an end stop
+MAX_OFFSET = 1.2  # of an angle from its command [rad]; loads deflect servos less
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
-    """Correlation r[k] of the angle with the command k rows before, over the same rows of the angle for all k.
+    """Correlation r[k] of the angle with the command k rows before, k = -lead, …, lag, over the same rows of the angle.
 
-    Returns:
-        r for k = -lead, …, lag; lead; and k >= 0 of the first positive and of the first negative peak.
+    Returns r, lead, and k >= 0 of the first positive and of the first negative peak.
     """
     command, angle = window.position_target[:, 0], window.joint_pos[:, 0]
     lag = min(int(0.5 / window.period), len(angle) // 2)  # 0.5 s later
@@ -54,15 +51,8 @@ def _first_peak(r: np.ndarray) -> int:
     return best - 1
 
 
-def lag_rows(window: MotorLog) -> int | None:
-    """Lag of the angle behind its command in rows, 0.25 s at most; None if it does not follow."""
-    r, lead, late, opposed = correlation_peaks(window)
-    follows = r[lead + late] >= max(MIN_CORRELATION, -r[lead + opposed])
-    return min(late, int(MAX_LAG / window.period)) if follows else None
-
-
 def tracking(window: MotorLog) -> Iterator[Finding]:
-    """Sign, joint order and lag of the angle against the command, by the first peak of their correlation.
+    """Sign, joint order, lag and offset of the angle against the command, by the first peak of their correlation.
 
     An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
     """
@@ -93,32 +83,35 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
     else:
         severity = "info"
     yield Finding(severity, "tracking", value, message, remedy, joint)
-
-
-def proportion(window: MotorLog) -> Iterator[Finding]:
-    """Offset of the angle from its command, and slope of slow motion, by means over 0.5 s without fast commands."""
-    joint, late = window.joint_names[0], lag_rows(window)
-    if late is None:
-        return
     offset = float(np.median(window.joint_pos - window.position_target))
-    if abs(offset) > 1.2:  # loads deflect servos less
-        message = f"{joint} is {offset:+.2f} rad off its command (median), more than 1.2"
+    if abs(offset) > MAX_OFFSET and follows >= MIN_CORRELATION:
+        message = f"{joint} is {offset:+.2f} rad off its command (median), more than {MAX_OFFSET}"
         remedy = f"if no load deflects it so far, correct the zero of command or angle in the file, or {IN_MAP}"
         yield Finding("warning", "offset", offset, message, remedy, joint)
-    length = max(1, round(0.5 / window.period))
-    count = (window.num_rows - late) // length
-    command = window.position_target[: count * length].reshape(count, length)
-    angle = window.joint_pos[late : late + count * length].reshape(count, length)
-    slow = command.std(axis=1) <= 0.5 * np.std(window.position_target)
-    command, angle = command[slow].mean(axis=1), angle[slow].mean(axis=1)
-    if len(command) < 8 or np.std(command) < 0.02 or np.std(angle) == 0.0:
-        return
-    (variance, covariance), (_, other) = np.cov(command, angle)
-    slope, correlation = float(covariance / variance), float(covariance / np.sqrt(variance * other))
-    if not SLOPES[0] <= slope <= SLOPES[1] and correlation > STRAIGHT[int(slope > 1.0)]:
-        message = f"{joint} moves {slope:.2f} rad per rad of slow command, outside {SLOPES[0]} to {SLOPES[1]}"
-        remedy = f"command and angle have different units or ticks per turn: convert one in the file, or {IN_MAP}"
-        yield Finding("warning", "proportion", slope, message, remedy, joint)
+
+
+def saturation(window: MotorLog) -> Iterator[Finding]:
+    """An angle that rests at its extreme for 0.1 s while the command, delayed by the lag, continues beyond it.
+
+    The command continues by 10 % of its range and 0.03 rad after the joint stopped: friction and dead bands also hold
+    a joint, but after a reversal.
+    """
+    joint, (r, lead, late, _) = window.joint_names[0], correlation_peaks(window)
+    late = min(late, int(0.1 / window.period)) if r[lead + late] >= MIN_CORRELATION else 0
+    min_rows = max(5, round(0.1 / window.period) + 1)  # reversals are shorter
+    for sign in (1.0, -1.0):
+        command, angle = sign * window.position_target[:, 0], sign * window.joint_pos[:, 0]
+        top, beyond, found = angle.max(), max(TRAVEL * np.ptp(command), 0.03), []
+        for first, after in runs_of_true(angle >= top - encoder_step(angle)).tolist():
+            acting = command[max(0, first - late) : max(1, after - late)]
+            if first and after - first >= min_rows and acting.max() - max(acting[0], top) > beyond:
+                found.append((first, after))
+        if found:
+            time = window.period * sum(after - first - 1 for first, after in found)
+            message = f"joint_pos/{joint} stays at its extreme {sign * top:.4g} rad for {time:.2f} s in total while "
+            message += "its command continues"
+            remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
+            yield Finding("warning", "saturation", time, message, remedy, joint, found[0][0])
 
 
 def copied(log: MotorLog) -> Iterator[Finding]:
@@ -127,12 +120,11 @@ def copied(log: MotorLog) -> Iterator[Finding]:
         command, joint = log.position_target[:, column], log.joint_names[column]
         rows = 1 + np.flatnonzero(np.diff(command))
         same = np.abs(log.joint_pos[rows, column] - command[rows]) <= 1e-6
-        if len(rows) < 5 or same.mean() <= 0.9:
-            continue
-        message = f"joint_pos/{joint} equals its command in {100 * same.mean():.4g} % of the rows in which it changes"
-        remedy = f"the command is recorded twice: check the columns of the file, and their names {IN_MAP}"
-        row = int(rows[np.argmax(same)])
-        yield Finding("error", "copied", float(same.mean()), message, remedy, joint, row)
+        if len(rows) >= 5 and same.mean() > 0.9:
+            message = f"joint_pos/{joint} equals its command in {100 * same.mean():.4g} % of the rows in which it "
+            remedy = f"the command is recorded twice: check the columns of the file, and their names {IN_MAP}"
+            row = int(rows[np.argmax(same)])
+            yield Finding("error", "copied", float(same.mean()), f"{message}changes", remedy, joint, row)
 
 
 def velocity(log: MotorLog) -> Iterator[Finding]:
@@ -154,45 +146,10 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
         correlation = float(other @ one / max(np.sqrt((one @ one) * (other @ other)), 1e-300))
         message = f"{joint}: integrated joint_vel is {slope:.3g} times the change of joint_pos"
         if VELOCITY_SLOPES[0] <= slope <= VELOCITY_SLOPES[1]:
-            yield Finding("info", "velocity", slope, message, joint=joint, row=0)
+            yield Finding("info", "velocity", slope, message, joint=joint)
             continue
         remedy = f"check its joint order, gear, sign and unit; correct it in the file, or {IN_MAP}: sign = -1 in "
         remedy += '[joints.….joint_vel], velocity = "deg/s" or "rpm"; or leave it out'
         message += f", outside {VELOCITY_SLOPES[0]} to {VELOCITY_SLOPES[1]} (correlation {correlation:.2f})"
         wrong = abs(correlation) > MIN_CORRELATION and (slope < 0.0 or slope > 5.0)  # sign, or deg/s, rpm
-        severity = "error" if wrong else "warning"
-        yield Finding(severity, "velocity", slope, message, remedy, joint, 0)
-
-
-def saturation(window: MotorLog) -> Iterator[Finding]:
-    """An angle that rests at its extreme for 0.1 s while the command continues beyond it by 10 % of its range.
-
-    Friction and dead band hold a joint after a reversal, too. So either the command is 2.5 times as far away as the RMS
-    of other errors; or the command of the lag before rises by 0.03 rad after the joint stopped.
-    """
-    joint, late = window.joint_names[0], lag_rows(window)
-    if late is not None:
-        late = min(late, int(0.1 / window.period))  # dead band and friction of slow motion cause longer lags
-    min_rows = max(5, round(0.1 / window.period) + 1)  # reversals are shorter
-    for sign in (1.0, -1.0):
-        command, angle = sign * window.position_target[:, 0], sign * window.joint_pos[:, 0]
-        at_top = runs_of_true(angle >= angle.max() - encoder_step(angle)).tolist()
-        runs = [slice(*run) for run in at_top if run[0] and run[1] - run[0] >= min_rows]
-        if runs := [run for run in runs if _at_end_stop(command, angle, run, late)]:
-            time = window.period * sum(run.stop - run.start - 1 for run in runs)
-            message = f"joint_pos/{joint} stays at its extreme {sign * angle.max():.4g} rad for {time:.2f} s in total "
-            remedy = "keep it if the limit is to be identified; otherwise command less, or delete these rows"
-            message += "while its command continues"
-            yield Finding("warning", "saturation", time, message, remedy, joint, runs[0].start)
-
-
-def _at_end_stop(command: np.ndarray, angle: np.ndarray, run: slice, late: int | None) -> bool:
-    """Whether the command continues beyond the highest angle, reached in ``run``; ``late`` is the lag in rows."""
-    top, travel, here = angle.max(), TRAVEL * np.ptp(command), command[run]
-    if here.max() - max(here.min(), top) <= travel:
-        return False
-    error = (command - angle)[(angle < top - 1e-6) & (angle > angle.min() + 1e-6)]
-    if not error.size or here.max() - top > 2.5 * np.sqrt(np.mean(error**2)):
-        return True
-    acting = command[max(0, run.start - (late or 0)) : max(1, run.stop - (late or 0))]
-    return late is not None and bool(acting.max() - max(acting[0], top) > max(travel, 0.03))
+        yield Finding("error" if wrong else "warning", "velocity", slope, message, remedy, joint)

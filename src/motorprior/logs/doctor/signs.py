@@ -74,14 +74,12 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     if square > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
         return
     names = " and ".join(log.joint_names[column] for column in joints)
-    message = (
-        f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained, and "
-        f"{1e3 * after:.1f} mrad with {names} reversed"
-    )
+    message = f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained,"
+    message += f" and {1e3 * after:.1f} mrad with {names} reversed"
     remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
     remedy += f"{IN_MAP} by sign and zero, or in the model"
     joint = names if len(joints) == 1 else None
-    yield Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint, 0)
+    yield Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint)
 
 
 def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

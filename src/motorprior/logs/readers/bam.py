@@ -19,31 +19,29 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_text
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, quoted
-from motorprior.files import read_text
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import CONDITIONS, MotorLog
 from motorprior.logs.validity import NUMBER, bad_value, checked
+from motorprior.robots.robot import Robot
 from motorprior.signals import runs_of_true
 
 GRAVITY = 9.81
-MAX_BYTES = 15_000_000
 _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
 
 
-def read_bam(path: Path) -> MotorLog:
-    """Read one recording.
-
-    Raises:
-        LogError: missing or damaged file, not JSON, an entry that is missing or not a finite number, times that do not
-            increase, or a torque that was never on.
-    """
-    content = _content(path)
-    entries = content["entries"]
+def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
+    """Read one recording; raises LogError, also if the torque was never on."""
+    try:
+        content = json.loads(read_text(path, LogError))
+        entries = content["entries"]
+        enabled = np.array([bool(entry.get("torque_enable", True)) for entry in entries])
+    except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
+        raise LogError(f"not JSON with a list of entries ({error})", where=path, remedy=_REMEDY) from error
     mass, length, kp = (_positive(content, name, path) for name in ("mass", "length", "kp"))
     arm = _positive(content, "arm_mass", path) if content.get("arm_mass") else 0.0
-    enabled = np.array([bool(entry.get("torque_enable", True)) for entry in entries])
     # where the torque is off, the goal may be null
     goals = [entry if on else entry | {"goal_position": 0.0} for entry, on in zip(entries, enabled, strict=True)]
     angle, measured = _column(entries, "position", path), _conditions(content)
@@ -57,21 +55,19 @@ def read_bam(path: Path) -> MotorLog:
         stated_kp=np.full_like(angle, kp), gain_unit="firmware", joint_names=("pendulum",), robot="pendulum",
         motor=str(content.get("motor", "")), source=str(path),
     )  # fmt: skip
-    return _with_torque(checked(log, where=path), enabled, path)
+    log = checked(log)
+    runs = [run for run in runs_of_true(enabled).tolist() if run[1] - run[0] >= 2]
+    if not runs:
+        raise LogError("the torque is off in every row", where=path, remedy="record with torque")
+    if enabled.all():
+        return log
+    rows = np.concatenate([np.arange(*run) for run in runs])
+    segment = np.repeat(np.arange(len(runs)), [stop - start for start, stop in runs])
+    source = f"{path} ({log.num_rows - len(rows)} rows without torque left out)"
+    return checked(replace(log.rows(rows), segment=segment, source=source))
 
 
-READER = LogReader("pendulum of Rhoban/bam", (".json", ".json.gz"), read=lambda path, robot: read_bam(path))
-
-
-def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(read_text(path, MAX_BYTES, LogError))
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"not JSON ({error})", where=path, remedy="copy the file again") from error
-    entries = content.get("entries") if isinstance(content, dict) else None
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        raise LogError("no list of entries", where=path, remedy=_REMEDY)
-    return content
+READER = LogReader("pendulum of Rhoban/bam", (".json", ".json.gz"), read=read_bam)
 
 
 def _conditions(content: dict[str, Any]) -> dict[str, Any]:
@@ -100,16 +96,3 @@ def _column(entries: list[dict[str, Any]], name: str, path: Path) -> np.ndarray:
         if not is_number(value):
             raise bad_value(row, name, value, NUMBER, path, _REMEDY)
     return np.array(values, dtype=np.float64)[:, None]
-
-
-def _with_torque(log: MotorLog, enabled: np.ndarray, path: Path) -> MotorLog:
-    """Only the rows with the torque on, in runs of at least two."""
-    if enabled.all():
-        return log
-    runs = [run for run in runs_of_true(enabled).tolist() if run[1] - run[0] >= 2]
-    if not runs:
-        raise LogError("the torque is off in every row", where=path, remedy="record with torque")
-    rows = np.concatenate([np.arange(*run) for run in runs])
-    segment = np.repeat(np.arange(len(runs)), [stop - start for start, stop in runs])
-    source = f"{path} ({log.num_rows - len(rows)} rows without torque left out)"
-    return checked(replace(log.rows(rows), segment=segment, source=source), where=path)

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import read_text
 from motorprior.exceptions import LogError, quoted
-from motorprior.files import read_text
-from motorprior.logs.column_map import ColumnMap, MappedJoint
-from motorprior.logs.column_units import SCALES, Conversion
+from motorprior.logs.column_map import SCALES, ColumnMap, Conversion, MappedJoint
 from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.tables import table_columns
@@ -31,15 +30,7 @@ _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and obs
 
 
 def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read a dataset; every episode is a segment.
-
-    Args:
-        path: the folder that holds ``meta`` and ``data``.
-        robot: gives the order of the joints if it has these joints.
-
-    Raises:
-        LogError: a missing or damaged file, missing rows, or actions that are not positions of the same joints.
-    """
+    """Read the folder of a dataset; a robot gives the order of the joints if it has these joints."""
     info = _info(path)
     names = _joint_names(info, ACTION, path)
     if names != (state := _joint_names(info, STATE, path)):
@@ -59,11 +50,10 @@ def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
 
 
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    """Columns of all files of a dataset."""
     info, found = _info(path), sorted(path.glob("data/chunk-*/file-*.parquet"))
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
-    parts = [table_columns(file, names, columns.time, columns.posture_column) for file in found]
+    parts = [table_columns(file, names, columns.time) for file in found]
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     rows = len(table[names[0]])
     if (total := info.get("total_frames", rows)) != rows:
@@ -86,7 +76,7 @@ READER = LogReader(
 def _info(path: Path) -> dict[str, Any]:
     where = path / INFO
     try:
-        info = json.loads(read_text(where, 10_000_000, LogError))
+        info = json.loads(read_text(where, LogError))
     except (ValueError, RecursionError) as error:
         raise LogError(f"not JSON ({error})", where=where, remedy=_REMEDY) from error
     version = str(info.get("codebase_version")) if isinstance(info, dict) else ""

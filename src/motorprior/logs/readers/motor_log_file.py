@@ -20,6 +20,7 @@ from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
 from motorprior.logs.tables import parquet_table
 from motorprior.logs.validity import checked, missing_column
+from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 
 SCHEMA_VERSION = 3
@@ -49,11 +50,7 @@ _HEADER = Schema(
 
 
 def write_log(path: str | Path, log: MotorLog) -> None:
-    """Check the log and write it atomically.
-
-    Args:
-        path: a .parquet file.
-        log: in SI units.
+    """Check a log in SI units and write it to a .parquet file, atomically.
 
     Raises:
         LogError: as `checked`.
@@ -82,12 +79,10 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         pq.write_table(table, temporary, compression="zstd", row_group_size=2**20)
 
 
-def read_parquet(path: str | Path) -> MotorLog:
-    """Read the file of `write_log`; every float64 is restored bit for bit.
+def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
+    """Read the file of `write_log`, which states its robot; every float64 is restored bit for bit.
 
-    Raises:
-        LogError: missing or truncated file, another schema version, unit or sign convention, a missing column, or
-            values that `checked` rejects.
+    Raises LogError for another file, schema version, unit or sign convention, or a log that `checked` rejects.
     """
     path = Path(path)
     if path.suffix != ".parquet":
@@ -97,14 +92,16 @@ def read_parquet(path: str | Path) -> MotorLog:
     header = _read_header(table.schema.metadata, path)
     values: dict[str, Any] = {}
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():
-        columns = [_column(table, name, path) for name in names]
+        if missing := [name for name in names if name not in table.column_names]:
+            raise missing_column("column", missing[0], table.column_names, path, REWRITE)
+        columns = [table.column(name).to_numpy() for name in names]
         values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
     values |= {key: header[key] for key in _TEXTS}
     log = MotorLog(joint_names=tuple(header["joint_names"]), firmware=header.get("firmware", {}), **values)
     return checked(log, where=path)
 
 
-READER = LogReader("motor log", (".parquet",), read=lambda path, robot: read_parquet(path))
+READER = LogReader("motor log", (".parquet",), read=read_parquet)
 
 
 def _column_names(present: list[str], joint_names: list[str] | tuple[str, ...]) -> dict[str, list[str]]:
@@ -128,14 +125,6 @@ def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, A
     try:
         header = parse_json(text.decode())
         _HEADER.check(header, path)
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"its header is not JSON ({error})", where=path, remedy=REWRITE) from error
-    except ArtifactError as error:
-        raise LogError(error.problem, where=path, remedy=REWRITE) from error
+    except (ValueError, ArtifactError) as error:
+        raise LogError(f"bad header: {error}", where=path, remedy=REWRITE) from error
     return header
-
-
-def _column(table: Any, name: str, path: Path) -> np.ndarray:
-    if name not in table.column_names:
-        raise missing_column("column", name, table.column_names, path, REWRITE)
-    return table.column(name).to_numpy()

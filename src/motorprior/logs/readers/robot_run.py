@@ -44,14 +44,9 @@ def read_robot_run(
     """Read the rows of a recording with certain activities.
 
     A pause, or another activity, starts a new segment; segments of fewer than 4 rows are dropped. If the robot sent
-    currents, joint_torque = current · torque constant: the motor's own estimate, without gear friction.
-
-    Args:
-        path: the recording.
-        robot: the recorded robot.
-        modes: activities of the rows to read.
-        period: put every segment on this grid [s]: angles by cubic splines, velocities as their derivatives, and as
-            command the mean of the targets in force during each step. As recorded if not given.
+    currents, joint_torque = current · torque constant: the motor's own estimate, without gear friction. With a
+    ``period`` [s], every segment is put on this grid: angles by cubic splines, velocities as their derivatives, and as
+    command the mean of the targets in force during each step.
 
     Raises:
         LogError: not a recording, damaged before its last line, no row of these activities, time that does not
@@ -71,20 +66,17 @@ def read_robot_run(
     parts = [table[rows & (segment == index)] for index in np.unique(segment[rows])]
     if period is not None:
         parts = [_on_grid(part, period, robot.num_joints, path) for part in parts]
-    return checked(_as_log(parts, columns, robot, path), where=path)
-
-
-def _as_log(parts: list[np.ndarray], columns: tuple[str, ...], robot: Robot, path: Path) -> MotorLog:
     table, joints = np.concatenate(parts), robot.num_joints
     *series, body = np.split(table[:, 3:], range(joints, len(columns) - 3, joints), axis=1)
     current = series[3] if len(series) > 3 else None
-    return MotorLog(
+    log = MotorLog(
         time=table[:, 0], position_target=series[0], joint_pos=series[1], joint_vel=series[2],
         joint_torque=None if current is None else robot.require_wire().torque_constant * current,
         segment=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
         base_orientation=body[:, :2], joint_names=robot.joint_names, robot=robot.name, motor=robot.motor,
         source=str(path), encoder=robot.encoder,
     )  # fmt: skip
+    return checked(log)
 
 
 def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.ndarray:

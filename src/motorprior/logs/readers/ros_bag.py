@@ -38,16 +38,10 @@ _STEP = re.compile(r"([A-Za-z]\w*)(?:\[([^\[\]]+)\])?", re.ASCII)
 _RECOVER = "repair it with `mcap recover`, or copy it again from its source"
 _REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE}; or read the bag {GIVE_COLUMNS}"
 
-Steps = list[tuple[str, str | None]]  # fields with their list elements, from a message to a number
-
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
-    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages.
-
-    Raises:
-        LogError: the extra `ros` is not installed, another storage than MCAP, or a damaged file, at opening or reading.
-    """
+    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
     if path.is_dir():
         path = max(_files(path), key=lambda file: file.suffix == ".mcap")
         if path.suffix != ".mcap":
@@ -83,23 +77,8 @@ def _files(folder: Path) -> list[Path]:
     return sorted(entry for entry in folder.iterdir() if entry.suffix in (".mcap", ".db3"))
 
 
-def _is_bag(path: Path) -> bool:
-    """Whether a path is a file, or the folder of a bag with a single file; with several, it is a folder of logs."""
-    if not path.is_dir():
-        return True
-    return (path / "metadata.yaml").is_file() and len(_files(path)) == 1
-
-
 def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read a bag with one topic of states and one of commands, both JointState.
-
-    Args:
-        path: a .mcap file, or the folder that holds one.
-        robot: gives robot, motor and order of the joints if it has these joints.
-
-    Raises:
-        LogError: as `_opened`; not exactly one topic of each; a command for a joint without states.
-    """
+    """Read a bag with one topic of states and one of commands; a robot gives order and motor if it has these joints."""
     with _opened(path) as (reader, types):
         topics = [topic for topic, kind in types.items() if kind == JOINT_STATE]
         first = {topic: message for each in topics for topic, _, message in islice(_messages(reader, [each]), 1)}
@@ -126,48 +105,37 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
 
 
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    """Name -> (rows,) float64, CLOCK in seconds since the first row; names topic, message and field of an error."""
-    wanted: dict[str, dict[str, Steps]] = {}
-    numbers = [name for name in dict.fromkeys(names) if name != CLOCK]
-    for name in numbers:
-        topic, steps = _parsed(name, path)
-        wanted.setdefault(topic, {})[name] = steps
+    """Name -> (rows,) float64, CLOCK in seconds since the first row; names topic, message and field of an error.
+
+    Rows begin when every topic has a message.
+    """
+    parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
     row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
+    times, values, latest = array("q"), array("d"), {}
+    count = dict.fromkeys((topic for topic, _ in parsed.values()), 0)
     with _opened(path) as (reader, types):
-        for topic in wanted.keys() - types.keys():
+        for topic in count.keys() - types.keys():
             raise missing_column("topic", topic, types, path)
-        times, table = _rows(_messages(reader, wanted), wanted, row_topic, numbers, path)
-    found = dict(zip(numbers, table.T, strict=True)) | {CLOCK: 1e-9 * (times - times[:1])}
+        for topic, time, message in _messages(reader, count):
+            for name in (name for name, (of, _) in parsed.items() if of == topic):
+                try:
+                    latest[name] = _number(message, parsed[name][1])
+                except (AttributeError, LookupError, TypeError, ValueError) as error:
+                    problem = f"message {count[topic]} has no number {quoted(name, 120)} ({str(error)[:120]})"
+                    raise LogError(problem, where=path, remedy=CORRECT) from error
+            count[topic] += 1
+            if topic == row_topic and len(latest) == len(parsed):
+                times.append(time)
+                values.extend(latest[name] for name in parsed)
+    if silent := [topic for topic, messages in count.items() if not messages]:
+        raise LogError(f"no message of {quoted(silent[0])}", where=path, remedy=CORRECT)
+    table, clock = np.array(values).reshape(len(times), len(parsed)), np.array(times)
+    found = dict(zip(parsed, table.T, strict=True)) | {CLOCK: 1e-9 * (clock - clock[:1])}
     return {name: found[name] for name in names}
 
 
-def _rows(
-    messages: Iterator[tuple[str, int, Any]], wanted: dict[str, dict[str, Steps]], row_topic: str, names: list[str],
-    path: Path,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Times (rows,) [ns] and numbers (rows, names), from the first row for which every topic has a message."""
-    times, values = array("q"), array("d")
-    latest: dict[str, float] = {}
-    count = dict.fromkeys(wanted, 0)
-    for topic, time, message in messages:
-        for name, steps in wanted[topic].items():
-            try:
-                latest[name] = _number(message, steps)
-            except (AttributeError, LookupError, TypeError, ValueError) as error:
-                problem = f"message {count[topic]} has no number {quoted(name, 120)} ({str(error)[:120]})"
-                raise LogError(problem, where=path, remedy=CORRECT) from error
-        count[topic] += 1
-        if topic == row_topic and len(latest) == len(names):
-            times.append(time)
-            values.extend(latest[name] for name in names)
-    if silent := [topic for topic, messages in count.items() if not messages]:
-        raise LogError(f"no message of {quoted(silent[0])}", where=path, remedy=CORRECT)
-    table = np.frombuffer(values, dtype=np.float64).reshape(len(times), len(names))
-    return np.frombuffer(times, dtype=np.int64), table
-
-
-def _parsed(name: str, path: Path) -> tuple[str, Steps]:
-    """Topic, and the path through its messages."""
+def _parsed(name: str, path: Path) -> tuple[str, list[tuple[str, str | None]]]:
+    """Topic, and the path from a message to a number: fields with their list elements."""
     topic, colon, text = name.partition(":")
     steps = [_STEP.fullmatch(step) for step in _POINT.split(text)]
     if not (topic and colon and all(steps)):
@@ -176,7 +144,7 @@ def _parsed(name: str, path: Path) -> tuple[str, Steps]:
     return topic, [(step[1], step[2]) for step in steps if step]
 
 
-def _number(message: Any, steps: Steps) -> float:
+def _number(message: Any, steps: list[tuple[str, str | None]]) -> float:
     value = message
     for attribute, element in steps:
         value = getattr(value, attribute)
@@ -197,4 +165,11 @@ def _index(message: Any, element: str) -> int:
     return names.index(element)
 
 
-READER = LogReader("ROS 2 bag", (".mcap", FOLDER), _is_bag, read_ros_bag, _columns)
+READER = LogReader(
+    "ROS 2 bag",
+    (".mcap", FOLDER),
+    # a folder with several files is a folder of logs
+    lambda path: path.is_file() or ((path / "metadata.yaml").is_file() and len(_files(path)) == 1),
+    read_ros_bag,
+    _columns,
+)

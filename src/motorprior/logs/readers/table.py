@@ -5,18 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-
 from motorprior.exceptions import LogError, listed
-from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.tables import csv_names, table_columns
 
 _NUMBER = re.compile(r"[-+.,\d]*(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
-
-
-def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    return table_columns(path, names, columns.time, columns.posture_column)
 
 
 def _unmapped(path: Path) -> str:
@@ -27,4 +20,9 @@ def _unmapped(path: Path) -> str:
     return f"a table of unknown format; its first line is {found}"
 
 
-READER = LogReader("table", (".csv", ".csv.gz", ".parquet"), columns=_columns, unmapped=_unmapped)
+READER = LogReader(
+    "table",
+    (".csv", ".csv.gz", ".parquet"),
+    unmapped=_unmapped,
+    columns=lambda path, names, columns: table_columns(path, names, columns.time),
+)

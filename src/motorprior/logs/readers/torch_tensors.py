@@ -1,7 +1,4 @@
-"""Files of tensors (``.pt`` of torch.save), read by a column map without PyTorch.
-
-Such a file is a zip of a pickle, with names, types and shapes, and of raw numbers.
-"""
+"""Files of tensors (``.pt`` of torch.save), zips of a pickle and raw numbers, read by a column map without PyTorch."""
 
 from __future__ import annotations
 
@@ -13,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.artifacts import require_file
 from motorprior.exceptions import LogError, quoted
-from motorprior.files import load_pickle, numpy_names, require_file
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
+from motorprior.logs.pickles import load_pickle
 from motorprior.logs.tables import element_of, unreadable
 from motorprior.logs.validity import CORRECT, missing_column
 
-MAX_BYTES = 500_000_000
 _TYPES = {
     "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8", "IntStorage": "i4",
     "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1", "BoolStorage": "b1", "BFloat16Storage": "bfloat16",
@@ -29,11 +26,7 @@ _SAVE = "save a dict of tensors by torch.save"
 
 
 def tensor_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    """Read columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` is column 2 of a tensor (T, J).
-
-    Raises:
-        LogError: not a complete file of tensors, a pickle with disallowed content, a missing key or a wrong shape.
-    """
+    """Columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` is column 2 of a tensor (T, J)."""
     content, found = _content(path), {}
     for name in names:
         key, index = element_of(name)
@@ -54,21 +47,17 @@ def _unmapped(path: Path) -> str:
     return f"unmapped tensors: {', '.join(f'{quoted(key)} {shape}' for key, shape in list(shapes.items())[:8])}"
 
 
-READER = LogReader("tensors", (".pt",), columns=tensor_columns, unmapped=_unmapped)
-
-
 def _content(path: Path) -> dict[Any, Any]:
     """The dictionary of the file's pickle, with arrays for tensors."""
-    if require_file(path, LogError) > MAX_BYTES:
-        raise LogError(f"more than {MAX_BYTES} bytes", where=path, remedy="split the recording")
+    require_file(path, LogError)
     try:
         with zipfile.ZipFile(path) as archive:
-            found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
-            # torch.save does not compress, a zip bomb does
-            if len(found) != 1 or any(each.compress_type != zipfile.ZIP_STORED for each in archive.infolist()):
-                raise LogError("not a file of torch.save", remedy=_SAVE)
+            files = archive.namelist()
+            found = [name for name in files if name.split("/")[1:] == ["data.pkl"]]
+            if len(found) != 1:
+                raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
             folder = found[0].removesuffix("data.pkl")
-            marked = f"{folder}byteorder" in archive.namelist() and archive.read(f"{folder}byteorder").strip()
+            marked = f"{folder}byteorder" in files and archive.read(f"{folder}byteorder").strip()
             order = ">" if marked == b"big" else "<"
 
             def storage(reference: Any) -> np.ndarray:
@@ -78,22 +67,14 @@ def _content(path: Path) -> dict[Any, Any]:
                     raise LogError(problem, remedy="save them as float32, by tensor.float()")
                 return np.frombuffer(archive.read(f"{folder}data/{reference[2]}"), dtype=order + reference[1])
 
-            content = load_pickle(archive.read(found[0]), numpy_names() | _torch_names(), storage)
-    except LogError as error:
-        raise LogError(error.problem, where=path, remedy=error.remedy) from error
+            content = load_pickle(archive.read(found[0]), _NAMES, storage, path)
+    except LogError:
+        raise
     except Exception as error:  # damaged zip files raise many types
         raise unreadable(path, error) from error
     if not isinstance(content, dict):
         raise LogError(f"it holds a {type(content).__name__}", where=path, remedy=_SAVE)
     return content
-
-
-def _torch_names() -> dict[tuple[str, str], Any]:
-    return {
-        ("torch._utils", "_rebuild_tensor_v2"): _view,
-        ("collections", "OrderedDict"): collections.OrderedDict,
-        **{("torch", name): code for name, code in _TYPES.items()},
-    }
 
 
 def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
@@ -103,3 +84,11 @@ def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple
         raise LogError(f"a tensor of size {size}, stride {stride} does not fit {numbers.nbytes} bytes", remedy=_SAVE)
     steps = [numbers.itemsize * step for step in stride]
     return np.lib.stride_tricks.as_strided(numbers[offset:], size, steps, writeable=False)
+
+
+READER = LogReader("tensors", (".pt",), columns=tensor_columns, unmapped=_unmapped)
+_NAMES: dict[tuple[str, str], Any] = {
+    ("torch._utils", "_rebuild_tensor_v2"): _view,
+    ("collections", "OrderedDict"): collections.OrderedDict,
+    **{("torch", name): code for name, code in _TYPES.items()},
+}

@@ -27,11 +27,7 @@ def urdf(armature: np.ndarray | None = None, com_shift: tuple[float, float, floa
     URDF has no reflected inertia. For positive ``armature`` the joint gets a second one, ``<leg>_<joint>_rotor``, on
     the same parent and axis, whose link is the rotor: inertia armature/ratio², to be geared ratio:1 to the joint. Its
     kinetic energy is ½·armature·(joint_vel + ω/ratio)², with the parent's rotation ω; for a high ratio that is MuJoCo's
-    ½·armature·joint_vel².
-
-    Args:
-        armature: (12,) [kg·m²]; zero if not given.
-        com_shift: added to the chassis' centre of mass [m].
+    ½·armature·joint_vel². ``armature`` is (12,) [kg·m²]; ``com_shift`` is added to the chassis' centre of mass [m].
     """
     text = _FILE.read_text()
     com = [float(value) for value in _CHASSIS_COM.findall(text)[0].split()]
