@@ -19,7 +19,6 @@ import numpy as np
 from motorprior.bounds import first_not_finite
 from motorprior.exceptions import ArtifactError, MotorPriorError
 
-
 MAX_BYTES = 1_000_000_000  # of a file, and of an unpacked one; each is held in memory
 
 

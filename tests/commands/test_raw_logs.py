@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from swinging_bars import INERTIA, swing, write_table
-from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt
+from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import LogError
@@ -21,10 +21,11 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
-    paths = (write_bam(tmp_path), write_lerobot(tmp_path))
+    paths = (write_bam(tmp_path), write_sage(tmp_path), write_lerobot(tmp_path))
     import_logs(LogsImport(paths, tmp_path / "out", period=None))
-    names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "dataset")]
-    assert names == [("pendulum",), JOINTS]
+    names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "motion", "dataset")]
+    assert names == [("pendulum",), JOINTS, JOINTS]
+    np.testing.assert_array_equal(read_parquet(tmp_path / "out" / "motion.parquet").joint_pos, ANGLE)
 
 
 @pytest.mark.parametrize("write", [write_pt, write_csv])

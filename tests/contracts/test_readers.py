@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from third_party_files import csv_columns, write_bam, write_csv, write_lerobot, write_pt
+from third_party_files import csv_columns, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs import read_log as registry
@@ -41,6 +41,7 @@ def write_rows(path: Path, columns: tuple[str, ...], mode: float = 0.0) -> Path:
 SAMPLES = {
     "motor log": write_motor_log,
     "pendulum of Rhoban/bam": write_bam,
+    "motion of isaac-sim2real/sage": write_sage,
     "dataset of LeRobot": write_lerobot,
     "table": write_csv,
     "tensors": write_pt,

@@ -5,6 +5,7 @@ import io
 import json
 import pickle
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,25 @@ def write_bam(folder: Path, **changes: Any) -> Path:
     whole = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330", "entries": entries} | changes
     path = folder / "swing.json.gz"
     path.write_bytes(gzip.compress(json.dumps(whole).encode()))
+    return path
+
+
+def write_sage(
+    folder: Path,
+    control_late: float = 0.0,
+    joints: Sequence[str] = JOINTS,
+    target: np.ndarray = TARGET,
+    angle: np.ndarray = ANGLE,
+) -> Path:
+    path = folder / "motion"
+    path.mkdir(exist_ok=True)
+    (path / "joint_list.txt").write_text("\n".join(joints) + "\n")
+    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, target.tolist(), strict=True)]
+    zeros = [0.0] * len(joints)
+    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, angle.tolist(), strict=True)]
+    (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
+    header = "type,timestamp,positions,velocities,torques"
+    (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")
     return path
 
 

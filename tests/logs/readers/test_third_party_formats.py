@@ -19,6 +19,7 @@ from third_party_files import (
     write_bam,
     write_lerobot,
     write_pt,
+    write_sage,
     write_tensors,
 )
 
@@ -75,6 +76,17 @@ def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
         read_log(write_bam(tmp_path, entries=[entry | {"torque_enable": False} for entry in whole]))
 
 
+def test_a_folder_of_sage_is_merged(tmp_path: Path):
+    log = read_log(write_sage(tmp_path), PUPPER_V2)
+    assert log.joint_names == JOINTS and log.joint_torque is None
+    np.testing.assert_allclose(log.time, TIME, atol=1e-12)
+    np.testing.assert_array_equal(log.joint_pos, ANGLE)
+    np.testing.assert_array_equal(log.position_target, TARGET)
+    late = read_log(write_sage(tmp_path, control_late=0.005))
+    np.testing.assert_array_equal(late.position_target, TARGET[:-1])
+    np.testing.assert_array_equal(late.joint_pos, ANGLE[1:])
+
+
 def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     log = read_log(write_lerobot(tmp_path), PUPPER_V2)
     assert (log.joint_names, log.robot) == (JOINTS, "arm")
@@ -85,13 +97,14 @@ def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     np.testing.assert_array_equal(read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1])
 
 
-def test_lerobot_records_the_acceleration_that_the_driver_writes(tmp_path: Path):
+def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_path: Path):
     assert read_log(write_lerobot(tmp_path)).firmware == {}
     info = tmp_path / "dataset" / "meta" / "info.json"
     info.write_text(json.dumps(json.loads(info.read_text()) | {"robot_type": "so101_follower"}))
     told = read_log(tmp_path / "dataset").firmware
     assert told == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
     assert told == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
+    assert read_log(write_sage(tmp_path)).firmware == {}, "joints of another robot"
 
 
 def test_a_lerobot_dataset_must_be_complete_and_of_joint_positions(tmp_path: Path):
@@ -143,6 +156,8 @@ def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp
 
 
 def test_the_original_files_hold_what_their_tables_hold(shared_data: Path):
+    motion = read_log(shared_data / "so101" / "original" / "step_response")
+    same(motion, read_log(shared_data / "so101" / "step_response.csv.gz", columns="so101_sage"), 6e-7)
     tensors = read_log(shared_data / "go2" / "traj_0.pt", columns="go2_tensors")
     table = read_log(shared_data / "go2" / "traj_0.csv.gz", columns="go2_identification")
     same(tensors, table, 6e-6)
