@@ -53,12 +53,12 @@ class GearedMotor:
     def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z) at these conditions."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
-        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), np, self.terms, conditions)
+        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)
 
 
 def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
     """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
-    return np.stack([row for row in step_constants(values, physics_dt, np, terms) if row is not None])
+    return np.stack([row for row in step_constants(values, physics_dt, terms) if row is not None])
 
 
 def memory_rows(physics_dt: float) -> int:

@@ -1,12 +1,11 @@
-"""Constants of a geared servo motor: from decoder outputs to the constants of steps of a given length.
-
-For numpy and JAX, like the step itself (`geared_motor_step`).
-"""
+"""Constants of a geared servo motor: from decoder outputs to the constants of steps of a given length."""
 
 from __future__ import annotations
 
 from collections import namedtuple
 from typing import Any
+
+import numpy as np
 
 from motorprior.actuator.optional_terms import (
     COLD,
@@ -51,21 +50,21 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
     return PARAMETERS + constants_of(terms)
 
 
-def decode(raw: Values, xp: Any, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, Values]:
-    """Constants by name, each (…), from decoder outputs (…, P); the array module ``xp`` is numpy or jax.numpy.
+def decode(raw: np.ndarray, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, np.ndarray]:
+    """Constants by name, each (…), from decoder outputs (…, P).
 
     exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY. ``conditions`` are
     numbers or (…).
     """
     values = {
-        name: SIGNED[name] * raw[..., row] if name in SIGNED else xp.exp(raw[..., row])
+        name: SIGNED[name] * raw[..., row] if name in SIGNED else np.exp(raw[..., row])
         for row, name in enumerate(parameters_of(terms))
     }
-    values["delay"] = xp.minimum(values["delay"], MAX_DELAY)
+    values["delay"] = np.minimum(values["delay"], MAX_DELAY)
     for name, constant in CONSTANTS.items():
         if constant.max and name in values:
-            values[name] = xp.clip(values[name], -constant.max, constant.max)
-    return at_conditions(conditions, values, xp)
+            values[name] = np.clip(values[name], -constant.max, constant.max)
+    return at_conditions(conditions, values)
 
 
 def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
@@ -78,23 +77,23 @@ def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
     return {f"{name}{PER_LOGGED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
 
 
-def step_constants(values: dict[str, Values], h: float, xp: Any, terms: tuple[str, ...] = ()) -> StepConstants:
-    """Constants for steps of ``h`` [s] from constants by name; ``xp`` as in `decode`.
+def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ...] = ()) -> StepConstants:
+    """Constants for steps of ``h`` [s] from constants by name.
 
     A filter with time constant T has the gain 1 - exp(-h/T) per step; its mean over the step has the gain
     1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get constants without effect.
     """
     steps = h / values["velocity_filter"]
-    gain = -xp.expm1(-steps)
+    gain = -np.expm1(-steps)
     same = {name: values[name] for name in PARAMETERS if name in _BASE}
     changed = {
         "kd": values["kp"] * values["kd_over_kp"],
         "filter_gain": gain,
         "delay": values["delay"] / h,
-        "gear_stiffness": xp.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
+        "gear_stiffness": np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
         "half_backlash": 0.5 * values["backlash"],
-        "gear_damping": xp.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
+        "gear_damping": np.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
         "mean_filter_gain": 1.0 - gain / steps,
     }
-    optional = step_rows(terms, values, h, xp.zeros_like(gain), xp) if terms else {}
+    optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
     return StepConstants(**(same | changed | optional))

@@ -1,7 +1,7 @@
 """One step of a servo motor with rotor, dry friction and gear, as one formula for every arithmetic.
 
 The formula needs ``+ - * / abs > < |`` and the functions of an `Arithmetic`. It runs on lanes of compiled code
-(`geared_motor`), JAX (training) and numpy (tests), and imports none of them.
+(`geared_motor`) and on numpy (tests), and imports neither.
 
 All quantities are at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to
 t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except for EXTRA_DAMPING the step is
@@ -29,11 +29,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motorprior.actuator.geared_motor_constants import StepConstants, Values
-from motorprior.actuator.optional_terms import REFERENCE, STATE_ROWS, TERMS, profiled, within_voltage
+from motorprior.actuator.optional_terms import STATE_ROWS, TERMS, profiled, within_voltage
 
 EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
-_TINY = 1e-12  # keeps the derivative of a root at 0 finite
 
 
 class Arithmetic(NamedTuple):
@@ -47,32 +46,11 @@ class Arithmetic(NamedTuple):
     sqrt: Callable[[Values], Values]  # of numbers >= 0
 
 
-def array_arithmetic(xp: Any) -> Arithmetic:
-    """The arithmetic of an array module, numpy or jax.numpy.
-
-    Its sign of 0 is 0, so that the derivative of a static rotor by its impulse is defined, and 0.
-    """
-    return Arithmetic(
-        where=xp.where,
-        indicator=lambda condition: 1.0 * condition,
-        clip=lambda x, limit: xp.clip(x, -limit, limit),
-        positive_part=lambda x: xp.maximum(x, 0.0),
-        with_sign_of=lambda magnitude, other: xp.sign(other) * magnitude,
-        sqrt=lambda x: xp.sqrt(x + _TINY),
-    )
-
-
 # State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
 # engine at the previous step; the rows of optional terms follow, only if there are any
 _BASE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
 BASE_STATE = len(_BASE)
 MotorState = namedtuple("MotorState", (*_BASE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
-
-
-def initial_state(target: Values, joint_pos: Values, joint_vel: Values, zero: Values, has_terms: bool) -> MotorState:
-    """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
-    optional = {name: target if name == REFERENCE else zero for name in STATE_ROWS} if has_terms else {}
-    return MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero, **optional)
 
 
 def step(
