@@ -14,8 +14,7 @@ from motorprior.commands import validate_log
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate_log import TRAINED_ON, ValidateLog, run_validate_log
 from motorprior.identification import fit_prior as identify
-from motorprior.identification.fit_prior import fit_prior
-from motorprior.identification.prior_file import trained_on
+from motorprior.identification.fit_prior import fit_prior, trained_on
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import Lines

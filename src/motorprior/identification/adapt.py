@@ -13,8 +13,9 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import LogError, listed
+from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.presets import Preset, recipe_of
-from motorprior.identification.prior_file import require_adaptable, trained_on
+from motorprior.identification.prior_file import require_adaptable
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from motorprior.identification import presets
-from motorprior.identification.evaluation.errors import MotorModel, fitted_tuned_pd
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.evaluation.free_runs import MotorModel
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import Preset
-from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Progress, WithoutNotes
 
 if TYPE_CHECKING:  # here and in functions: scipy's optimizers take half a second
-    from motorprior.identification.baselines.response_models import ResponseMotors
+    pass
 
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
@@ -76,20 +76,3 @@ def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Pres
     for _, recipe in recipes.values():
         window_starts(tuple(log.segment_slices()), recipe, log.source)
     return recipes
-
-
-def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
-    """pure_delay, second_order and servo_limits.
-
-    They need no load: without one, a function of the joint's angle represents gravity.
-
-    Raises:
-        LogError: another sample period, or no segment that is long enough.
-    """
-    from motorprior.identification.baselines.response_fit import RESTARTS, fit_responses
-    from motorprior.identification.baselines.response_models import MODELS
-
-    gravity = "angle" if log.external_torque is None else "torque"
-    runs = whole_runs(with_some_load(log), preset)
-    with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
-        return fit_responses(runs, gravity, seed, task.advance, log.firmware)

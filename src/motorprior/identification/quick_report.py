@@ -12,20 +12,26 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import motor_constants
-from motorprior.identification.evaluation.errors import (
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.evaluation.errors import LogErrors, whole_runs
+from motorprior.identification.evaluation.free_runs import (
     FREE_RUN,
     WHOLE_RUN,
-    LogErrors,
     MotorModel,
-    fitted_tuned_pd,
+    Trace,
     free_run_errors,
     free_runs,
-    whole_runs,
+    traces,
 )
-from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, UNIDENTIFIED, WHOLE_RUN_RMSE
-from motorprior.identification.evaluation.traces import Trace, traces
+from motorprior.identification.evaluation.log_tables import (
+    CONSTANT,
+    FREE_RUN_RMSE,
+    UNIDENTIFIED,
+    WHOLE_RUN_RMSE,
+    error_results,
+)
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.log_baselines import fitted_responses
 from motorprior.identification.physics.identifiability import identifiable_constants
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset, recipe_of
@@ -80,7 +86,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     names = UNITS.keys() - ({"kp", "kd_over_kp"} if prior.model.gain_unit else set())  # logged gains are not fitted
     constants = {name: values for name, values in motor_constants(prior, train, prior.mean).items() if name in names}
     identified = _identified(prior, train, constants)
-    results = whole.results(WHOLE_RUN_RMSE) + short.results(FREE_RUN_RMSE)
+    results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
     results += _constant_results({name: constants[name] for name in identified}, UNITS, train.joint_names)
     results += Results.of(
         Result(f"{CONSTANT}{name}", UNITS[name], float(np.median(values)), statistic=UNIDENTIFIED)
@@ -103,7 +109,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickRep
     fitted = dict(zip(CONSTANTS, models["servo_limits"].constants.T, strict=True))
     constants = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
     units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
-    results = errors.results(WHOLE_RUN_RMSE) + _constant_results(constants, units, train.joint_names)
+    results = error_results(errors, WHOLE_RUN_RMSE) + _constant_results(constants, units, train.joint_names)
     return results, drawn, []
 
 

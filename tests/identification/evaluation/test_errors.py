@@ -13,18 +13,10 @@ from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.evaluation.errors import (
-    FREE_RUN,
-    WHOLE_RUN,
-    LogErrors,
-    MotorModel,
-    fitted_tuned_pd,
-    free_run_errors,
-    free_runs,
-    log_warnings,
-    replay_errors,
-)
-from motorprior.identification.evaluation.log_tables import MAX_ERROR, capped, error_table
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.evaluation.errors import MAX_ERROR, LogErrors, capped, log_warnings, replay_errors
+from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, free_run_errors, free_runs
+from motorprior.identification.evaluation.log_tables import error_results, error_table
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.training_data.windows import TrainingData
@@ -79,7 +71,7 @@ def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log
     assert capped(np.array([[np.nan, 2.0]]), np.array([[1.0, 5.0]])).tolist() == [[1.0, 2.0]]
     unstable = IdealPd.uniform(MOTORS, -50.0, 0.0, 1e9)
     found = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
-    rows = LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}).results("e")
+    rows = error_results(LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}), "e")
     assert error_table(rows, {"e": "all"})[1] == [["unstable", "diverged", "diverged", "diverged (motor_000)"]]
 
 
@@ -154,7 +146,7 @@ def a_log(moving: list[bool]) -> MotorLog:
 def test_joints_that_are_not_excited_do_not_count():
     logs = {"a": a_log([True, False]), "b": a_log([True, True])}
     errors = LogErrors.of(logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}])
-    rows = errors.results("e")
+    rows = error_results(errors, "e")
     assert rows.value(part=None, log=None) == pytest.approx(0.005)
     assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
     assert errors.median_and_max("prior") == [(1, 0), (1, 1)]

@@ -8,8 +8,7 @@ from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance, latent_search
-from motorprior.identification.networks.network import export, initial_parameters
-from motorprior.identification.networks.network_problem import tiled_windows
+from motorprior.identification.networks.objectives import export, initial_parameters, tiled_windows
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData
 

@@ -6,11 +6,7 @@ import pytest
 
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import NetworkActuator, scaled_torque
-from motorprior.identification.networks.network import (
-    export,
-    initial_parameters,
-    motor_bias,
-)
+from motorprior.identification.networks.objectives import export, initial_parameters, motor_bias
 from motorprior.identification.presets import PRESETS
 
 SCALES = {"error_scale": 0.15, "velocity_scale": 3.0, "torque_scale": 0.7, "torque_limit": 50.0}

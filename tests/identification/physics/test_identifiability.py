@@ -12,7 +12,7 @@ from motorprior.identification.physics.identifiability import (
     unidentifiable_limits,
     unknown_torque_scale,
 )
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, grey_box
+from motorprior.identification.physics.motor_problem import INITIAL_MOTOR, TORQUES, encoded, grey_box
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import POS, VEL, Measured, TrainingData

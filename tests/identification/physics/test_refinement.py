@@ -8,9 +8,8 @@ import pytest
 
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_fit import longer_runs, refined
-from motorprior.identification.physics.motor_problem import motor_search
+from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import Measured, TrainingData

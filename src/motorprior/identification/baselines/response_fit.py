@@ -12,12 +12,20 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from motorprior.identification.baselines.response_models import CONSTANTS, GRAVITY, MODELS, JointRuns, ResponseMotors
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
+from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, select
+from motorprior.logs.loads import with_some_load
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import Progress
+
+if TYPE_CHECKING:  # here and in functions: scipy's optimizers take half a second
+    from motorprior.identification.baselines.response_models import ResponseMotors
 
 # in SI units, of candidates of constants that are searched as logarithms
 BOUNDS = {
@@ -139,3 +147,19 @@ def _without(
     kept = GaussianPrior(select(useless, mean, prior.mean), select(useless, precision, prior.precision))
     chosen = np.flatnonzero(useless)
     return fit.replaced(chosen, without.of(chosen)), kept
+
+
+def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
+    """pure_delay, second_order and servo_limits.
+
+    They need no load: without one, a function of the joint's angle represents gravity.
+
+    Raises:
+        LogError: another sample period, or no segment that is long enough.
+    """
+    from motorprior.identification.baselines.response_models import MODELS
+
+    gravity = "angle" if log.external_torque is None else "torque"
+    runs = whole_runs(with_some_load(log), preset)
+    with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
+        return fit_responses(runs, gravity, seed, task.advance, log.firmware)

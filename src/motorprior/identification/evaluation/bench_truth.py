@@ -16,7 +16,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, trial
-from motorprior.identification.evaluation.log_tables import capped
+from motorprior.identification.evaluation.errors import capped
 from motorprior.signals import rmse
 
 # indices of motors -> a model of these motors, or an ensemble of models, whose mean trajectory is the prediction

@@ -53,7 +53,7 @@ def latent_search(model: Decoder, data: TrainingData, preset: Preset) -> Search:
     """The least-squares problems of the motors in ``data``, whose scales must be those of the model."""
     if isinstance(model, GreyBox):
         return Search(MotorProblem(model, WindowRuns(data, preset)))
-    from motorprior.identification.networks.network_problem import NetworkProblem  # here: it imports JAX
+    from motorprior.identification.networks.objectives import NetworkProblem
 
     return Search(NetworkProblem(model, data, preset))
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.physics.initial_motor import TORQUES
-from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
+from motorprior.identification.physics.motor_problem import TORQUES, fixed_constants, motor_search
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 

@@ -293,7 +293,7 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
     window = length // max(1, round(length / LONGER_WINDOW))
     if window <= preset.window:
         return runs
-    longer = WindowRuns(data, replace(preset, window=window), heartbeat=runs.heartbeat)
+    longer = WindowRuns(data, replace(preset, window=window))
     enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * preset.window
     return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
 

@@ -24,11 +24,12 @@ from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     centred,
     fixed_constants,
+    grey_box,
+    initial_center,
     motor_search,
     rigid_motor,
     weak_prior,

@@ -132,23 +132,15 @@ MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
 class WindowRuns:
     """Free runs over all windows of M motors' logs, or of those with the indices ``motors``.
 
-        ``heartbeat`` is called several times a second during `residuals`; an exception that it raises ends them.
-
     Attributes:
-            at_rotor: whether the log's encoders are on the rotors.
+        at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample.
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
         sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
             voltage.
     """
 
-    def __init__(
-        self,
-        data: TrainingData,
-        preset: Preset,
-        motors: np.ndarray | None = None,
-        heartbeat: Callable[[], None] = lambda: None,
-    ):
+    def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
         self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
         self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
@@ -164,7 +156,7 @@ class WindowRuns:
         self.sustained_speeds = {
             name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self.threads, self.heartbeat = ThreadPoolExecutor(os.cpu_count() or 1), heartbeat
+        self.threads = ThreadPoolExecutor(os.cpu_count() or 1)
 
     @property
     def windows(self) -> int:
@@ -203,9 +195,7 @@ class WindowRuns:
             some, inside, segment = task
             out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
-        self.heartbeat()
-        for _ in self.threads.map(simulate, tasks):
-            self.heartbeat()
+        list(self.threads.map(simulate, tasks))
         return out
 
     def recorded(self, index: int) -> np.ndarray:
