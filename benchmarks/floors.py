@@ -29,7 +29,7 @@ from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.evaluation.distribution import two_sample_auc
+from motorprior.identification.held_out import two_sample_auc
 from motorprior.identification.latents.standardise import standardised
 from motorprior.robots.build_model import CONTACT_TIME
 from motorprior.robots.pupper_v2 import spec

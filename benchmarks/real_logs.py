@@ -36,11 +36,11 @@ from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.bands import log_coverage
-from motorprior.identification.evaluation.errors import whole_runs
+from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
 from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
+from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest

@@ -38,7 +38,7 @@ import numpy as np
 from motorprior.actuator.geared_motor_constants import step_constants
 from motorprior.actuator.geared_motor_step import MotorState, step
 from motorprior.actuator.optional_terms import TERMS, step_rows
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR
+from motorprior.identification.physics.motor_problem import INITIAL_MOTOR
 from motorprior.identification.physics.term_selection import CANDIDATES
 from numpy_arithmetic import NUMPY
 assert "weak" in CANDIDATES

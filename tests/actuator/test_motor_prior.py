@@ -105,11 +105,3 @@ def test_a_file_that_is_no_prior_is_rejected_by_name(
     rewrite(saved, tensors, header, without)
     with pytest.raises(ArtifactError, match=saved.name):
         MotorPrior.load(saved)
-
-
-@pytest.mark.parametrize("prior", ["network"], indirect=True)
-@pytest.mark.parametrize("changes", [{"taps": [2, 0]}, {"torque_scale": 0.0}])
-def test_a_network_that_is_none_is_rejected(saved: Path, changes: dict):
-    rewrite(saved, {}, {"network": read_tensors(saved)[1]["network"] | changes})
-    with pytest.raises(ArtifactError, match="network"):
-        MotorPrior.load(saved)

@@ -1,15 +1,12 @@
 """Each term of a servo does what its formula says, nothing where it is absent, and is compiled as it is written."""
 
-import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy_arithmetic import NUMPY
 
-from motorprior.actuator import optional_terms
 from motorprior.actuator.geared_motor_constants import StepConstants, step_constants
 from motorprior.actuator.geared_motor_step import MotorState, step
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
@@ -196,13 +193,3 @@ def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_
     found = at_conditions(Conditions(supply=0.8), values | {"supply_share": share})
     assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
     assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
-
-
-@pytest.mark.parametrize("name", ["asymmetry", "presliding", "torque_speed"])
-def test_a_term_is_an_entry_and_a_line_of_the_step(name: str):
-    files = [*Path(optional_terms.__file__).parent.glob("*.py")]
-    files += (Path(optional_terms.__file__).parents[1] / "identification").rglob("*.py")
-    quoted = re.compile(rf'"{name}"')
-    assert {file.stem for file in files if quoted.search(file.read_text("utf-8"))} == {
-        "optional_terms", "geared_motor_step",
-    }  # fmt: skip

@@ -114,19 +114,3 @@ def test_an_unpowered_motor_spun_by_hand_only_loses_energy(friction, load):
     assert np.all(np.diff(quarters) <= wave * SUBSTEP * np.array(quarters[:-1]))
     if friction["coulomb"] > 0.01:
         assert left[-1] < left[0]
-
-
-@pytest.mark.parametrize("backlash", [0.0, 0.03])
-def test_the_dead_band_is_the_backlash(backlash):
-    # the rotor is stuck at 0; the joint is turned by hand, slowly enough to count as at rest
-    joint_pos = np.linspace(-0.04, 0.04, 161)
-    actuator = motor(kp=0.0, kd=0.0, coulomb=1e6, backlash=backlash)
-    arrays, out = actuator.arrays(DT), np.zeros(1)
-    reset_actuator(arrays, np.zeros(1), np.zeros(1))
-    torque = []
-    for angle in joint_pos:
-        step_actuator(arrays, DT, np.zeros(1), np.array([angle]), np.zeros(1), out)
-        torque.append(out[0])
-    # 80 N·m/rad beyond half the play on either side
-    expected = -80.0 * np.sign(joint_pos) * np.maximum(0.0, np.abs(joint_pos) - backlash / 2)
-    np.testing.assert_allclose(torque, expected, atol=1e-12)

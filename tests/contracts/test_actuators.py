@@ -157,14 +157,6 @@ def test_reset_forgets(make):
     np.testing.assert_array_equal(torques(actuator, inputs, arrays), torques(actuator, inputs))
 
 
-def test_the_torque_depends_on_the_past(make):
-    # two motions that end alike; a model without memory could not tell them apart
-    inputs = motion(12)
-    other = inputs.copy()
-    other[0, 50:56] += 0.1
-    assert np.any(torques(make(12), inputs)[56:] != torques(make(12), other)[56:])
-
-
 def test_only_the_difference_of_target_and_joint_counts(make):
     inputs = motion(12)
     shifted = inputs + np.array([0.7, 0.7, 0.0])[:, None, None]
@@ -221,13 +213,6 @@ def test_the_motor_torque_is_bounded_at_any_speed(model):
     inputs = motion(12) * np.array([30.0, -30.0, 30.0])[:, None, None]
     motor_torque = torques(actuator, inputs) - actuator.damping * inputs[2]  # the engine subtracts the damping
     assert np.max(np.abs(motor_torque)) == pytest.approx(LIMIT)
-
-
-def test_the_engine_gets_one_armature_and_damping_per_motor(make):
-    actuator = make(12)
-    assert actuator.num_motors == 12
-    for given in (actuator.armature, actuator.damping):
-        assert given.shape == (12,) and np.all(given >= 0) and np.all(np.isfinite(given))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
-from motorprior.identification import train
 from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import identify, work_of
@@ -103,23 +102,6 @@ def leaves(result) -> bytes:
     return b"".join(np.asarray(leaf).tobytes() for leaf in every)
 
 
-class Kept:
-    """Checkpoints in memory."""
-
-    def __init__(self):
-        self.state = None
-
-    def load(self):
-        return self.state
-
-    def save(self, state):
-        self.state = {name: np.array(value) for name, value in state.items()}
-
-
-class Interrupted(Exception):
-    """Raised by the report."""
-
-
 def test_motors_are_fitted_without_a_term_that_they_do_not_have(two_motors):
     found = identify(two_motors, MOTORS, 0)
     assert found.preset.terms == () and isinstance(found.model, GreyBox) and found.model.motor.terms == ()
@@ -127,20 +109,3 @@ def test_motors_are_fitted_without_a_term_that_they_do_not_have(two_motors):
     assert "saved_output_encoder" in found.metrics
     assert np.all(np.isfinite(found.log_var))
     assert found.losses[-1] < 0.05
-
-
-def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_not_fitted_again(
-    two_motors, monkeypatch: pytest.MonkeyPatch
-):
-    whole, kept, fits = identify(two_motors, MOTORS, 0), Kept(), []
-
-    def report(work: int, text: str) -> None:
-        if text.startswith("refining"):
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        identify(two_motors, MOTORS, 0, report, kept)
-    fit = train.fit_motors
-    monkeypatch.setattr(train, "fit_motors", lambda *args, **more: fits.append(0) or fit(*args, **more))
-    assert leaves(identify(two_motors, MOTORS, 0, checkpoints=kept)) == leaves(whole)
-    assert not fits

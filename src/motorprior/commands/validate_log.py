@@ -106,7 +106,7 @@ def _train_and_test(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Motor
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.evaluation.bands import log_coverage, zero_shot  # here: it imports JAX
+    from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
 
     preset = recipe_of(prior)
     for line in log_warnings(test, preset):

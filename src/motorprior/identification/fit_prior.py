@@ -26,7 +26,6 @@ from motorprior.stage import description, is_finished, locked, working
 
 if TYPE_CHECKING:  # they import JAX
     from motorprior.identification.evaluation.free_runs import MotorModel
-    from motorprior.identification.train import Identified
     from motorprior.identification.training_data.windows import TrainingData
 from typing import TYPE_CHECKING
 
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
 
 
 PRIOR = "prior.safetensors"
+_MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
 def fit_prior(
@@ -133,11 +133,13 @@ def _fitted(
     from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
     from motorprior.identification.evaluation.reference import reference_metrics
     from motorprior.identification.latents.standardise import with_scaled_spread
+    from motorprior.identification.train import identify, work_of
     from motorprior.identification.training_data.windows import used_seconds_text
 
     for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
-    found = _identified(data, recipe, preset, seed, progress)
+    with progress.start(f"identify {preset}", work_of(recipe)) as task:
+        found = identify(data, recipe, seed, task.advance)
     model, mean, log_var = found.model, found.mean, found.log_var
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
@@ -172,23 +174,6 @@ def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
         f"reproduces these motors, but the standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} "
         "or more)"
     ]
-
-
-def _identified(data: TrainingData, recipe: Preset, preset: str, seed: int, progress: Progress) -> Identified:
-    from motorprior.identification.train import identify, work_of
-
-    latest = ""
-    with progress.start(f"identify {preset}", work_of(recipe)) as task:
-
-        def report(work: int, text: str) -> None:
-            nonlocal latest
-            latest = text or latest
-            task.advance(work, latest)
-
-        return identify(data, recipe, seed, report)
-
-
-_MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
 def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from motorprior.identification.evaluation.log_tables import (
     error_results,
 )
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.physics.identifiability import identifiable_constants
+from motorprior.identification.physics.motor_problem import identifiable_constants
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.identification.training_data.windows import training_data
@@ -99,7 +99,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickReport:
     """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
-    from motorprior.identification.baselines.response_models import CONSTANTS
+    from motorprior.identification.baselines.response_fit import CONSTANTS
 
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
@@ -152,7 +152,7 @@ def _identified(prior: MotorPrior, train: MotorLog, constants: Mapping[str, np.n
 
 
 def _outliers(prior: MotorPrior, joints: tuple[str, ...]) -> list[str]:
-    from motorprior.identification.latents.outliers import leave_one_out_outliers
+    from motorprior.identification.latents.latent_fit import leave_one_out_outliers
 
     outliers = leave_one_out_outliers(prior)
     if outliers is None:

@@ -21,9 +21,14 @@ from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
 from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined
-from motorprior.identification.physics.motor_problem import fixed_constants, grey_box, motor_search
+from motorprior.identification.physics.motor_problem import (
+    fixed_constants,
+    grey_box,
+    motor_search,
+    unidentifiable_limits,
+    unknown_torque_scale,
+)
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.evaluation.bands import DRAWS, band, log_coverage, zero_shot
+from motorprior.identification.evaluation.bench_truth import DRAWS, band, log_coverage, zero_shot
 from motorprior.identification.evaluation.reference import LEVELS, SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import WindowRuns

@@ -17,16 +17,13 @@ from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.evaluation.errors import MAX_ERROR, LogErrors, capped, log_warnings, replay_errors
 from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, free_run_errors, free_runs
 from motorprior.identification.evaluation.log_tables import error_results, error_table
-from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, with_logged_settings
-from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT
 from motorprior.signals import rms
 
 MOTORS = 3
 PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
-Z = np.random.default_rng(3).standard_normal((MOTORS, 3))
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +38,6 @@ def pd(kp: float = 12.0) -> IdealPd:
 
 def replayed(motors: MotorModel, log: MotorLog) -> np.ndarray:
     return rms(replay_errors(motors, log, {})[0], axis=0)
-
-
-def test_what_made_a_log_runs_freely_as_the_log(
-    grey_box: Callable[..., GreyBox], decoder_data: Callable[..., TrainingData]
-):
-    box = grey_box()
-    runs = WindowRuns(decoder_data(box, Z), PRESET)
-    truth, other = GreyBoxActuator(box, Z), GreyBoxActuator(box, Z[[1, 2, 0]])
-    errors = free_run_errors([runs], {"truth": truth, "other": other, "pd": pd()})
-    assert np.all(errors["truth"] < 1e-4)
-    assert np.all(errors["other"] > 10 * errors["truth"]) and np.all(errors["pd"] > 10 * errors["truth"])
 
 
 def test_a_whole_segment_is_one_free_run_and_errors_are_pooled(log: MotorLog):
@@ -117,22 +103,10 @@ def at(*volts: float) -> MotorLog:
     return swinging_load(800, segment=TWO, supply_voltage=np.repeat(volts, 800 // len(volts))[:, None])
 
 
-@pytest.mark.parametrize("terms", [(), ("supply",)])
-def test_voltages_between_those_of_the_training_logs_give_no_warning(terms: tuple[str, ...]):
-    for volts in ((10.0,), (12.2,), (12.0, 9.6)):
-        assert log_warnings(at(*volts), replace(RECIPE, terms=terms)) == []
-
-
 @pytest.mark.parametrize(("terms", "effect"), [((), "not modelled"), (("supply",), "extrapolated")])
 def test_a_voltage_outside_them_in_any_segment_gives_a_warning(terms: tuple[str, ...], effect: str):
     (line,) = log_warnings(at(24.0, 11.0), replace(RECIPE, terms=terms))
     assert "supply_voltage is 11 to 24 V, in the prior's logs 9.6 to 12 V" in line and effect in line
-
-
-def test_the_usual_voltage_is_assumed_for_a_log_without_one():
-    (line,) = log_warnings(swinging_load(800), replace(RECIPE, terms=("supply",)))
-    assert "no supply_voltage: 10.8 V is assumed" in line
-    assert log_warnings(swinging_load(800), RECIPE) == []
 
 
 def a_log(moving: list[bool]) -> MotorLog:

@@ -10,7 +10,7 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.latents import latent_fit
-from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
+from motorprior.identification.latents.latent_fit import Outliers, leave_one_out_outliers, outliers
 from motorprior.identification.latents.standardise import standardised
 from motorprior.identification.search import Search
 
@@ -69,11 +69,3 @@ def test_a_motor_that_differs_is_named_with_its_constant():
     assert found is not None
     assert found.p_value.argmin() == 7 and found.p_value[7] < 1e-3 and found.deviation[7] < -4.0
     assert found.latent[7] == "latent 2"
-
-
-def test_an_uncertain_constant_is_no_outlier():
-    latents = np.random.default_rng(2).standard_normal((12, 3))
-    latents[3, 0] = 5.0
-    certain, uncertain = (leave_one_out_outliers(prior_of(latents, log_var)) for log_var in (-20.0, 2.0))
-    assert certain is not None and uncertain is not None
-    assert certain.p_value[3] < 0.1 * uncertain.p_value[3]

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
-from motorprior.identification.evaluation.errors import LoadedMotors
-from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOf, Segment, whole_runs
+from motorprior.identification.physics.window_runs import POSITION_SCALE, LoadedMotors, MotorsOf, Segment, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.logs.motor_log import MotorLog

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog
@@ -32,7 +32,6 @@ from motorprior.logs.settings_text import range_text
 from motorprior.progress import Progress
 from motorprior.signals import rms
 
-LoadedMotors: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
 PRIOR, TUNED_PD = "prior", "tuned_pd"
 SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck")
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics

@@ -10,9 +10,15 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.identification.baselines.response_models import ResponseMotors
-from motorprior.identification.evaluation.errors import LoadedMotors, LogErrors, capped
-from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns, whole_runs, with_gains_of
+from motorprior.identification.baselines.response_fit import ResponseMotors
+from motorprior.identification.evaluation.errors import LogErrors, capped
+from motorprior.identification.physics.window_runs import (
+    POSITION_SCALE,
+    LoadedMotors,
+    WindowRuns,
+    whole_runs,
+    with_gains_of,
+)
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog

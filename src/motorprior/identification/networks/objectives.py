@@ -222,12 +222,10 @@ class NetworkProblem:
 
 def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
     """(M, N, length, channels) windows whose free parts do not overlap, each preceded by its history."""
-    length = preset.history + preset.window
-    starts, last = [], -preset.window
-    for start in data.starts:
-        if start >= last + preset.window or start < last:
-            starts.append(int(start))
-            last = int(start)
+    length, ahead = preset.history + preset.window, preset.objective == "rollout"
+    starts = [
+        start for part in data.parts for start in range(part.start, part.stop - length - ahead + 1, preset.window)
+    ]
     return np.stack([data.series[:, start : start + length] for start in starts], axis=1)
 
 

@@ -9,6 +9,7 @@ which such a log does not identify, are then that of the central motor and 0.
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -125,6 +126,7 @@ class Segment:
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
+LoadedMotors: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
 # (unknowns (L, K), motor (L,) of the log, segment) -> L motors
 MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
 
@@ -156,7 +158,7 @@ class WindowRuns:
         self.sustained_speeds = {
             name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self.threads = ThreadPoolExecutor(os.cpu_count() or 1)
+        self.threads, self.counted = ThreadPoolExecutor(os.cpu_count() or 1), np.arange(self.windows)
 
     @property
     def windows(self) -> int:
@@ -175,12 +177,18 @@ class WindowRuns:
         requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
         return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
+    def chosen(self, windows: np.ndarray) -> WindowRuns:
+        """The same runs, of which only these ``windows`` (N,) count as residuals."""
+        some = copy.copy(self)
+        some.counted = np.flatnonzero(windows)
+        return some
+
     def groups(self) -> np.ndarray:
         """(N,) index of the segment of each window."""
         return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
 
     def residuals(self, motors_of: MotorsOf, x: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], for L pairs; float32."""
+        """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], in the N counted windows; float32."""
         lanes, parts = len(motor), max(1, -(-(os.cpu_count() or 1) // len(self.segments)))
         together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
         out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
@@ -196,7 +204,7 @@ class WindowRuns:
             out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
         list(self.threads.map(simulate, tasks))
-        return out
+        return out if len(self.counted) == self.windows else out[:, self.counted]
 
     def recorded(self, index: int) -> np.ndarray:
         """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
@@ -207,7 +215,7 @@ class WindowRuns:
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
-    def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
+    def errors(self, motors: LoadedMotors) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
         Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are compared, or for grey
