@@ -23,8 +23,7 @@ import numpy as np
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.physical import MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
-    from motorprior.actuator.true_motors import PhysicalActuator as PhysicalActuator
+    from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
     from motorprior.bench.recording import record_bench as record_bench
@@ -50,7 +50,7 @@ _NAMES = {  # module -> public names; the imports above are for type checkers
     "actuator.motor_posterior": "MotorPosterior",
     "actuator.motor_prior": "MotorPrior",
     "actuator.motors": "Motors",
-    "actuator.true_motors": "PhysicalActuator",
+    "actuator.physical": "PhysicalActuator",
     "bench.fleet": "Fleet load_fleet",
     "bench.recording": "record_bench",
     "environments": "make_env make_vector_env",

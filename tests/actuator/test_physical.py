@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.physical import ROTOR_POS, SUBSTEP, MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import ROTOR_POS, SUBSTEP, MotorParameters, PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 
 DT = 0.001

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench import behaviour
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet

@@ -12,8 +12,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
-from motorprior.actuator.physical import MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError

@@ -48,9 +48,9 @@ class Arithmetic(NamedTuple):
 
 # State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
 # engine at the previous step; the rows of optional terms follow, only if there are any
-_BASE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
-BASE_STATE = len(_BASE)
-MotorState = namedtuple("MotorState", (*_BASE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
+_STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
+BASE_STATE = len(_STATE)
+MotorState = namedtuple("MotorState", (*_STATE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
 
 
 def step(

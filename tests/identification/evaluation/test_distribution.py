@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
