@@ -80,16 +80,10 @@ def adaptation(
     seed: int,
     progress: Callable[[], None],
 ) -> Results:
-    """Errors of a prior adapted to held-out motors, and coverage of its bands.
+    """Errors of a prior with physics that is adapted to held-out motors, and coverage of its bands.
 
-    Args:
-        robot: of the motors.
-        prior: with physics.
-        bench: of its bench.
-        seconds: lengths of log [s].
-        adapted: the prior adapted to ADAPTED_SECONDS of log.
-        seed: of the held-out excitation.
-        progress: called after every length.
+    ``seconds`` are lengths of log [s], ``adapted`` is the prior adapted to ADAPTED_SECONDS of log, ``seed`` that of the
+    held-out excitation, and ``progress`` is called after every length.
 
     Returns:
         For each length ``adapt_rmse_ratio``: median closed-loop RMSE on gait + impacts over that of the training

@@ -61,15 +61,11 @@ class FittedLoad:
 
 
 class _LoadProblem(MotorProblem):
-    """Free runs of one joint; the last unknowns are those of its load.
-
-    Attributes:
-        start: (3,) J₀ [kg·m²], s₀ and c₀ [N·m].
-        unit: g [N·m].
-    """
+    """Free runs of one joint; the last unknowns are those of its load."""
 
     def __init__(self, model: GreyBox, runs: WindowRuns):
         super().__init__(model, runs)
+        # (3,) J₀ [kg·m²], s₀ and c₀ [N·m]; g [N·m]
         self.start, self.unit = _regression(runs), _SAG * float(runs.gains[0, 0])
 
     def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from motorprior.identification.baselines.response_fit import fitted_responses
 from motorprior.identification.evaluation.free_runs import MotorModel
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Progress, WithoutNotes
 
@@ -33,15 +34,9 @@ def fitted_baselines(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> dict[str, MotorModel]:
-    """All baselines, fitted to a log with known loads; each has the log's motors in its order.
+    """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
 
-    Args:
-        log: training rows.
-        preset: recipe of the prior: sample period and warm-up.
-        folder: of the fits with a preset, which are reused.
-        adam_steps: of the pooled network; the preset's own number if not given.
-        seed: of searches and weights.
-        progress: where to report to.
+    Fits in ``folder`` are reused. ``adam_steps`` are those of the pooled network, the preset's own if not given.
 
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
@@ -60,15 +55,9 @@ def fitted_baselines(
 def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
     """Preset and recipe of every baseline that has one; windows are shortened to fit the log.
 
-    Args:
-        log: training rows.
-        preset: recipe of the prior.
-
     Raises:
         LogError: every segment is too short for one of them.
     """
-    from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
-
     if preset.period != BASELINE_PERIOD:
         return {}
     names = PRESETS | (LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {})

@@ -14,7 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import motor_constants
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.errors import LogErrors, whole_runs
+from motorprior.identification.evaluation.errors import LogErrors
 from motorprior.identification.evaluation.free_runs import (
     FREE_RUN,
     WHOLE_RUN,
@@ -33,7 +33,7 @@ from motorprior.identification.evaluation.log_tables import (
 )
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.physics.motor_problem import identifiable_constants
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.loads import with_some_load
@@ -54,21 +54,13 @@ RESPONSE_CONSTANTS = {
     "delay": ("delay", 1e3, "ms"), "bandwidth": ("rate", 0.5 / np.pi, "Hz"), "dead_band": ("band", 1e3, "mrad")
 }  # fmt: skip
 MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum over the motors exceeds this
-OUTLIER_P_VALUE = 0.05  # p-value of the farthest motor, corrected for the number of motors
 
 
 QuickReport: TypeAlias = tuple[Results, list[Trace], list[str]]  # errors and constants, traces to draw, warnings
 
 
 def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> QuickReport:
-    """Fit a prior and a PD, and evaluate them on the test rows.
-
-    Args:
-        logs: with loads, on the prior's grid, of joints that moved.
-        robot: of the logs, if there is a description of it.
-        seed: of the fit.
-        folder: for the prior.
-        progress: where to report to.
+    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows.
 
     Raises:
         LogError: too short, or without a channel that the fit needs.
@@ -93,7 +85,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         for name, values in constants.items()
         if name not in identified
     )
-    lines = (*collector.warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
+    lines = (*collector.warnings, *whole.warnings("prior"))
     return results, drawn, [line.removeprefix("warning: ") for line in lines]
 
 
@@ -148,20 +140,4 @@ def _identified(prior: MotorPrior, train: MotorLog, constants: Mapping[str, np.n
         name
         for name, values in constants.items()
         if name in identifiable or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
-    ]
-
-
-def _outliers(prior: MotorPrior, joints: tuple[str, ...]) -> list[str]:
-    from motorprior.identification.latents.latent_fit import leave_one_out_outliers
-
-    outliers = leave_one_out_outliers(prior)
-    if outliers is None:
-        return []
-    first = int(outliers.p_value.argmin())
-    p_value = min(1.0, len(joints) * float(outliers.p_value[first]))
-    if p_value >= OUTLIER_P_VALUE:
-        return []
-    return [
-        f"{joints[first]} is an outlier: its {outliers.latent[first]} differs from the other motors' by "
-        f"{outliers.deviation[first]:+.1f} standard deviations (p = {p_value:.2g})"
     ]

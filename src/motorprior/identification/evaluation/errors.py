@@ -86,17 +86,11 @@ def _at_segment(motors: LoadedMotors, part: MotorLog, nominal: Mapping[str, floa
 
 @dataclass(frozen=True)
 class LogErrors:
-    """Root mean square errors of simulated angles [rad].
+    """Root mean square errors of simulated angles [rad]."""
 
-    Attributes:
-        logs: L names.
-        joints: J names.
-        models: (L, J) by model; NaN where a joint is not excited.
-    """
-
-    logs: tuple[str, ...]
-    joints: tuple[str, ...]
-    models: dict[str, np.ndarray]
+    logs: tuple[str, ...]  # L names
+    joints: tuple[str, ...]  # J names
+    models: dict[str, np.ndarray]  # (L, J) by model; NaN where a joint is not excited
 
     @classmethod
     def of(cls, logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:

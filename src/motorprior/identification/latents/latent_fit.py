@@ -14,8 +14,7 @@ motors, which hardly shrinks the estimate. In decoder latents, with mean m and s
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
 where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
-correction over the L latents in which the training motors differ. `leave_one_out_outliers` tests each training motor
-against the others without another fit, with M - 2 degrees of freedom and all latents.
+correction over the L latents in which the training motors differ.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from scipy.stats import t as student_t
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_constants import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.motor_prior import Decoder, MotorPrior
+from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -165,30 +164,8 @@ def outliers(
     variance = PRIOR_SCALE**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
     t = PRIOR_SCALE * refit.mean / np.sqrt(1.0 + 1.0 / len(latents) + variance)
     p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), len(latents) - 1), 1.0)
-    return _most_deviating(model, t, p_values, max(1, int(differ.sum())))
-
-
-def leave_one_out_outliers(prior: MotorPrior) -> Outliers | None:
-    """Test every training motor of a prior against the others; None for fewer than 4 motors, or without latents."""
-    model, motors = prior.model, len(prior.mean)
-    if motors < 4 or model.num_latents == 0:
-        return None
-    latents = model.decoder_latents(prior.mean)
-    share = np.exp(prior.log_var) / np.maximum(prior.mean.var(axis=0), _SAME)  # of the variance over motors
-    uncertainty = np.minimum(share, 1.0) * latents.var(axis=0)
-    t = np.empty_like(latents)
-    for motor in range(motors):
-        others = np.delete(latents, motor, axis=0)
-        variance = others.var(axis=0, ddof=1) * (1.0 + 1.0 / (motors - 1)) + uncertainty[motor]
-        t[motor] = (latents[motor] - others.mean(axis=0)) / np.sqrt(np.maximum(variance, _SAME**2))
-    return _most_deviating(model, t, 2.0 * student_t.sf(np.abs(t), motors - 2), model.num_latents)
-
-
-def _most_deviating(model: Decoder, t: np.ndarray, p_values: np.ndarray, tests: int) -> Outliers:
-    """The latent with the smallest p-value of each motor, Bonferroni-corrected for ``tests`` tests."""
-    worst, names = p_values.argmin(axis=1), _latent_names(model)
-    rows = np.arange(len(worst))
-    p_value = np.minimum(1.0, tests * p_values[rows, worst])
+    worst, rows, names = p_values.argmin(axis=1), np.arange(len(t)), _latent_names(model)
+    p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
     return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst])
 
 

@@ -196,13 +196,7 @@ _LANES = 8  # simulated at a time
 
 
 class NetworkProblem:
-    """Residuals of the training objective on windows that do not overlap.
-
-    Args:
-        network: trained.
-        data: logs of M motors.
-        preset: its recipe.
-    """
+    """Residuals of a trained network's objective on windows of M motors that do not overlap."""
 
     def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
         scales = tuple(float(getattr(network, name)) for name in _SCALES)
