@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,23 +17,18 @@ from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError
+from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
+from motorprior.identification.evaluation.reference import reference_metrics
+from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
+from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest
+from motorprior.identification.train import identify, work_of
+from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, motion_digest
 from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
-
-if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.evaluation.free_runs import MotorModel
-    from motorprior.identification.training_data.windows import TrainingData
-from typing import TYPE_CHECKING
-
-from motorprior.logs.motor_log import motion_digest
-
-if TYPE_CHECKING:
-    pass
-
 
 PRIOR = "prior.safetensors"
 _MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
@@ -86,7 +81,7 @@ def fit_recipe(
     out: Path | None,
     progress: Progress = SILENT,
     provenance: Mapping[str, Any] | None = None,
-    tuned: MotorModel | None = None,
+    tuned: LoadedMotors | None = None,
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
@@ -110,9 +105,7 @@ def fit_recipe(
 
 
 def _data(log: MotorLog, recipe: Preset) -> TrainingData:
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    from motorprior.identification.training_data.windows import training_data
-
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
     gains = log.gains
     if gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(gains, log.source)
@@ -125,17 +118,11 @@ def _fitted(
     preset: str,
     seed: int,
     provenance: Mapping[str, Any],
-    tuned: MotorModel | None,
+    tuned: LoadedMotors | None,
     progress: Progress,
     data: TrainingData,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
-    from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
-    from motorprior.identification.evaluation.reference import reference_metrics
-    from motorprior.identification.latents.standardise import with_scaled_spread
-    from motorprior.identification.train import identify, work_of
-    from motorprior.identification.training_data.windows import used_seconds_text
-
     for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
@@ -164,7 +151,6 @@ def _fitted(
 
 
 def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
-    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS
 
     if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
         return []

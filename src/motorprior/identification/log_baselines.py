@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
@@ -15,9 +14,6 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Progress, WithoutNotes
-
-if TYPE_CHECKING:  # here and in functions: scipy's optimizers take half a second
-    pass
 
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}

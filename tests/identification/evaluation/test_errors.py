@@ -15,8 +15,9 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.evaluation.errors import MAX_ERROR, LogErrors, capped, log_warnings, replay_errors
-from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, free_run_errors, free_runs
+from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, free_run_errors, free_runs
 from motorprior.identification.evaluation.log_tables import error_results, error_table
+from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT
@@ -36,7 +37,7 @@ def pd(kp: float = 12.0) -> IdealPd:
     return IdealPd.uniform(MOTORS, kp, 0.1 * kp, 1.6)
 
 
-def replayed(motors: MotorModel, log: MotorLog) -> np.ndarray:
+def replayed(motors: LoadedMotors, log: MotorLog) -> np.ndarray:
     return rms(replay_errors(motors, log, {})[0], axis=0)
 
 

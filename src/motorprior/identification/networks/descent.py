@@ -50,7 +50,7 @@ def train_network(
             return export(trained["network"], preset, data.scales), mean, log_var, np.asarray(losses)
         report(-CHUNK * (len(losses) - 1), f"the loss is {losses[-1]:.3g}: restarted at a lower rate")
     raise MotorPriorError(
-        f"training diverged, also at a learning rate of {slower.learning_rate:.2g}",
+        f"training diverged, also at 1/{SLOWER**RESTARTS:.0f} of the learning rate",
         remedy="check the log with `motorprior logs check`, or try another seed",
     )
 
