@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json

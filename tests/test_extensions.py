@@ -35,8 +35,7 @@ TERM = """    "weak": Term(
 """
 USE_TERM = """
 import numpy as np
-from motorprior.actuator.geared_motor_constants import step_constants
-from motorprior.actuator.geared_motor_step import MotorState, step
+from motorprior.actuator.geared_motor_step import MotorState, step, step_constants
 from motorprior.actuator.optional_terms import TERMS, step_rows
 from motorprior.identification.physics.motor_problem import INITIAL_MOTOR
 from motorprior.identification.physics.term_selection import CANDIDATES

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy_arithmetic import NUMPY
 
-from motorprior.actuator.geared_motor_constants import StepConstants, step_constants
-from motorprior.actuator.geared_motor_step import MotorState, step
+from motorprior.actuator.geared_motor_step import MotorState, StepConstants, step, step_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.optional_terms import TERMS, Conditions, at_conditions
@@ -175,16 +174,6 @@ def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slide
         state = step(p, state, far, state.rotor_pos, np.zeros(1), H, NUMPY, ("presliding",))[0]
     assert state.rotor_vel[0] == pytest.approx((0.2 - 0.1) / 0.05, rel=1e-3)
     assert state.bristle[0] == pytest.approx(0.1 / 8.0, rel=1e-9)
-
-
-def test_heat_takes_its_share_of_the_laws_torque(grey_box: Networks):
-    box = grey_box(spread=0.0, terms=("integral", "heat"), heat_loss=0.3, heat_time=10.0)
-    cold, warm, hot = (box.motor.decode(np.zeros((1, 3)), Conditions(warmth)) for warmth in (0.0, 0.5, 1.0))
-    for name in ("kp", "torque_limit", "integral_limit"):
-        assert warm[name] == pytest.approx(0.85 * cold[name]) and hot[name] == pytest.approx(0.7 * cold[name])
-    assert warm["kd_over_kp"] == cold["kd_over_kp"] and warm["coulomb"] == cold["coulomb"]
-    assert box.warmth(np.zeros((1, 3)), 0.0) == pytest.approx(0.0)
-    assert box.warmth(np.zeros((1, 3)), 10.0) == pytest.approx(1 - np.exp(-1.0))
 
 
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (20.0, 0.1)])

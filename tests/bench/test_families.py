@@ -31,12 +31,6 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def sampled(name: str, count: int) -> OutOfFamilyMotors:
-    motors = load_fleet(name).sample(count, 1)
-    assert isinstance(motors, OutOfFamilyMotors)
-    return motors
-
-
 def test_what_a_file_leaves_out_is_off(tmp_path):
     fleet = load_fleet(written(tmp_path, LEAST))
     assert fleet.kind is OUT_OF_FAMILY.kind and sorted(fleet.summary()) == sorted(

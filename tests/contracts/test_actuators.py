@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
@@ -163,18 +163,6 @@ def test_only_the_difference_of_target_and_joint_counts(make):
     np.testing.assert_allclose(torques(make(12), shifted), torques(make(12), inputs), atol=2e-5)
 
 
-def test_at_rest_on_its_target_a_pd_motor_gives_nothing(make):
-    actuator, pose = make(12), np.linspace(-1, 1, 12)
-    if isinstance(actuator, PhysicalActuator):
-        actuator = PhysicalActuator(actuator.motors.scaled({"encoder_zero": 0.0}))
-    inputs = np.stack([pose, pose, np.zeros(12)])[:, None].repeat(30, axis=1)
-    torque = torques(actuator, inputs)
-    if isinstance(actuator, NetworkActuator):
-        np.testing.assert_array_equal(torque, np.broadcast_to(torque[0], torque.shape))  # at rest in its own way
-    else:
-        np.testing.assert_array_equal(torque, 0.0)
-
-
 def static_band(actuator):
     """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
 
@@ -204,14 +192,6 @@ def test_a_stalled_motor_pushes_with_its_limit_and_no_more(make, size):
     assert np.all(torque <= high * (1 + 1e-9))
     if make is not latent:
         assert np.all(torque >= low * (1 - 1e-9))
-
-
-@pytest.mark.parametrize("model", [ideal_pd, latent])
-def test_the_motor_torque_is_bounded_at_any_speed(model):
-    actuator = model(12)
-    inputs = motion(12) * np.array([30.0, -30.0, 30.0])[:, None, None]
-    motor_torque = torques(actuator, inputs) - actuator.damping * inputs[2]  # the engine subtracts the damping
-    assert np.max(np.abs(motor_torque)) == pytest.approx(LIMIT)
 
 
 @pytest.mark.parametrize(

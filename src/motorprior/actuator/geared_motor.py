@@ -20,15 +20,17 @@ from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.geared_motor_constants import (
+from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
+    BASE_STATE,
     LOG_REACH,
     MAX_DELAY,
+    MotorState,
     StepConstants,
     decode,
+    step,
     step_constants,
 )
-from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.actuator.optional_terms import COLD, REFERENCE, TERMS, Conditions
 from motorprior.actuator.vector import LANE_ARITHMETIC, Vector

@@ -21,7 +21,7 @@ from motorprior.actuator.geared_motor import (
     reset,
     step_lanes,
 )
-from motorprior.actuator.geared_motor_constants import with_logged_gains
+from motorprior.actuator.geared_motor_step import with_logged_gains
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.optional_terms import HALF_WARM, Conditions
 from motorprior.compiled import njit

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.actuator.geared_motor_constants import PER_LOGGED
+from motorprior.actuator.geared_motor_step import PER_LOGGED
 from motorprior.cli.console import TERMINAL, table
 from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.identify import Identify

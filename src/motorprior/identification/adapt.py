@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import named_multiples, with_logged_gains
+from motorprior.actuator.geared_motor_step import named_multiples, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
@@ -18,7 +18,6 @@ from motorprior.identification.evaluation.reference import loss_p_value, metric_
 from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.latents.latent_fit import (
     SAME_JOINT_STD,
-    LatentPrior,
     Posterior,
     fit_posterior,
     outliers,
@@ -104,8 +103,8 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
     """Posterior of every motor of the log; raises `LogError` as `adapt`."""
     preset, data, temperature, _ = _prepared(prior, log)
     std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
-    expected = LatentPrior(prior.expected(log.joint_names), std)
-    return fit_posterior(prior.model, data, preset, temperature, prior=expected)
+    expected = prior.expected(log.joint_names)
+    return fit_posterior(prior.model, data, preset, temperature, prior=(expected, std))
 
 
 def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierTest:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import TERMS

@@ -1,15 +1,12 @@
 """The motors that made a log replay it and other models do not; warnings about motors and logs that do not fit."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from swinging_load import swinging_load
 
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
@@ -65,20 +62,6 @@ def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log
 def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
     motors = replayed(load_fleet("mixed").sample(MOTORS, 0).actuator(), log)
     assert np.median(motors) < 1e-9 and np.max(motors) < 2e-3  # dry friction amplifies rounding
-
-
-def test_motors_with_heat_are_replayed_at_the_temperature_of_each_segment(
-    log: MotorLog, grey_box: Callable[..., GreyBox]
-):
-    box = grey_box(spread=0.0, terms=("heat",), heat_loss=0.4, heat_time=10.0)
-    motors, angles = GreyBoxActuator(box, np.zeros((MOTORS, box.num_latents))), []
-    for part in log.segments():
-        case = trial_of(part)
-        warmth = box.warmth(motors.z, float(np.median(part.time - log.time[0])))
-        response = run(replace(motors, conditions=Conditions(warmth)), case)
-        angles.append(response.encoder_pos if log.encoder == "rotor" else response.joint_pos)
-    assert np.all(box.warmth(motors.z, log.duration) > 0.6)
-    assert np.max(replayed(motors, replace(log, joint_pos=np.concatenate(angles)))) < 1e-6
 
 
 def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.latent_fit import Outliers, outliers

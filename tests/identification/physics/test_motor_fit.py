@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors
 from motorprior.identification.physics.motor_problem import grey_box, initial_center

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor_constants import parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
@@ -43,14 +43,6 @@ _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is
 _STREAM = 47
 PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
 _SAME = 1e-9  # up to this standard deviation of a latent, training motors differ only by rounding
-
-
-@dataclass(frozen=True)
-class LatentPrior:
-    """Prior of M motors: z ~ N(mean, std²), (M, Z) and (M,)."""
-
-    mean: np.ndarray
-    std: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -78,7 +70,7 @@ def fit_posterior(
     preset: Preset,
     temperature: float,
     start: np.ndarray | None = None,
-    prior: LatentPrior | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Posterior:
     """The posterior of every motor in ``data``.
 
@@ -88,32 +80,32 @@ def fit_posterior(
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         start: (M, Z) initial latents; found by a random search if not given.
-        prior: N(0, I) if not given.
+        prior: mean (M, Z) and standard deviation (M,) of z; N(0, I) if not given.
     """
     search = latent_search(model, data, preset)
     shape, windows = (search.problem.count, model.num_latents), search.problem.observations
-    prior = prior or LatentPrior(np.zeros(shape), np.ones(shape[0]))
-    precision = temperature / windows / prior.std[:, None] ** 2
-    gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))
-    found = _searched(search, gaussian, prior) if start is None else search.descend(start, gaussian, STEPS)
+    mean, std = prior or (np.zeros(shape), np.ones(shape[0]))
+    precision = temperature / windows / std[:, None] ** 2
+    gaussian = GaussianPrior(mean, np.broadcast_to(precision, shape))
+    found = _searched(search, gaussian, std) if start is None else search.descend(start, gaussian, STEPS)
     likelihood = _precision(search, found.x, temperature)
-    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * prior.std[:, None] ** 2 < _NOT_IDENTIFIABLE
+    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std[:, None] ** 2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
-    found = found.better(search.at(np.where(hidden, prior.mean, found.x), gaussian))
-    return Posterior(found.x, inverse_precision(likelihood, prior.std), found.loss, windows)
+    found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
+    return Posterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
 
 
-def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
+def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     """Descents from samples of the prior, and from the best so far with a random half of it resampled."""
     rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), DRAWS, prior.mean.shape[1])
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        samples = prior.mean[:, None] + prior.std[:, None, None] * rng.standard_normal(shape)
+        samples = prior.mean[:, None] + std[:, None, None] * rng.standard_normal(shape)
         return samples if restart % 4 == 3 else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
 
-    mean = search.at(prior.mean, gaussian)
-    first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, STEPS)
-    return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS, again=4)
+    mean = search.at(prior.mean, prior)
+    first = search.descend(search.best_of(draw(3, mean), prior), prior, STEPS)
+    return search.until_found_again(mean.better(first), prior, draw, RESTARTS, STEPS, again=4)
 
 
 def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import constants_of
 from motorprior.identification.physics.motor_problem import (

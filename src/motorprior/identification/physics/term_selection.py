@@ -22,7 +22,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import wilcoxon
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (

@@ -21,7 +21,7 @@ from scipy.ndimage import minimum_filter1d
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_constants import StepConstants
+from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
