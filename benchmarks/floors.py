@@ -21,15 +21,14 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import PARAMETERS, ZERO_SCALE
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.physical import MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.evaluation.distribution import two_sample_auc
+from motorprior.identification.held_out import two_sample_auc
 from motorprior.identification.latents.standardise import standardised
 from motorprior.robots.build_model import CONTACT_TIME
 from motorprior.robots.pupper_v2 import spec

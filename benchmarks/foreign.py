@@ -84,7 +84,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
-    from motorprior.identification.evaluation.bands import bench_coverage
+    from motorprior.identification.evaluation.bench_truth import bench_coverage
 
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     bench = read_bench(settings.out / family / "bench")[1]

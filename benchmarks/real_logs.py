@@ -36,24 +36,17 @@ from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to
-from motorprior.identification.evaluation.bands import log_coverage
-from motorprior.identification.evaluation.errors import (
-    MotorModel,
-    fitted_tuned_pd,
-    free_run_errors,
-    whole_runs,
-)
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.evaluation.bench_truth import log_coverage
+from motorprior.identification.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
-from motorprior.identification.log_baselines import (
-    baseline_recipes,
-    fitted_baselines,
-    fitted_responses,
-)
+from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
+from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
-from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest
-from motorprior.logs.operations import drop_repeats, joined, resample
+from motorprior.logs.operations import drop_repeats, excited_joints, joined, resample
 from motorprior.logs.read_log import read_log, short_name
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.logs.splits import first_and_rest, train_test_halves, window

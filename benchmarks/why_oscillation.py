@@ -27,8 +27,7 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
-from motorprior.actuator.physical import MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared

@@ -35,18 +35,18 @@ TERM = """    "weak": Term(
 """
 USE_TERM = """
 import numpy as np
-from motorprior.actuator.geared_motor_constants import step_constants
-from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.geared_motor_step import MotorState, step, step_constants
 from motorprior.actuator.optional_terms import TERMS, step_rows
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR
+from motorprior.identification.physics.motor_problem import INITIAL_MOTOR
 from motorprior.identification.physics.term_selection import CANDIDATES
+from numpy_arithmetic import NUMPY
 assert "weak" in CANDIDATES
 values = {name: np.array([value]) for name, value in INITIAL_MOTOR.items()} | {"encoder_zero": np.zeros(1)}
 zero = np.zeros(1)
 def velocity(weakness):
-    p = step_constants(values | {"weakness": np.array([weakness])}, 0.002, np, ("weak",))
+    p = step_constants(values | {"weakness": np.array([weakness])}, 0.002, ("weak",))
     state = MotorState(*[zero] * len(MotorState._fields))
-    return step(p, state, zero + 0.1, zero, zero, 0.002, array_arithmetic(np), ("weak",))[0].rotor_vel
+    return step(p, state, zero + 0.1, zero, zero, 0.002, NUMPY, ("weak",))[0].rotor_vel
 assert velocity(0.5) < 0.6 * velocity(0.0)
 """
 READER = """
@@ -123,7 +123,7 @@ def test_an_extension_is_one_file(tmp_path: Path, file: str, entry: str, text: s
         place.write_text(text, "utf-8")
     after = files(tmp_path)
     assert sum(after[name] != before.get(name) for name in after) <= 1
-    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{Path(__file__).parent / 'samples'}"}
     done = subprocess.run(
         [sys.executable, "-c", use], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )

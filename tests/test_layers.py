@@ -160,7 +160,7 @@ def test_files_are_short():
 ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
 TWELVES = {
     "bench/excitation.py": "sines of a multisine",
-    "identification/evaluation/distribution.py": "the variance of a rank sum",
+    "identification/held_out.py": "the variance of a rank sum",
     "studies/robot_fidelity.py": "draws of motors",
 }
 """Where the number 12 is not the joints of some robot."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
-    from motorprior.actuator.true_motors import PhysicalActuator as PhysicalActuator
+    from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
     from motorprior.bench.recording import record_bench as record_bench

@@ -5,7 +5,7 @@ import pytest
 
 from floors import true_grey_box
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet

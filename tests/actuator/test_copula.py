@@ -1,9 +1,8 @@
 """The Gaussian copula before a decoder: one formula for numpy and JAX, and its inverse."""
 
-import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.copula import SCORES, Copula, decoder_latents, scores
+from motorprior.actuator.copula import SCORES, Copula, scores
 
 RNG = np.random.default_rng(0)
 QUANTILES = np.sort(RNG.standard_normal((len(SCORES), 4)), axis=0)
@@ -21,8 +20,3 @@ def test_latents_pass_through_their_quantiles_and_rise_beyond_them():
 def test_scores_are_the_inverse():
     latents = Copula(MIXING, QUANTILES).decoder_latents(Z)
     np.testing.assert_allclose(scores(QUANTILES, latents), Z @ MIXING, atol=1e-9)
-
-
-def test_jax_and_numpy_give_one_result():
-    found = decoder_latents(jnp.asarray(MIXING), jnp.asarray(QUANTILES), jnp.asarray(Z))
-    np.testing.assert_allclose(found, Copula(MIXING, QUANTILES).decoder_latents(Z), atol=1e-5)

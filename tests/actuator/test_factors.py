@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from motorprior.actuator.actuator import Factors, with_factors
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.bench.fleet import load_fleet
 
 DT = 0.001
 ONE = np.ones(3)
@@ -34,17 +32,3 @@ def test_of_a_pd_with_and_without_friction():
     same_parameters(with_factors(one, WITHOUT_FRICTION), pd(FACTORS))
     rough = replace(pd(FACTORS), coulomb=0.1 * FACTORS.coulomb)
     same_parameters(with_factors(replace(one, coulomb=0.1 * ONE), FACTORS), rough)
-
-
-@pytest.mark.parametrize(
-    ("fleet", "others"),
-    [
-        ("pupper_v2", {"stribeck_torque": FACTORS.coulomb}),
-        ("foreign_servo", {"static_torque": FACTORS.coulomb, "ki": FACTORS.kp}),
-    ],
-)
-def test_of_true_motors(fleet, others):
-    motors = load_fleet(fleet).center(3)
-    changed = FACTORS._asdict() | others
-    other = replace(motors, **{name: getattr(motors, name) * factor for name, factor in changed.items()})
-    same_parameters(with_factors(motors.actuator(), FACTORS), other.actuator())

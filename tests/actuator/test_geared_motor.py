@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
 
 from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_constants import MAX_DELAY
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 
@@ -145,36 +144,3 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     moved = simulate(motors, dt, load, target, 1.5 * breakaway * ramp).rotor_pos[-1]
     expected = (1.5 * breakaway * (1 - values["load_friction"]) - values["coulomb"]) / values["kp"]
     assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
-
-
-def blocked(box: GreyBox, target: np.ndarray, dt: float) -> np.ndarray:
-    """(steps,) torque of one motor on a locked joint."""
-    motors = GreyBoxActuator(box, np.zeros((1, box.num_latents)))
-    arrays, zero, out = motors.arrays(dt), np.zeros(1), np.zeros((len(target), 1))
-    reset_actuator(arrays, zero, zero)
-    for step, wanted in enumerate(target):
-        step_actuator(arrays, dt, np.array([wanted]), zero, zero, out[step])
-    return out[:, 0]
-
-
-@STEPS_OF_PHYSICS
-def test_a_command_arrives_after_its_delay(grey_box, dt):
-    target = np.zeros(round(0.12 / dt))
-    step = round(0.01 / dt)
-    target[step:] = 0.1
-
-    def answer(delay):
-        # without friction, play and limit the torque is linear in the targets
-        return blocked(grey_box(**FREE, backlash=0.0, torque_limit=1e3, delay=delay), target, dt)
-
-    prompt = answer(0.0)
-    assert np.all(prompt[:step] == 0.0) and prompt[step + 1] > 0.0
-    for count in (1, 5, round(MAX_DELAY / dt)):
-        late = answer(count * dt)
-        # to rounding: delay/dt is not quite a whole number
-        np.testing.assert_allclose(late[count:], prompt[:-count], atol=1e-9 * np.max(prompt))
-        np.testing.assert_allclose(late[:count], 0.0, atol=1e-9 * np.max(prompt))
-    # between two steps the targets are led in a straight line; the gear may touch a step earlier than in the mean
-    between = answer(2 * dt)  # half a step is the hold's own
-    np.testing.assert_allclose(between, 0.5 * (answer(1.5 * dt) + answer(2.5 * dt)), atol=0.04 * np.max(prompt))
-    np.testing.assert_array_equal(answer(10.0), answer(MAX_DELAY))

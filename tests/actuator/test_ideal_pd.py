@@ -7,7 +7,6 @@ import pytest
 
 from motorprior.actuator.ideal_pd import FULL_FRICTION_SPEED, IdealPd
 from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
-from motorprior.bench.dynamometer import Trial, run
 
 DT = 0.002
 
@@ -18,13 +17,6 @@ def torques(actuator, targets, joint_pos, joint_vel):
     for step in range(len(targets)):
         step_actuator(arrays, DT, targets[step].copy(), joint_pos[step].copy(), joint_vel[step].copy(), out[step])
     return out
-
-
-def step_response(time, size, inertia, kp, kd):
-    """Angle of inertia·q̈ + kd·q̇ + kp·q = kp·size, from rest at 0, underdamped."""
-    decay = kd / (2 * inertia)
-    wave = np.sqrt(kp / inertia - decay**2)
-    return size * (1 - np.exp(-decay * time) * (np.cos(wave * time) + decay / wave * np.sin(wave * time)))
 
 
 def test_torque_is_the_clipped_law_plus_the_damping_that_the_engine_takes():
@@ -47,24 +39,6 @@ def test_a_delayed_target_is_the_target_of_so_long_ago(lag):
     # before the start the first target has held for ever, which is what np.interp extrapolates
     expected = np.stack([np.interp(steps - lag, steps, column) for column in target.T], axis=1)
     np.testing.assert_allclose(torques(actuator, target, nothing, nothing), expected, atol=1e-9)
-
-
-@pytest.mark.parametrize(("kp", "kd", "load", "armature"), [(4.0, 0.05, 1e-3, 3e-3)])
-def test_the_loaded_joint_is_a_second_order_system(kp, kd, load, armature):
-    actuator = IdealPd.uniform(1, kp, kd, torque_limit=1e9, armature=armature)
-
-    def worst(dt):
-        steps = round(0.5 / dt)
-        targets = np.full((steps, 1), 0.3)
-        targets[0] = 0.0  # rest at 0, then 0.3
-        trial = Trial(targets, np.zeros((steps, 1)), np.array([load]), dt)
-        time = np.arange(steps - 1) * dt
-        expected = step_response(time, 0.3, load + armature, kp, kd)
-        return np.max(np.abs(run(actuator, trial).joint_pos[1:, 0] - expected))
-
-    # semi-implicit Euler errs by O(dt): at 0.1 ms about dt·w·amplitude = 1e-4·45·0.3 = 1.4e-3 rad at most
-    assert worst(1e-4) < 1.5e-3
-    assert worst(1e-4) / worst(2e-4) == pytest.approx(0.5, abs=0.05)
 
 
 COULOMB = 0.26

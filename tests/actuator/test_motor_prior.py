@@ -1,6 +1,5 @@
 """A prior's file is what was saved, and a loader refuses what it does not understand."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -80,12 +79,6 @@ def test_what_is_saved_is_loaded(prior: MotorPrior, saved: Path):
     assert [getattr(loaded, name) for name in texts] == [getattr(prior, name) for name in texts]
 
 
-def test_the_same_prior_gives_the_same_bytes(prior: MotorPrior, saved: Path, tmp_path: Path):
-    MotorPrior.load(saved).save(tmp_path / "again.safetensors")
-    assert (tmp_path / "again.safetensors").read_bytes() == saved.read_bytes()
-    assert prior.sha256() == hashlib.sha256(saved.read_bytes()).hexdigest()
-
-
 @pytest.mark.parametrize("prior", ["grey box"], indirect=True)
 @pytest.mark.parametrize(
     ("tensors", "header", "without"),
@@ -104,12 +97,4 @@ def test_a_file_that_is_no_prior_is_rejected_by_name(
 ):
     rewrite(saved, tensors, header, without)
     with pytest.raises(ArtifactError, match=saved.name):
-        MotorPrior.load(saved)
-
-
-@pytest.mark.parametrize("prior", ["network"], indirect=True)
-@pytest.mark.parametrize("changes", [{"taps": [2, 0]}, {"torque_scale": 0.0}])
-def test_a_network_that_is_none_is_rejected(saved: Path, changes: dict):
-    rewrite(saved, {}, {"network": read_tensors(saved)[1]["network"] | changes})
-    with pytest.raises(ArtifactError, match="network"):
         MotorPrior.load(saved)

@@ -1,19 +1,13 @@
 """Each term of a servo does what its formula says, nothing where it is absent, and is compiled as it is written."""
 
-import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy_arithmetic import NUMPY
 
-from motorprior.actuator import optional_terms
-from motorprior.actuator.geared_motor_constants import (
-    StepConstants,
-    step_constants,
-)
-from motorprior.actuator.geared_motor_step import MotorState, array_arithmetic, step
+from motorprior.actuator.geared_motor_step import MotorState, StepConstants, step, step_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.optional_terms import TERMS, Conditions, at_conditions
@@ -23,7 +17,6 @@ H = 0.002
 EVERY = tuple(TERMS)
 CASES = pytest.mark.parametrize("terms", [("dead_zone",), ("profile", "heat"), EVERY], ids=len)
 MOTORS = 11  # eight lanes and three alone
-NUMPY = array_arithmetic(np)
 STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02, "temperature_loss": 0.3}
 
 
@@ -63,8 +56,8 @@ def test_the_compiled_step_is_the_formula(grey_box: Networks, terms: tuple[str, 
     motors = GreyBoxActuator(box, rng.standard_normal((MOTORS, 3)), Conditions(rng.random(MOTORS), 0.8, 20.0))
     drawn = drawn_states(motors, terms, rng)
     values = motors.constants()
-    alone = stepped(step_constants(values, H, np, terms), drawn, terms)
-    every = stepped(step_constants(values, H, np, terms), drawn, EVERY)
+    alone = stepped(step_constants(values, H, terms), drawn, terms)
+    every = stepped(step_constants(values, H, terms), drawn, EVERY)
 
     arrays, torque = motors.arrays(H), np.zeros(MOTORS)
     reset_actuator(arrays, drawn["target"].copy(), drawn["q"].copy())
@@ -89,7 +82,7 @@ def test_the_compiled_step_is_the_formula(grey_box: Networks, terms: tuple[str, 
 def law(motor: dict[str, float], terms: tuple[str, ...], **more: Any):
     """A motor of one kind: `StepConstants` from constants by name, those of SERVO if not given."""
     values = {name: np.array([float(value)]) for name, value in (SERVO | motor | more).items()}
-    return step_constants(values, H, np, terms)
+    return step_constants(values, H, terms)
 
 
 SERVO = {
@@ -121,7 +114,7 @@ def test_a_profile_keeps_within_speed_and_acceleration_and_lands_without_oversho
     speeds, accelerations = np.exp(rng.uniform(-1, 3, count)), np.exp(rng.uniform(1, 7, count))
     limits = {"profile_speed": speeds, "profile_acceleration": accelerations}
     values = {name: np.full(count, value) for name, value in SERVO.items()} | limits
-    p = step_constants(values, H, np, ("profile",))
+    p = step_constants(values, H, ("profile",))
     target, begin = rng.uniform(-2, 2, (2, count))
     state = MotorState(**dict.fromkeys(MotorState._fields, np.zeros(count)))._replace(reference=begin)
     references, still = [begin], np.zeros(count)
@@ -183,29 +176,9 @@ def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slide
     assert state.bristle[0] == pytest.approx(0.1 / 8.0, rel=1e-9)
 
 
-def test_heat_takes_its_share_of_the_laws_torque(grey_box: Networks):
-    box = grey_box(spread=0.0, terms=("integral", "heat"), heat_loss=0.3, heat_time=10.0)
-    cold, warm, hot = (box.motor.decode(np.zeros((1, 3)), Conditions(warmth)) for warmth in (0.0, 0.5, 1.0))
-    for name in ("kp", "torque_limit", "integral_limit"):
-        assert warm[name] == pytest.approx(0.85 * cold[name]) and hot[name] == pytest.approx(0.7 * cold[name])
-    assert warm["kd_over_kp"] == cold["kd_over_kp"] and warm["coulomb"] == cold["coulomb"]
-    assert box.warmth(np.zeros((1, 3)), 0.0) == pytest.approx(0.0)
-    assert box.warmth(np.zeros((1, 3)), 10.0) == pytest.approx(1 - np.exp(-1.0))
-
-
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (20.0, 0.1)])
 def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(share: float, law: float):
     values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0)
-    found = at_conditions(Conditions(supply=0.8), values | {"supply_share": share}, np)
+    found = at_conditions(Conditions(supply=0.8), values | {"supply_share": share})
     assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
     assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
-
-
-@pytest.mark.parametrize("name", ["asymmetry", "presliding", "torque_speed"])
-def test_a_term_is_an_entry_and_a_line_of_the_step(name: str):
-    files = [*Path(optional_terms.__file__).parent.glob("*.py")]
-    files += (Path(optional_terms.__file__).parents[1] / "identification").rglob("*.py")
-    quoted = re.compile(rf'"{name}"')
-    assert {file.stem for file in files if quoted.search(file.read_text("utf-8"))} == {
-        "optional_terms", "geared_motor_step",
-    }  # fmt: skip

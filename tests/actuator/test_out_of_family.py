@@ -12,7 +12,6 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.fleet import load_fleet
 
 DT = 1e-4
-BLOCKED = 1e9  # inertia of a joint that does not move [kg·m²]
 
 
 def motor(**constants: float) -> OutOfFamilyMotors:
@@ -35,17 +34,6 @@ def step(height: float, seconds: float) -> np.ndarray:
     target = np.full(round(seconds / DT), height)
     target[0] = 0.0
     return target
-
-
-def referred(motors: OutOfFamilyMotors, targets: np.ndarray) -> np.ndarray:
-    """(steps,) reference of the firmware [rad] after every step of DT, the joint at rest."""
-    arrays, still, torque = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
-    reset_actuator(arrays, targets[:1].copy(), still)
-    found = []
-    for target in targets:
-        step_actuator(arrays, DT, np.array([target]), still, still, torque)
-        found.append(arrays.memory[rows.REFERENCE, 0])
-    return np.array(found)
 
 
 def test_with_everything_off_it_is_a_second_order_system():
@@ -113,38 +101,6 @@ def test_a_motor_that_is_switched_off_only_takes_energy(name):
     assert kinetic.max() > 0.01
 
 
-def test_the_profile_keeps_its_speed_and_acceleration_and_lands_on_the_target():
-    speed, acceleration, period = 5.0, 60.0, 0.0013
-    motors = motor(profile_speed=speed, profile_acceleration=acceleration, servo_period=period)
-    found = referred(motors, step(1.2, 0.5))
-    ticks = found[np.r_[True, np.diff(found) != 0]]
-    velocity = np.diff(ticks) / period
-    assert np.max(np.abs(velocity)) == pytest.approx(speed)
-    assert np.max(np.abs(np.diff(velocity))) <= acceleration * period * (1 + 1e-9)
-    assert found.max() <= 1.2 + 1e-9 and found[-1] == pytest.approx(1.2, abs=1e-3)
-    rest = 1.2 / speed + speed / acceleration  # of a trapezoid
-    assert DT * np.argmax(found > 1.19) == pytest.approx(rest, abs=0.03)
-
-
-def held_torque(motors: OutOfFamilyMotors, error: float, seconds: float = 0.1) -> np.ndarray:
-    """(steps,) torque [N·m] on a joint that is blocked at 0, with this target [rad]."""
-    return respond(motors, step(error, seconds), load=BLOCKED).joint_torque[:, 0]
-
-
-def test_a_warm_motor_is_weaker_by_its_loss_and_warms_exponentially():
-    motors = motor(kp=5.0, viscous_damping=0.3, heat_loss=0.15, heat_time=0.5, warmth=0.2)
-    torque = held_torque(motors, 0.1, 2.0)
-    for seconds in (0.5, 1.0, 1.9):
-        warmth = 1 - 0.8 * np.exp(-seconds / 0.5)
-        angle = torque[round(seconds / DT)] / 4000.0  # the gear's twist lowers the error
-        assert torque[round(seconds / DT)] == pytest.approx(5.0 * (0.1 - angle) * (1 - 0.15 * warmth), rel=1e-4)
-        assert motors.after(seconds).warmth[0] == pytest.approx(warmth)
-    later = held_torque(motors.after(1.0), 0.1, 0.9)
-    assert later[-1] == pytest.approx(torque[round(1.9 / DT) - 1], rel=1e-3)
-    cold = replace(motors, heat_time=np.zeros(1))
-    np.testing.assert_array_equal(cold.after(100.0).warmth, cold.warmth)
-
-
 def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:
     """(steps,) torque of the gear [N·m] behind a rotor that does not move."""
     arrays, torque, still = motors.actuator().arrays(DT), np.zeros((len(twist), 1)), np.zeros(1)
@@ -154,13 +110,6 @@ def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:
     return torque[:, 0]
 
 
-def test_the_gear_hardens_behind_its_play():
-    motors = motor(armature=1e9, backlash=0.02, gear_stiffness=50.0, gear_hardening=2e4)
-    twist = np.linspace(-0.03, 0.03, 61)
-    pressed = np.sign(twist) * np.maximum(0.0, np.abs(twist) - 0.01)
-    np.testing.assert_allclose(twisted(motors, twist), 50.0 * pressed + 2e4 * pressed**3, atol=1e-9)
-
-
 def test_a_cycle_of_the_gear_costs_the_sliders_parallelogram():
     """4·torque·(amplitude - torque / stiffness) per cycle, Iwan (1966)."""
     motors = motor(armature=1e9, gear_stiffness=80.0, slider_stiffness=40.0, slider_torque=0.1)
@@ -168,13 +117,3 @@ def test_a_cycle_of_the_gear_costs_the_sliders_parallelogram():
     torque = twisted(motors, twist)[4000:]
     area = np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(twist[4000:]))
     assert area == pytest.approx(4 * 0.1 * (0.02 - 0.1 / 40.0), rel=0.01)
-
-
-def test_ripple_and_cogging_go_by_the_rotors_position():
-    for position in (0.0, 0.05, 0.3):
-        motors = motor(kp=5.0, armature=1e9, ripple=0.03, ripple_order=36.0, cogging=0.02, cogging_order=72.0)
-        arrays, at = motors.actuator().arrays(DT), np.array([position])
-        reset_actuator(arrays, at + 0.1, at)
-        step_actuator(arrays, DT, at + 0.1, at, np.zeros(1), np.zeros(1))
-        known = 0.5 * (1 + 0.03 * np.sin(36 * position)) - 0.02 * np.sin(72 * position)
-        assert arrays.memory[rows.ROTOR_VEL, 0] * 1e9 / DT == pytest.approx(known)

@@ -6,11 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.physical import ROTOR_POS, SUBSTEP, MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import SUBSTEP, MotorParameters, PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 
-DT = 0.001
 STIFF = {"gear_stiffness": 3000.0, "gear_damping": 1.0}
 FEW = settings(max_examples=15, deadline=None, derandomize=True)
 
@@ -22,19 +20,6 @@ def motor(**changes):
     values |= {"armature": 0.003, "velocity_filter": 1e-6, "stribeck_velocity": 0.3, "gear_stiffness": 80.0}
     values |= changes
     return PhysicalActuator(MotorParameters(**{name: np.array([value]) for name, value in values.items()}))
-
-
-def drive(actuator, target, joint_pos=None, joint_vel=None):
-    """(steps,) torque of one motor on a joint moved by hand, or locked at 0, and its final arrays."""
-    target, nothing = np.ascontiguousarray(target, float), np.zeros(len(target))
-    joint_pos = nothing if joint_pos is None else joint_pos
-    joint_vel = nothing if joint_vel is None else joint_vel
-    arrays, out = actuator.arrays(DT), np.zeros((len(target), 1))
-    reset_actuator(arrays, target[:1].copy(), joint_pos[:1].copy())
-    for k in range(len(target)):
-        inputs = (target[k : k + 1], joint_pos[k : k + 1], joint_vel[k : k + 1])
-        step_actuator(arrays, DT, *inputs, out[k])
-    return out[:, 0], arrays
 
 
 def step_response(time, size, inertia, kp, kd):
@@ -57,16 +42,6 @@ def test_a_rigid_motor_without_friction_is_a_second_order_system(kp, kd, load):
     # most 0.3 rad·sqrt(kp/inertia)·0.25 ms = 2e-3 rad
     np.testing.assert_allclose(response.joint_pos[1:, 0], expected, atol=2.5e-3)
     assert np.max(expected) > 0.33  # it swings: a wrong inertia or damping would show
-
-
-@FEW
-@given(coulomb=st.floats(0.01, 0.5), share=st.floats(-0.999, 0.999))
-def test_a_torque_below_friction_never_moves_the_rotor(coulomb, share):
-    actuator = motor(coulomb=coulomb, stribeck_torque=0.0)
-    target = np.full(400, share * coulomb / 6.0)
-    target[0] = 0.0
-    torque, arrays = drive(actuator, target)
-    assert arrays.memory[ROTOR_POS, 0] == 0.0 and np.all(torque == 0.0)
 
 
 def energy(response, actuator, load):
@@ -114,19 +89,3 @@ def test_an_unpowered_motor_spun_by_hand_only_loses_energy(friction, load):
     assert np.all(np.diff(quarters) <= wave * SUBSTEP * np.array(quarters[:-1]))
     if friction["coulomb"] > 0.01:
         assert left[-1] < left[0]
-
-
-@pytest.mark.parametrize("backlash", [0.0, 0.03])
-def test_the_dead_band_is_the_backlash(backlash):
-    # the rotor is stuck at 0; the joint is turned by hand, slowly enough to count as at rest
-    joint_pos = np.linspace(-0.04, 0.04, 161)
-    actuator = motor(kp=0.0, kd=0.0, coulomb=1e6, backlash=backlash)
-    arrays, out = actuator.arrays(DT), np.zeros(1)
-    reset_actuator(arrays, np.zeros(1), np.zeros(1))
-    torque = []
-    for angle in joint_pos:
-        step_actuator(arrays, DT, np.zeros(1), np.array([angle]), np.zeros(1), out)
-        torque.append(out[0])
-    # 80 N·m/rad beyond half the play on either side
-    expected = -80.0 * np.sign(joint_pos) * np.maximum(0.0, np.abs(joint_pos) - backlash / 2)
-    np.testing.assert_allclose(torque, expected, atol=1e-12)

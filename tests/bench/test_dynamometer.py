@@ -29,15 +29,6 @@ def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
     np.testing.assert_array_equal(response.joint_torque, 0.0)
 
 
-def test_damping_decays_as_implicit_euler_does_whatever_its_size():
-    external = np.zeros((60, 2))
-    external[0] = LOAD * 5.0 / 0.002
-    kd = 1.0  # kd·dt/J = 1 and 0.067
-    speed = run(limp(kd=kd), Trial(np.zeros((60, 2)), external, LOAD, 0.002)).joint_vel
-    expected = 5.0 / (1 + 0.002 * kd / LOAD) ** np.arange(1, 60)[:, None]
-    np.testing.assert_allclose(speed[1:], expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("preset", ["paper", "rollout"])
 def test_a_recorded_log_obeys_newton(preset):
     fleet = load_fleet("pupper_v2")

@@ -1,7 +1,6 @@
 """A fleet of out-of-family motors means what its file says, and a bench gives its motors back."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.bench.bench_folder import bench_from_json, read_bench
 from motorprior.bench.families import OUT_OF_FAMILY
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.bench import Bench, run_bench
 
 LEAST = """
@@ -31,12 +29,6 @@ def written(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def sampled(name: str, count: int) -> OutOfFamilyMotors:
-    motors = load_fleet(name).sample(count, 1)
-    assert isinstance(motors, OutOfFamilyMotors)
-    return motors
 
 
 def test_what_a_file_leaves_out_is_off(tmp_path):
@@ -60,17 +52,3 @@ def test_a_bench_gives_its_motors_back(tmp_path, name):
     np.testing.assert_array_equal(drawn.kp, again.kp)
     text = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
     assert text.get("family", "geared") == fleet.family and ("family" in text) == (name != "mixed")
-
-
-def test_a_log_is_of_motors_that_warm_up_and_of_noisy_instruments():
-    motors, fleet = sampled("foreign_direct", 2), load_fleet("foreign_direct")
-    preset = replace(PRESETS["rollout"], segment_steps=200, kinds=("sine",))
-    noisy, again = (record(motors, preset, 400, 0, fleet).joint_pos for _ in range(2))
-    clean = record(replace(motors, log_position_noise=np.zeros(2)), preset, 400, 0, fleet).joint_pos
-    assert noisy.tobytes() == again.tobytes() and np.std(noisy - clean) == pytest.approx(2e-4, rel=0.1)
-    loss = np.full(2, 0.3)  # warm at once, so that all but the first segment starts warm
-    fast = replace(motors, heat_loss=loss, heat_time=np.full(2, 1e-9), warmth=np.zeros(2))
-    warm = replace(motors, heat_loss=loss, heat_time=np.zeros(2), warmth=np.ones(2))
-    one, other = (record(each, preset, 400, 0, fleet).joint_pos for each in (fast, warm))
-    np.testing.assert_array_equal(one[200:], other[200:])
-    assert np.any(other[200:] != noisy[200:])

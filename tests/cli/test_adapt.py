@@ -118,7 +118,7 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
         assert len(parts) == 5 and figures[f"coverage{level}"] == pytest.approx(np.mean(parts))
     assert 0.1 < figures["coverage50"] < figures["coverage90"]
     areas = [found.where(quantity="two_sample_auc").value(statistic=name) for name in ("low", "median", "high")]
-    assert areas == sorted(areas) and areas[1] > 0.5 and figures["energy_distance"] > 0.0
+    assert areas == sorted(areas) and areas[1] > 0.5
     alarms = 12 * figures["adapt_false_alarms/1"]  # of twelve motors
     assert alarms == pytest.approx(round(alarms)) and alarms < 6 and 0.5 < figures["adapt_rmse_ratio/1"] < 20.0
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
-from motorprior.actuator.physical import MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -157,31 +156,11 @@ def test_reset_forgets(make):
     np.testing.assert_array_equal(torques(actuator, inputs, arrays), torques(actuator, inputs))
 
 
-def test_the_torque_depends_on_the_past(make):
-    # two motions that end alike; a model without memory could not tell them apart
-    inputs = motion(12)
-    other = inputs.copy()
-    other[0, 50:56] += 0.1
-    assert np.any(torques(make(12), inputs)[56:] != torques(make(12), other)[56:])
-
-
 def test_only_the_difference_of_target_and_joint_counts(make):
     inputs = motion(12)
     shifted = inputs + np.array([0.7, 0.7, 0.0])[:, None, None]
     # float32 history in the latent actuator: 1e-7 relative, amplified by the network
     np.testing.assert_allclose(torques(make(12), shifted), torques(make(12), inputs), atol=2e-5)
-
-
-def test_at_rest_on_its_target_a_pd_motor_gives_nothing(make):
-    actuator, pose = make(12), np.linspace(-1, 1, 12)
-    if isinstance(actuator, PhysicalActuator):
-        actuator = PhysicalActuator(actuator.motors.scaled({"encoder_zero": 0.0}))
-    inputs = np.stack([pose, pose, np.zeros(12)])[:, None].repeat(30, axis=1)
-    torque = torques(actuator, inputs)
-    if isinstance(actuator, NetworkActuator):
-        np.testing.assert_array_equal(torque, np.broadcast_to(torque[0], torque.shape))  # at rest in its own way
-    else:
-        np.testing.assert_array_equal(torque, 0.0)
 
 
 def static_band(actuator):
@@ -213,21 +192,6 @@ def test_a_stalled_motor_pushes_with_its_limit_and_no_more(make, size):
     assert np.all(torque <= high * (1 + 1e-9))
     if make is not latent:
         assert np.all(torque >= low * (1 - 1e-9))
-
-
-@pytest.mark.parametrize("model", [ideal_pd, latent])
-def test_the_motor_torque_is_bounded_at_any_speed(model):
-    actuator = model(12)
-    inputs = motion(12) * np.array([30.0, -30.0, 30.0])[:, None, None]
-    motor_torque = torques(actuator, inputs) - actuator.damping * inputs[2]  # the engine subtracts the damping
-    assert np.max(np.abs(motor_torque)) == pytest.approx(LIMIT)
-
-
-def test_the_engine_gets_one_armature_and_damping_per_motor(make):
-    actuator = make(12)
-    assert actuator.num_motors == 12
-    for given in (actuator.armature, actuator.damping):
-        assert given.shape == (12,) and np.all(given >= 0) and np.all(np.isfinite(given))
 
 
 @pytest.mark.parametrize(

@@ -102,13 +102,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backen
     assert not np.array_equal(first[-1][4], other[-1][4])
 
 
-def test_a_state_is_not_changed_by_later_steps(backend: Backend):
-    state = backend.reset(0)
-    kept = [np.array(value) for value in state]
-    backend.step(spec.NOMINAL_POSE + 0.3)
-    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(kept, state, strict=True))
-
-
 def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Backend):
     backend.reset(0)
     places = [backend.step(spec.NOMINAL_POSE) for _ in range(30)][-1].foot_pos

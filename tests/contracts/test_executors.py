@@ -6,7 +6,6 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +132,6 @@ def cluster(ray):
 
 def remember(simulator, shared, task):
     """Leave a mark that says where the task runs; end nowhere but on the nodes that stay."""
-    import os
-
     import ray as there
 
     folder, doomed_id = shared
@@ -145,7 +142,6 @@ def remember(simulator, shared, task):
 
 
 def die(simulator, shared, task):
-    import os
 
     if task == 3:
         os._exit(1)
@@ -182,39 +178,3 @@ def kill_when_busy(node, folder, node_id):
     while not any(mark.name.endswith(node_id) for mark in folder.iterdir()):
         time.sleep(0.02)
     node.kill_raylet(check_alive=False)
-
-
-def ports_of(pid: int) -> list[str]:
-    """Local addresses, as the kernel writes them, on which a process and its children of any degree listen."""
-    parents = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
-    family = {pid}
-    while more := {child for child, parent in parents.items() if parent in family} - family:
-        family |= more
-    sockets = set()
-    for member in family:
-        with suppress(OSError):
-            sockets |= {os.readlink(file) for file in Path(f"/proc/{member}/fd").iterdir()}
-    lines = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()]
-    return [line[1] for line in lines if line[3] == "0A" and f"socket:[{line[9]}]" in sockets]
-
-
-LOOPBACK = ("0100007F:", "0000000000000000FFFF00000100007F:", "00000000000000000000000001000000:")
-"""127.0.0.1, the same in IPv6, ::1."""
-
-
-@pytest.mark.skipif(not Path("/proc/net/tcp6").is_file(), reason="only Linux lists open ports in /proc/net")
-def test_ray_on_this_machine_alone_listens_to_this_machine_alone(ray):
-    environment, others = dict(os.environ), ports_of(os.getpid())
-    executor = make_executor(Sleeper, 2, "ray")
-    try:
-        assert executor.map(nap, "x", range(2)) == [("x", 0), ("x", 1)]
-        ports = [port for port in ports_of(os.getpid()) if port not in others]
-        assert len(ports) > 3, "the head, the raylet, the workers"
-        assert [port for port in ports if not port.startswith(LOOPBACK)] == []
-    finally:
-        executor.close()
-    left = {name: os.environ.get(name) for name in os.environ.keys() | environment if "CLUSTER" in name}
-    assert left == {name: environment.get(name) for name in left}, "a cluster can be started or joined afterwards"

@@ -7,11 +7,9 @@ import pytest
 from third_party_files import csv_columns, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs import read_log as registry
-from motorprior.logs import readers
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import READERS, find_readers, read_log
+from motorprior.logs.read_log import READERS, read_log
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.load import load_robot
@@ -89,28 +87,3 @@ def test_an_unknown_format_is_refused_with_those_that_are_known(tmp_path: Path):
             read_log(tmp_path / "log.mat", columns=columns)
     with pytest.raises(LogError, match="no such file"):
         read_log(tmp_path / "log.npz")
-
-
-NEW_FORMAT = """
-import numpy as np
-from motorprior.logs.column_map import ColumnMap, MappedJoint
-from motorprior.logs.log_reader import LogReader, read_mapped_log
-
-SERIES = {"position_target": "goal", "joint_pos": "angle"}
-COLUMNS = ColumnMap(source="mine", series=SERIES, joints=(MappedJoint("", "knee"),), rate=100.0)
-
-def columns(path, names, map):
-    return dict(zip(("goal", "angle"), np.loadtxt(path).T))
-
-READER = LogReader("mine", (".mine",), read=lambda path, robot: read_mapped_log(path, COLUMNS, columns, robot))
-"""
-
-
-def test_a_new_format_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    files = [tmp_path / "my_format.py"]
-    files[0].write_text(NEW_FORMAT)
-    monkeypatch.setattr(readers, "__path__", [*readers.__path__, str(tmp_path)])
-    monkeypatch.setattr(registry, "READERS", find_readers())
-    np.savetxt(tmp_path / "a.mine", [[0.0, 0.1], [0.2, 0.3]])
-    log = read_log(tmp_path / "a.mine")
-    assert log.joint_pos[:, 0].tolist() == [0.1, 0.3] and log.time.tolist() == [0.0, 0.01] and len(files) == 1

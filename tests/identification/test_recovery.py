@@ -4,8 +4,6 @@ Four such fleets share one training, each a quarter of the motors, so that the c
 """
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +14,6 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.evaluation.bands import bench_coverage
-from motorprior.identification.evaluation.reference import reference_metrics
 from motorprior.identification.latents.latent_fit import Posterior, fit_posterior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
@@ -99,17 +95,3 @@ def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: P
     own = slice(group * NEW, (group + 1) * NEW)
     decoded, true = prior.model.constants(posterior.mean)[name][own], getattr(fleets(NEW, 2), name)[own]
     assert np.sqrt(np.mean(np.log(decoded / true) ** 2)) < bound
-
-
-def test_bands_have_about_their_nominal_coverage(log: MotorLog, prior: Identified, posterior: Posterior):
-    metrics = reference_metrics(prior.model, training_data(log, RECIPE, "log"), RECIPE, prior.mean, log)
-    known: Any = SimpleNamespace(model=prior.model, metrics=metrics)
-    found = bench_coverage(known, posterior, fleets(NEW, 2), 0)
-    # rather wide after a short training: the pools of residuals include the worst motors
-    half, most = (found.value(quantity=name, part=None) for name in ("coverage50", "coverage90"))
-    assert 0.35 < half < 0.8 and 0.75 < most < 0.99
-    doubled = {key: 2 * value if key.startswith("residual") else value for key, value in metrics.items()}
-    known.metrics = doubled
-    wide = bench_coverage(known, posterior, fleets(NEW, 2), 0)
-    assert wide.value(quantity="coverage50", part=None) > half + 0.1
-    assert wide.value(quantity="coverage90", part=None) > most

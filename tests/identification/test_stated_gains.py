@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from swinging_load import swinging_load
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.latents.latent_fit import fit_posterior

@@ -11,10 +11,9 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
-from motorprior.identification import train
 from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.train import identify, work_of
+from motorprior.identification.train import identify
 from motorprior.identification.training_data.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
@@ -76,16 +75,6 @@ def test_same_seed_same_bytes(small_data):
     assert len({leaves(identify(small_data, replace(SMALL, objective="torque"), 3)) for _ in range(2)}) == 1
 
 
-def test_training_lowers_the_loss_and_gives_every_motor_a_posterior(small_data):
-    preset = replace(SMALL, has_armature=True, steps=400)
-    calls = []
-    result = identify(small_data, preset, 0, lambda *call: calls.append(call))
-    assert result.losses[-1] < 0.5 * result.losses[0]
-    assert result.mean.shape == result.log_var.shape == (2, 2)
-    assert calls == [(100, f"loss {loss:.4f}") for loss in result.losses]
-    assert work_of(preset) == 400
-
-
 # Grey boxes.
 
 MOTORS = replace(PRESETS["rollout"], warm_up=40, window=32)
@@ -103,23 +92,6 @@ def leaves(result) -> bytes:
     return b"".join(np.asarray(leaf).tobytes() for leaf in every)
 
 
-class Kept:
-    """Checkpoints in memory."""
-
-    def __init__(self):
-        self.state = None
-
-    def load(self):
-        return self.state
-
-    def save(self, state):
-        self.state = {name: np.array(value) for name, value in state.items()}
-
-
-class Interrupted(Exception):
-    """Raised by the report."""
-
-
 def test_motors_are_fitted_without_a_term_that_they_do_not_have(two_motors):
     found = identify(two_motors, MOTORS, 0)
     assert found.preset.terms == () and isinstance(found.model, GreyBox) and found.model.motor.terms == ()
@@ -127,20 +99,3 @@ def test_motors_are_fitted_without_a_term_that_they_do_not_have(two_motors):
     assert "saved_output_encoder" in found.metrics
     assert np.all(np.isfinite(found.log_var))
     assert found.losses[-1] < 0.05
-
-
-def test_an_interrupted_fit_ends_at_the_same_bytes_and_finished_constants_are_not_fitted_again(
-    two_motors, monkeypatch: pytest.MonkeyPatch
-):
-    whole, kept, fits = identify(two_motors, MOTORS, 0), Kept(), []
-
-    def report(work: int, text: str) -> None:
-        if text.startswith("refining"):
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        identify(two_motors, MOTORS, 0, report, kept)
-    fit = train.fit_motors
-    monkeypatch.setattr(train, "fit_motors", lambda *args, **more: fits.append(0) or fit(*args, **more))
-    assert leaves(identify(two_motors, MOTORS, 0, checkpoints=kept)) == leaves(whole)
-    assert not fits

@@ -14,8 +14,7 @@ from motorprior.commands import validate_log
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate_log import TRAINED_ON, ValidateLog, run_validate_log
 from motorprior.identification import fit_prior as identify
-from motorprior.identification.fit_prior import fit_prior
-from motorprior.identification.prior_file import trained_on
+from motorprior.identification.fit_prior import fit_prior, trained_on
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import Lines
@@ -72,21 +71,3 @@ def test_who_judges_a_log_that_the_prior_was_trained_on_is_warned(tmp_path: Path
         found = run_validate_log(ValidateLog(path, tmp_path / f"{seed}.parquet", tmp_path / f"out{seed}"), Lines(said))
         assert (f"{WARNING} {tmp_path / f'{seed}.parquet'}" in said.getvalue()) is known
         assert found.where(quantity=TRAINED_ON).value() == float(known)
-
-
-@pytest.mark.usefixtures("fit")
-@pytest.mark.parametrize(("seconds", "rows"), [(None, 450), (0.5, 250), (1.0, 500)])
-def test_the_first_seconds_are_known_and_the_rest_is_judged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seconds: float | None, rows: int
-):
-    seen: list[MotorLog] = []
-    monkeypatch.setattr(
-        validate_log, "_measure", lambda _, __, known, judged, ___: seen.extend((known, judged)) or Results()
-    )
-    monkeypatch.setattr(validate_log, "_write_page", lambda _: None)
-    path, recorded = tmp_path / "prior.safetensors", tmp_path / "log.parquet"
-    fit_prior(log(0), "pace").save(path)
-    write_log(recorded, log(1))
-    run_validate_log(ValidateLog(path, recorded, tmp_path / "out", seconds=seconds))
-    assert [each.num_rows for each in seen] == [rows, 900 - rows]
-    np.testing.assert_array_equal(np.concatenate([each.joint_pos for each in seen]), log(1).joint_pos)

@@ -1,17 +1,12 @@
 """Who adapts to weak motors is told that their torque limits may be lower, too, and can have it so."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_posterior import kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.registry import motor_text
 from motorprior.identification.adapt import WEAK_ROBOT, advice_on_weak_motors, weak_below
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motors import motor_sampler
 
 NAMES = ("hip", "knee", "ankle")
 
@@ -43,22 +38,3 @@ def test_no_advice_for_motors_like_the_prior(prior: MotorPrior, box: GreyBox):
 def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: MotorPrior, box: GreyBox):
     advice = advice_on_weak_motors(prior, NAMES, latents(box, 1.1, WEAK_ROBOT - 0.05, 0.75))
     assert "knee 0.80, ankle 0.75. If" in advice and "hip" not in advice
-
-
-@pytest.mark.parametrize("follows", [False, True])
-def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(
-    prior: MotorPrior, box: GreyBox, tmp_path: Path, follows: bool
-):
-    joints, files = PUPPER_V2.joint_names, (tmp_path / "prior.safetensors", tmp_path / "posterior.safetensors")
-    prior.save(files[0])
-    covariance = np.tile(0.1 * np.eye(3), (len(joints), 1, 1))
-    known = MotorPosterior(prior, latents(box, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
-    known.save(files[1])
-    text = motor_text("posterior", file=files[1], prior=files[0], limit_follows_gain=follows)
-    drawn = motor_sampler(text, PUPPER_V2)[0](np.random.default_rng(0))
-    assert isinstance(drawn, GreyBoxActuator)
-    if not follows:
-        assert drawn.factors is None
-    else:
-        assert drawn.factors is not None
-        np.testing.assert_allclose(drawn.factors.torque_limit, kp_ratio(box, drawn.z))

@@ -45,7 +45,7 @@ class ActuatorArrays(NamedTuple):
     inputs: np.ndarray  # (inputs,) int64: rows of the history that are network inputs, counted from the newest
     biases: np.ndarray  # (blocks, neurons of all layers, 16) float32; the first layer's include z
     history: np.ndarray  # (blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state
-    scratch: np.ndarray  # (blocks, neurons of all layers, 16) float32
+    scratch: np.ndarray  # (blocks, inputs and neurons of all layers, 16) float32
 
 
 def empty_arrays(

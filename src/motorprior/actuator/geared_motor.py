@@ -19,15 +19,19 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
-from motorprior.actuator.geared_motor_constants import (
+from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
+    BASE_STATE,
     LOG_REACH,
     MAX_DELAY,
+    MotorState,
     StepConstants,
     decode,
+    step,
     step_constants,
 )
-from motorprior.actuator.geared_motor_step import BASE_STATE, MotorState, step
+from motorprior.actuator.kernels import without_refcounts
 from motorprior.actuator.optional_terms import COLD, REFERENCE, TERMS, Conditions
 from motorprior.actuator.vector import LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
@@ -53,12 +57,12 @@ class GearedMotor:
     def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z) at these conditions."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
-        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), np, self.terms, conditions)
+        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)
 
 
 def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
     """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
-    return np.stack([row for row in step_constants(values, physics_dt, np, terms) if row is not None])
+    return np.stack([row for row in step_constants(values, physics_dt, terms) if row is not None])
 
 
 def memory_rows(physics_dt: float) -> int:
@@ -67,8 +71,9 @@ def memory_rows(physics_dt: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def reset_geared_motor(memory: np.ndarray, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Static rotor at the angle of the joint, centred in the backlash."""
+    memory = arrays.memory
     memory[:_LINE, :] = 0.0
     memory[ROTOR_POS, :] = joint_pos
     memory[_REFERENCE, :] = position_target
@@ -146,13 +151,16 @@ _servo_eight, _servo_one = (_stepper(width, tuple(TERMS)) for width in (8, 1))
 
 
 @njit(cache=True, nogil=True)
-def step_geared_motor(p, memory, now, physics_dt, position_target, joint_pos, joint_vel, torque, damping):
-    """Write (n,) torque [N·m] and damping [N·m·s/rad] for the coming physics step.
+def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    """Write the torque and the damping for the coming physics step; see `ActuatorKind`.
 
-    All arrays are contiguous: ``p`` (rows, n) of `motor_table` for this step, with more than BASE_CONSTANTS rows for
-    motors with optional terms; ``memory`` (rows, n) state; the others (n,). ``now`` is the number of steps since the
-    reset.
+    The table has more than BASE_CONSTANTS rows for motors with optional terms.
     """
+    # separately: a tuple would count each array once more
+    arrays, torque = without_refcounts(arrays), without_refcounts(torque)
+    position_target = without_refcounts(position_target)
+    joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
+    p, memory, now, damping = arrays.parameters, arrays.memory, arrays.clock[0], arrays.damping
     _update_targets(p, memory, now, position_target)
     n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS
     while first < n:
@@ -173,8 +181,8 @@ def step_geared_motor(p, memory, now, physics_dt, position_target, joint_pos, jo
             first += 1
 
 
-@njit(cache=True, nogil=True, inline="always")
-def read_rotor_encoders(p: np.ndarray, memory: np.ndarray, out: np.ndarray) -> None:
-    """(n,) encoder angle [rad]: rotor position plus encoder zero."""
+@njit(cache=True, nogil=True)
+def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    """The encoders are on the rotors: rotor position plus encoder zero [rad]."""
     for motor in range(out.shape[0]):
-        out[motor] = memory[ROTOR_POS, motor] + p[_ZERO, motor]
+        out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]

@@ -1,7 +1,7 @@
-"""One step of a servo motor with rotor, dry friction and gear, as one formula for every arithmetic.
+"""A servo motor with rotor, dry friction and gear: its constants, and one step as one formula for every arithmetic.
 
 The formula needs ``+ - * / abs > < |`` and the functions of an `Arithmetic`. It runs on lanes of compiled code
-(`geared_motor`), JAX (training) and numpy (tests), and imports none of them.
+(`geared_motor`) and on numpy (tests), and imports neither.
 
 All quantities are at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to
 t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except for EXTRA_DAMPING the step is
@@ -28,12 +28,109 @@ from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from motorprior.actuator.geared_motor_constants import StepConstants, Values
-from motorprior.actuator.optional_terms import REFERENCE, STATE_ROWS, TERMS, profiled, within_voltage
+import numpy as np
 
+from motorprior.actuator.optional_terms import (
+    COLD,
+    CONSTANTS,
+    SIGNED,
+    STATE_ROWS,
+    STEP_ROWS,
+    TERMS,
+    Conditions,
+    at_conditions,
+    constants_of,
+    profiled,
+    step_rows,
+    within_voltage,
+)
+
+# Units as in `physical.MotorParameters`; kd_over_kp [s]
+PARAMETERS = (
+    "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
+    "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
+)  # fmt: skip
+# Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this limit, since they
+# would be unstable
+MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
+MAX_DELAY = 0.04  # length of a motor's delay line [s]
+LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
+ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
 EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
-_TINY = 1e-12  # keeps the derivative of a root at 0 finite
+PER_LOGGED = "_per_stated"  # suffix of constants that are multiples of a logged gain
+
+Values = Any  # one number per motor, in the type of the arithmetic
+
+
+# Rows that every motor has: as in PARAMETERS, but kd, delay in steps, half_backlash, and a gear that is limited by
+# MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of its mean over the step
+_BASE = (
+    "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping",
+    "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain",
+)  # fmt: skip
+BASE_CONSTANTS = len(_BASE)
+# Constants of motors for steps of one length; also the rows of the compiled step's table
+StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
+# State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
+# engine at the previous step; the rows of optional terms follow, only if there are any
+_STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
+BASE_STATE = len(_STATE)
+MotorState = namedtuple("MotorState", (*_STATE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
+
+
+def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the constants of motors with these terms, in the order of the decoder outputs."""
+    return PARAMETERS + constants_of(terms)
+
+
+def decode(raw: np.ndarray, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, np.ndarray]:
+    """Constants by name, each (…), from decoder outputs (…, P).
+
+    exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY. ``conditions`` are
+    numbers or (…).
+    """
+    values = {
+        name: SIGNED[name] * raw[..., row] if name in SIGNED else np.exp(raw[..., row])
+        for row, name in enumerate(parameters_of(terms))
+    }
+    values["delay"] = np.minimum(values["delay"], MAX_DELAY)
+    for name, constant in CONSTANTS.items():
+        if constant.max and name in values:
+            values[name] = np.clip(values[name], -constant.max, constant.max)
+    return at_conditions(conditions, values)
+
+
+def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
+    """Constants by name with gains kp and kd: kp' = decoded kp·kp, kd' = decoded kp·decoded kd_over_kp·kd."""
+    return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
+
+
+def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
+    """Constants by name; multiples of logged gains are renamed, for example ``kp_per_stated``."""
+    return {f"{name}{PER_LOGGED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
+
+
+def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ...] = ()) -> StepConstants:
+    """Constants for steps of ``h`` [s] from constants by name.
+
+    A filter with time constant T has the gain 1 - exp(-h/T) per step; its mean over the step has the gain
+    1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get constants without effect.
+    """
+    steps = h / values["velocity_filter"]
+    gain = -np.expm1(-steps)
+    same = {name: values[name] for name in PARAMETERS if name in _BASE}
+    changed = {
+        "kd": values["kp"] * values["kd_over_kp"],
+        "filter_gain": gain,
+        "delay": values["delay"] / h,
+        "gear_stiffness": np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
+        "half_backlash": 0.5 * values["backlash"],
+        "gear_damping": np.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
+        "mean_filter_gain": 1.0 - gain / steps,
+    }
+    optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
+    return StepConstants(**(same | changed | optional))
 
 
 class Arithmetic(NamedTuple):
@@ -45,34 +142,6 @@ class Arithmetic(NamedTuple):
     positive_part: Callable[[Values], Values]  # max(x, 0); NaN stays NaN
     with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude with the sign of ``other``
     sqrt: Callable[[Values], Values]  # of numbers >= 0
-
-
-def array_arithmetic(xp: Any) -> Arithmetic:
-    """The arithmetic of an array module, numpy or jax.numpy.
-
-    Its sign of 0 is 0, so that the derivative of a static rotor by its impulse is defined, and 0.
-    """
-    return Arithmetic(
-        where=xp.where,
-        indicator=lambda condition: 1.0 * condition,
-        clip=lambda x, limit: xp.clip(x, -limit, limit),
-        positive_part=lambda x: xp.maximum(x, 0.0),
-        with_sign_of=lambda magnitude, other: xp.sign(other) * magnitude,
-        sqrt=lambda x: xp.sqrt(x + _TINY),
-    )
-
-
-# State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
-# engine at the previous step; the rows of optional terms follow, only if there are any
-_BASE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
-BASE_STATE = len(_BASE)
-MotorState = namedtuple("MotorState", (*_BASE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
-
-
-def initial_state(target: Values, joint_pos: Values, joint_vel: Values, zero: Values, has_terms: bool) -> MotorState:
-    """State in the middle of the backlash: the rotor at the joint's angle and velocity, the profile at the target."""
-    optional = {name: target if name == REFERENCE else zero for name in STATE_ROWS} if has_terms else {}
-    return MotorState(joint_pos, joint_vel, joint_vel, joint_vel, zero, **optional)
 
 
 def step(

@@ -15,14 +15,14 @@ from motorprior.actuator.geared_motor import (
     DAMPING,
     STIFFNESS,
     GearedMotor,
+    measure,
     memory_rows,
     motor_table,
-    read_rotor_encoders,
-    reset_geared_motor,
-    step_geared_motor,
+    reset,
+    step_lanes,
 )
-from motorprior.actuator.geared_motor_constants import with_logged_gains
-from motorprior.actuator.kernels import ActuatorKind, without_refcounts
+from motorprior.actuator.geared_motor_step import with_logged_gains
+from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.optional_terms import HALF_WARM, Conditions
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
@@ -123,21 +123,6 @@ class GreyBoxActuator(Actuator):
 
 
 @njit(cache=True, nogil=True)
-def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    reset_geared_motor(arrays.memory, position_target, joint_pos)
-
-
-@njit(cache=True, nogil=True)
-def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
-    # separately: a tuple would count each array once more
-    arrays, torque = without_refcounts(arrays), without_refcounts(torque)
-    position_target = without_refcounts(position_target)
-    joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
-    p, memory, now, damping = arrays.parameters, arrays.memory, arrays.clock[0], arrays.damping
-    step_geared_motor(p, memory, now, physics_dt, position_target, joint_pos, joint_vel, torque, damping)
-
-
-@njit(cache=True, nogil=True)
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
     # the engine does not damp, so the rotors get no momentum from its damping in the next step
     for motor in range(torque.shape[0]):
@@ -146,16 +131,11 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
     arrays.memory[DAMPING, :] = 0.0
 
 
-@njit(cache=True, nogil=True)
-def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    read_rotor_encoders(arrays.parameters, arrays.memory, out)
-
-
 def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
     np.minimum(arrays.parameters[STIFFNESS], max_stiffness, out=arrays.parameters[STIFFNESS])
 
 
 GREY_BOX = ActuatorKind(
-    "grey_box", "grey box", reset=_reset, step=_step, measure=_measure, make_explicit=_make_explicit,
+    "grey_box", "grey box", reset=reset, step=step_lanes, measure=measure, make_explicit=_make_explicit,
     limit_stiffness=_limit_stiffness,
 )  # fmt: skip

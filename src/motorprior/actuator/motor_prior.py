@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS
@@ -256,8 +256,7 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
         _NETWORK.check(network, path)
         known, fits = {"inputs": 2 * len(network["taps"])}, network["taps"] == sorted(network["taps"])
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
-    # compiled code runs four neurons at a time
-    fits = fits and header["motor_parameters"] == list(names) and not sizes.get("neurons", 0) % 4
+    fits = fits and header["motor_parameters"] == list(names)
     if sizes["motors"] == 0 or not fits:
-        problem = f"{sizes['motors']} motors, network, neurons or motor_parameters are inconsistent"
+        problem = f"{sizes['motors']} motors, network or motor_parameters are inconsistent"
         raise ArtifactError(problem, where=path, remedy=_REMEDY)

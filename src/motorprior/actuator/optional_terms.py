@@ -33,6 +33,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
 
 
@@ -131,17 +133,17 @@ class Conditions(NamedTuple):
 COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
 
 
-def at_conditions(conditions: Conditions, values: dict[str, Any], xp: Any) -> dict[str, Any]:
-    """Constants by name at these conditions; the array module ``xp`` is numpy or jax.numpy."""
+def at_conditions(conditions: Conditions, values: dict[str, Any]) -> dict[str, Any]:
+    """Constants by name at these conditions."""
     if "heat_loss" in values:
         values = _scaled(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
     if "supply_share" in values:
         share = 1.0 + values["supply_share"] * (conditions.supply - 1.0)
-        values = _scaled(xp.maximum(share, 1.0 - MAX_SHARE), values, _OF_LAW)
+        values = _scaled(np.maximum(share, 1.0 - MAX_SHARE), values, _OF_LAW)
         values = _scaled(conditions.supply, values, _OF_VOLTAGE)
     if "temperature_loss" in values:
         share = 1.0 - values["temperature_loss"] * conditions.temperature_rise / TEMPERATURE_SCALE
-        values = _scaled(xp.maximum(share, 1.0 - MAX_SHARE), values, _OF_MAGNETS)
+        values = _scaled(np.maximum(share, 1.0 - MAX_SHARE), values, _OF_MAGNETS)
     return values
 
 
@@ -166,7 +168,7 @@ def in_order(terms: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in TERMS if name in wanted)
 
 
-def step_rows(terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any, xp: Any) -> dict[str, Any]:
+def step_rows(terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any) -> dict[str, Any]:
     """Rows of `StepConstants` by name of all terms, for steps of ``h`` [s]; those not in ``terms`` have no effect."""
     rows = {}
     for name, term in TERMS.items():
@@ -176,7 +178,7 @@ def step_rows(terms: tuple[str, ...], values: dict[str, Any], h: float, zero: An
             value = values.get(constant.name, zero + (constant.disabled or 0.0))
             if constant.is_lag:
                 lags = h / value
-                rows |= dict(zip(constant.rows, (-xp.expm1(-lags), 1.0 + xp.expm1(-lags) / lags), strict=True))
+                rows |= dict(zip(constant.rows, (-np.expm1(-lags), 1.0 + np.expm1(-lags) / lags), strict=True))
             elif constant.rows:
                 rows[constant.name] = value
     return rows

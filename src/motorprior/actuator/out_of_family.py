@@ -53,7 +53,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.true_motors import TrueMotors, stribeck_share, voltage_limited
+from motorprior.actuator.physical import TrueMotors, stribeck_share, voltage_limited
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, held, write_line
 

@@ -10,12 +10,15 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
+from numba import types
 from numba.core import cgutils
+from numba.extending import intrinsic
 
 from motorprior.actuator.geared_motor_step import Arithmetic
 
-_DOUBLE = ir.DoubleType()
-BYTES = {_DOUBLE: 8, ir.FloatType(): 4}
+_DOUBLE, _FLOAT = ir.DoubleType(), ir.FloatType()
+_BYTES = {_DOUBLE: 8, _FLOAT: 4}
+LANES = 16  # of float32, for networks
 
 
 class Vector:
@@ -41,12 +44,12 @@ class Vector:
     def load(cls, builder: Any, address: Any, width: int, element: Any = _DOUBLE) -> Vector:
         """Load from an integer address."""
         pointer = builder.inttoptr(address, ir.VectorType(element, width).as_pointer())
-        return cls(builder, builder.load(pointer, align=BYTES[element]))
+        return cls(builder, builder.load(pointer, align=_BYTES[element]))
 
     def store(self, address: Any) -> None:
         """Store to an integer address."""
         kind = self.value.type
-        self.builder.store(self.value, self.builder.inttoptr(address, kind.as_pointer()), align=BYTES[kind.element])
+        self.builder.store(self.value, self.builder.inttoptr(address, kind.as_pointer()), align=_BYTES[kind.element])
 
     def _new(self, operation: str, *operands: Vector | float) -> Vector:
         emit = getattr(self.builder, operation)
@@ -88,7 +91,7 @@ class Vector:
         """Result of an LLVM intrinsic on vectors of this type."""
         kind = self.value.type
         function = ir.FunctionType(kind, [kind] * len(arguments))
-        full_name = f"llvm.{name}.v{kind.count}f{8 * BYTES[kind.element]}"
+        full_name = f"llvm.{name}.v{kind.count}f{8 * _BYTES[kind.element]}"
         found = cgutils.get_or_insert_function(self.builder.module, function, full_name)
         return Vector(self.builder, self.builder.call(found, [each.value for each in arguments]))
 
@@ -117,3 +120,31 @@ LANE_ARITHMETIC = Arithmetic(
     with_sign_of=lambda magnitude, other: magnitude.call("copysign", magnitude, other),
     sqrt=lambda x: x.call("sqrt", x),
 )
+
+
+def _add_product(typingctx, total, weight, x):
+    """``total`` and ``x`` are addresses of LANES float32: total += weight·x, fused where the processor can."""
+
+    def codegen(context, builder, signature, arguments):
+        total, weight, x = arguments
+        before, factor = (Vector.load(builder, address, LANES, _FLOAT).value for address in (total, x))
+        product = builder.fmul(Vector.broadcast(builder, weight, LANES).value, factor, flags=("contract",))
+        Vector(builder, builder.fadd(before, product, flags=("contract",))).store(total)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.float32, types.intp), codegen
+
+
+def _soften(typingctx, address):
+    """Softsign x / (1 + |x|) of LANES float32 at this address."""
+
+    def codegen(context, builder, signature, arguments):
+        x = Vector.load(builder, arguments[0], LANES, _FLOAT)
+        (x / (1.0 + abs(x))).store(arguments[0])
+        return context.get_dummy_value()
+
+    return types.void(types.intp), codegen
+
+
+add_product: Any = intrinsic(_add_product)
+soften: Any = intrinsic(_soften)

@@ -52,8 +52,7 @@ RESOLUTION = {
 class Behaviours:
     """F features of n motors."""
 
-    names: tuple[str, ...]  # F names
-    units: tuple[str, ...]  # F units
+    names: tuple[str, ...]  # F names, units as in the module docstring
     values: np.ndarray  # (n, F), finite, multiples of RESOLUTION
 
 
@@ -61,18 +60,18 @@ def behaviours(actuator: Actuator) -> Behaviours:
     """All features of ``actuator``'s motors. Deterministic; 52 s of bench time, 1 to 4 s for 256 physical motors."""
     waves = [frequency_response(actuator, frequency) for frequency in FREQUENCIES]
     columns = [
-        *((f"gain {f} Hz", "-", gain) for f, (gain, _) in zip(FREQUENCIES, waves, strict=True)),
-        *((f"lag {f} Hz", "s", lag) for f, (_, lag) in zip(FREQUENCIES, waves, strict=True)),
-        ("rise time", "s", rise_time(actuator)),
-        ("overshoot", "-", overshoot(actuator)),
-        ("dead band", "rad", dead_band(actuator)),
-        ("breakaway", "N·m", breakaway(actuator)),
-        ("stall torque", "N·m", stall_torque(actuator)),
-        ("peak speed", "rad/s", peak_speed(actuator)),
+        *((f"gain {f} Hz", gain) for f, (gain, _) in zip(FREQUENCIES, waves, strict=True)),
+        *((f"lag {f} Hz", lag) for f, (_, lag) in zip(FREQUENCIES, waves, strict=True)),
+        ("rise time", rise_time(actuator)),
+        ("overshoot", overshoot(actuator)),
+        ("dead band", dead_band(actuator)),
+        ("breakaway", breakaway(actuator)),
+        ("stall torque", stall_torque(actuator)),
+        ("peak speed", peak_speed(actuator)),
     ]
-    names, units, values = zip(*columns, strict=True)
+    names, values = zip(*columns, strict=True)
     steps = np.array([RESOLUTION[name.removesuffix(" Hz").rstrip("0123456789 ")] for name in names])
-    return Behaviours(names, units, np.round(np.stack(values, axis=1) / steps) * steps)
+    return Behaviours(names, np.round(np.stack(values, axis=1) / steps) * steps)
 
 
 def _count(duration: float) -> int:

@@ -13,8 +13,7 @@ import numpy as np
 from motorprior.actuator import out_of_family, physical
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
-from motorprior.actuator.physical import MotorParameters
-from motorprior.actuator.true_motors import TrueMotors
+from motorprior.actuator.physical import MotorParameters, TrueMotors
 from motorprior.exceptions import ConfigError
 
 MAX_VALUE = 1e9  # of parameters without another bound

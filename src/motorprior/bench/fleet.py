@@ -91,13 +91,10 @@ class Fleet:
         return FAMILIES[self.family].kind
 
     def sample(self, count: int, seed: int | np.random.Generator, of_one_robot: bool = False) -> TrueMotors:
-        """Sample ``count`` motors.
+        """Sample ``count`` motors with a seed, or with a generator to continue.
 
-        Args:
-            count: number of motors.
-            seed: seed, or a generator to continue.
-            of_one_robot: the uncertainty of the fleet's center, and the shared part of a uniform range, are the same
-                for all motors; otherwise they are sampled per motor.
+        Motors ``of_one_robot`` share the uncertainty of the fleet's center, and the shared part of a uniform range;
+        otherwise both are sampled per motor.
 
         Raises:
             ConfigError: an argument out of range, or a motor that cannot be simulated.
@@ -122,10 +119,7 @@ class Fleet:
 
 
 def load_fleet(name_or_path: str | Path) -> Fleet:
-    """Load a fleet.
-
-    Args:
-        name_or_path: name of a shipped fleet (`Robot.fleets`), or path of a .toml file.
+    """Load a shipped fleet by its name (`Robot.fleets`), or a .toml file.
 
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value out of range.
@@ -206,12 +200,7 @@ def _text(value: str) -> str:
 
 
 def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None, argument: str = "fleet") -> Fleet:
-    """A fleet of this robot, by name or path; the one shipped for the robot if None.
-
-    Args:
-        robot: of the motors.
-        fleet: the fleet, its name or its path.
-        argument: name of the setting, for errors.
+    """A fleet of this robot, by name or path; the one shipped for the robot if None. Errors name the ``argument``.
 
     Raises:
         ArtifactError: see `load_fleet`.

@@ -73,12 +73,6 @@ def preset_of_period(period: float) -> BenchPreset:
     raise ConfigError(f"no bench preset with a sample period of {period:g} s", remedy="identify with a shipped recipe")
 
 
-def require_bench_size(motors: int, steps: int) -> None:
-    """Raise `ConfigError` unless there is at least one motor and two samples of it."""
-    require_count("motors", motors)
-    require_count("steps", steps, 2)
-
-
 def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
     """The motors of a bench with this seed; held-out motors use another random stream."""
     return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
@@ -111,7 +105,8 @@ def record_bench(
         ConfigError: a number out of range, an unknown preset, or a fleet of another robot.
         ArtifactError: a robot or a fleet that cannot be read.
     """
-    require_bench_size(motors, steps)
+    require_count("motors", motors)
+    require_count("steps", steps, 2)
     require_seed(seed)
     robot = as_robot(robot)
     population, excitation = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)

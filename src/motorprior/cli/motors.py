@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import tyro
 
-from motorprior.actuator.geared_motor_constants import PER_LOGGED
+from motorprior.actuator.geared_motor_step import PER_LOGGED
 from motorprior.cli.console import TERMINAL, table
 from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.identify import Identify
@@ -23,17 +22,14 @@ from motorprior.identification.evaluation.log_tables import (
     constants_in,
     error_table,
 )
+from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.tables import fidelity_rows
 from motorprior.results import Results
 from motorprior.studies.metrics import FIDELITY_METRICS
 
-if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.latents.latent_fit import Posterior
-
 _DISTRIBUTION = (
     "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",
-    "energy_distance",
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.bounds import require_number
-from motorprior.identification.adapt import Show, adapt_and_show, note_training_log
+from motorprior.identification.adapt import Show, adapt, note_training_log
 from motorprior.identification.prior_file import load_prior
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.logs.splits import first_seconds
@@ -40,7 +40,7 @@ def run_adapt(
     Args:
         config: settings.
         progress: where to report to.
-        show: called with the results before outliers are rejected, see `adapt_and_show`.
+        show: called with the results before outliers are rejected, see `adapt`.
 
     Raises:
         LogError: the log does not fit, or has outliers and ``anyway`` is not set.
@@ -51,11 +51,12 @@ def run_adapt(
     log = replace(read_parquet(config.log), source=str(config.log))
     prior = load_prior(config.prior, log)
     wanted = description("adapt", asdict(config), [config.prior, config.log])
-    note_training_log(prior, log, progress)
+    if config.seconds is not None:  # otherwise `adapt` compares the same rows
+        note_training_log(prior, log, progress)
     if is_finished(config.out, wanted):
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
         return
     with locked(config.out):
-        posterior = adapt_and_show(prior, first_seconds(log, config.seconds), config.anyway, progress, show)
+        posterior = adapt(prior, first_seconds(log, config.seconds), anyway=config.anyway, progress=progress, show=show)
         with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
             posterior.save(config.out / POSTERIOR)

@@ -8,8 +8,8 @@ from pathlib import Path
 from motorprior.artifacts import write_json
 from motorprior.bench.bench_folder import BENCH_JSON, LOG, BenchSettings
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
-from motorprior.bench.recording import bench_preset, record, require_bench_size, training_motors
-from motorprior.bounds import require_seed
+from motorprior.bench.recording import bench_preset, record, training_motors
+from motorprior.bounds import require_count, require_seed
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
@@ -44,7 +44,8 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
     Raises:
         ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
     """
-    require_bench_size(config.motors, config.steps)
+    require_count("motors", config.motors)
+    require_count("steps", config.steps, 2)
     require_seed(config.seed)
     robot = load_robot(config.robot)
     fleet, preset = load_robot_fleet(robot, config.fleet), bench_preset(config.preset).for_robot(robot)

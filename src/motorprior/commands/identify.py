@@ -10,9 +10,8 @@ from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
 from motorprior.bench.dynamometer import BENCH
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.fit_prior import fit_recipe
+from motorprior.identification.fit_prior import fit_recipe, provenance_of
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.prior_file import provenance_of
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.readers.motor_log_file import read_parquet

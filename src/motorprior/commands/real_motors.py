@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.evaluation.traces import read_traces, write_traces
+from motorprior.identification.evaluation.free_runs import read_traces, write_traces
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import begin_at_gaps, drop_repeats, resample, smooth_on_grid

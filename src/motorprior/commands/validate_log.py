@@ -12,20 +12,20 @@ from motorprior.artifacts import write_text
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.adapt import adapt_to, note_training_log
-from motorprior.identification.evaluation.errors import (
-    PRIOR,
-    TUNED_PD,
+from motorprior.identification.evaluation.errors import PRIOR, TUNED_PD, LogErrors, log_warnings
+from motorprior.identification.evaluation.free_runs import (
     WHOLE_RUN,
-    LogErrors,
     MotorModel,
     free_run_errors,
     free_runs,
-    log_warnings,
+    traces,
+    write_traces,
 )
-from motorprior.identification.evaluation.traces import traces, write_traces
+from motorprior.identification.evaluation.log_tables import error_results
+from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
 from motorprior.identification.presets import recipe_of
-from motorprior.identification.prior_file import load_prior, trained_on
+from motorprior.identification.prior_file import load_prior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -106,7 +106,7 @@ def _train_and_test(config: ValidateLog, log: MotorLog) -> tuple[MotorLog, Motor
 
 
 def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: MotorLog, progress: Progress) -> Results:
-    from motorprior.identification.evaluation.bands import log_coverage, zero_shot  # here: it imports JAX
+    from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
 
     preset = recipe_of(prior)
     for line in log_warnings(test, preset):
@@ -127,7 +127,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
             quantity = f"{span}_rmse"  # a key of SPANS
             found = {name: values[None] for name, values in free_run_errors(each, models).items()}
             errors[span] = LogErrors((test.source,), test.joint_names, found)
-            results += errors[span].results(quantity, {"median": np.median, "mean": np.mean}).where(log=None)
+            results += error_results(errors[span], quantity, {"median": np.median, "mean": np.mean}).where(log=None)
             results += Results.of(
                 Result(f"{COVERAGE[quantity]}{level}", "1", share, model)
                 for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test.num_joints)))

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import named_multiples, with_logged_gains
+from motorprior.actuator.geared_motor_step import named_multiples, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import LogError, listed
+from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings
+from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, num_blocks
+from motorprior.identification.fit_prior import trained_on
+from motorprior.identification.latents.latent_fit import (
+    SAME_JOINT_STD,
+    Posterior,
+    fit_posterior,
+    outliers,
+)
 from motorprior.identification.presets import Preset, recipe_of
-from motorprior.identification.prior_file import require_adaptable, trained_on
+from motorprior.identification.prior_file import require_adaptable
+from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
-
-if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.latents.latent_fit import Posterior
-    from motorprior.identification.training_data.windows import TrainingData
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
@@ -33,22 +39,25 @@ _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 
 @dataclass(frozen=True)
 class OutlierTest:
-    """Whether the M motors of a log are outliers of the prior's fleet.
+    """Whether the M motors of a log are outliers of the prior's fleet."""
 
-    Attributes:
-        p_value: (M,) twice the smaller of two p-values, at most 1: that of the fit to its log
-            (`reference.loss_p_value`) and that of the distance of its constants (`outliers`).
-        reason: (M,) the largest deviation of each outlier; "" of the others.
-    """
-
+    # (M,) twice the smaller of two p-values, at most 1: that of the fit to its log (`reference.loss_p_value`) and that
+    # of the distance of its constants (`latent_fit.outliers`)
     p_value: np.ndarray
-    reason: tuple[str, ...]
+    reason: tuple[str, ...]  # (M,) the largest deviation of each outlier; "" of the others
 
 
-Show: TypeAlias = "Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]"
+Show: TypeAlias = Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]
 
 
-def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: Progress = WARNED) -> MotorPosterior:
+def adapt(
+    prior: MotorPrior,
+    log: MotorLog,
+    *,
+    anyway: bool = False,
+    progress: Progress = WARNED,
+    show: Show = lambda log, found, outliers, constants: None,
+) -> MotorPosterior:
     """Find the motors of a log in a prior's latent space.
 
     Args:
@@ -57,6 +66,8 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
         anyway: also if motors are outliers of the prior.
         progress: receives the motors' errors on the log, and notes on weak and static motors; by default warnings are
             Python warnings.
+        show: called with the results before outliers are rejected; the constants (M,) are those of the posterior means,
+            empty for a network.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these motors.
@@ -69,48 +80,35 @@ def adapt(prior: MotorPrior, log: MotorLog, *, anyway: bool = False, progress: P
     log = checked(log, where=log.source)
     require_adaptable(prior, log)
     note_training_log(prior, log, progress)
-    return adapt_and_show(prior, log, anyway, progress, lambda log, found, outliers, constants: None)
-
-
-def adapt_and_show(prior: MotorPrior, log: MotorLog, anyway: bool, progress: Progress, show: Show) -> MotorPosterior:
-    """`adapt` without its checks of prior and log.
-
-    ``show`` is called with the results before outliers are rejected; the constants (M,) are those of the posterior
-    means, empty for a network.
-    """
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
         found = adapt_to(prior, log)
-        outliers = outlier_test(prior, log, found)
+        test = outlier_test(prior, log, found)
         task.advance()
-    show(log, found, outliers, motor_constants(prior, log, found.mean))
-    named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, outliers.reason, strict=True) if reason]
+    show(log, found, test, motor_constants(prior, log, found.mean))
+    named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, test.reason, strict=True) if reason]
     if named and not anyway:
         raise LogError(
             f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}",
             where=log.source, argument="anyway",
             remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
         )  # fmt: skip
-    _note_findings(prior, log, found, progress)
-    p_value = tuple(float(value) for value in outliers.p_value)
+    if progress is not SILENT:  # tuning a PD to compare with takes time
+        _note_findings(prior, log, found, progress)
+    p_value = tuple(float(value) for value in test.p_value)
     gains = log.gains if prior.model.gain_unit else None
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
 
 
 def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
     """Posterior of every motor of the log; raises `LogError` as `adapt`."""
-    from motorprior.identification.latents.latent_fit import SAME_JOINT_STD, LatentPrior, fit_posterior
-
     preset, data, temperature, _ = _prepared(prior, log)
     std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
-    expected = LatentPrior(prior.expected(log.joint_names), std)
-    return fit_posterior(prior.model, data, preset, temperature, prior=expected)
+    expected = prior.expected(log.joint_names)
+    return fit_posterior(prior.model, data, preset, temperature, prior=(expected, std))
 
 
 def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierTest:
     """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet."""
-    from motorprior.identification.evaluation.reference import loss_p_value, num_blocks
-    from motorprior.identification.latents.outliers import outliers
-
     preset, data, temperature, which = _prepared(prior, log)
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
@@ -124,9 +122,6 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierT
 
 def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, float, str]:
     """Recipe, data, temperature, and the `reference.metric_suffix` of the metrics of the outlier test."""
-    from motorprior.identification.evaluation.reference import metric_suffix
-    from motorprior.identification.training_data.windows import training_data, with_window_that_fits
-
     preset = with_window_that_fits(recipe_of(prior), log)
     data = training_data(log, preset, log.source)
     # A prior that was trained without torques uses positions only, even if the log has torques.
@@ -156,11 +151,6 @@ def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
 
 
 def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
-    """Notes on the motors' errors on the log, and on weak and static motors."""
-    from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings
-
-    if progress is SILENT:
-        return  # tuning a PD to compare with takes time
     recipe = recipe_of(prior)
     for line in log_warnings(log, recipe):
         progress.note(line)

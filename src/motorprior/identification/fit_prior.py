@@ -5,34 +5,33 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
-from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ConfigError
+from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
+from motorprior.identification.evaluation.reference import reference_metrics
+from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
+from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
-from motorprior.identification.prior_file import provenance_of
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest
+from motorprior.identification.train import identify, work_of
+from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, motion_digest
 from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
 
-if TYPE_CHECKING:  # they import JAX
-    from motorprior.identification.evaluation.errors import MotorModel
-    from motorprior.identification.train import Identified
-    from motorprior.identification.training_data.windows import TrainingData
-
-
-PRIOR, CHECKPOINT = "prior.safetensors", "checkpoint.safetensors"
+PRIOR = "prior.safetensors"
+_MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
 def fit_prior(
@@ -52,8 +51,7 @@ def fit_prior(
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
         seed: of weights, windows and noise; same logs, preset and seed, same bytes.
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
-        out: folder for prior.safetensors and a checkpoint: the same call resumes from it, or loads the finished prior.
-            Nothing is written without it.
+        out: folder for prior.safetensors, which the same call loads; nothing is written without it.
         progress: where to report to, for example ``Lines(sys.stderr)``; by default warnings are Python warnings.
 
     Returns:
@@ -83,7 +81,7 @@ def fit_recipe(
     out: Path | None,
     progress: Progress = SILENT,
     provenance: Mapping[str, Any] | None = None,
-    tuned: MotorModel | None = None,
+    tuned: LoadedMotors | None = None,
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
@@ -93,7 +91,7 @@ def fit_recipe(
     recipe, provenance = with_logged_settings(recipe, log), provenance or provenance_of([log], log=log.source)
     fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress)
     if out is None:
-        return fitted(_data(log, recipe), None)
+        return fitted(_data(log, recipe))
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
     wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(replace(log, source=""))]}
     if is_finished(out, wanted):
@@ -102,16 +100,12 @@ def fit_recipe(
     with locked(out):
         data = _data(log, recipe)  # before the folder is unfinished: an error in the log leaves the earlier prior
         with working(out, wanted):
-            fitted(data, _Checkpoint(out / CHECKPOINT, wanted)).save(out / PRIOR)
-            prior = MotorPrior.load(out / PRIOR)  # a prior that cannot be loaded is an error here
-            (out / CHECKPOINT).unlink(missing_ok=True)
-    return prior
+            fitted(data).save(out / PRIOR)
+    return MotorPrior.load(out / PRIOR)
 
 
 def _data(log: MotorLog, recipe: Preset) -> TrainingData:
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    from motorprior.identification.training_data.windows import training_data
-
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
     gains = log.gains
     if gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(gains, log.source)
@@ -124,20 +118,15 @@ def _fitted(
     preset: str,
     seed: int,
     provenance: Mapping[str, Any],
-    tuned: MotorModel | None,
+    tuned: LoadedMotors | None,
     progress: Progress,
     data: TrainingData,
-    checkpoint: _Checkpoint | None,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
-    from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings
-    from motorprior.identification.evaluation.reference import reference_metrics
-    from motorprior.identification.latents.standardise import with_scaled_spread
-    from motorprior.identification.training_data.windows import used_seconds_text
-
     for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
-    found = _identified(data, recipe, preset, seed, progress, checkpoint)
+    with progress.start(f"identify {preset}", work_of(recipe)) as task:
+        found = identify(data, recipe, seed, task.advance)
     model, mean, log_var = found.model, found.mean, found.log_var
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
@@ -162,7 +151,6 @@ def _fitted(
 
 
 def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
-    from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS
 
     if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
         return []
@@ -174,35 +162,11 @@ def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
     ]
 
 
-def _identified(
-    data: TrainingData, recipe: Preset, preset: str, seed: int, progress: Progress, checkpoint: _Checkpoint | None
-) -> Identified:
-    from motorprior.identification.train import identify, work_of
-
-    latest = ""
-    with progress.start(f"identify {preset}", work_of(recipe)) as task:
-
-        def report(work: int, text: str) -> None:
-            nonlocal latest
-            latest = text or latest
-            task.advance(work, latest)
-
-        return identify(data, recipe, seed, report, checkpoint)
+def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:
+    """Provenance of a prior that is fitted to these logs, with their ``origin``, such as a file or a bench."""
+    return {**origin, _MOTIONS: [motion_digest(log) for log in logs]}
 
 
-@dataclass(frozen=True)
-class _Checkpoint:
-    """A file next to the prior; ignored if it is of another stage."""
-
-    path: Path
-    stage: dict[str, Any]
-
-    def load(self) -> dict[str, np.ndarray] | None:
-        try:
-            arrays, header = read_tensors(self.path)
-        except ArtifactError:  # missing or damaged: from the start
-            return None
-        return arrays if header == self.stage else None
-
-    def save(self, state: dict[str, np.ndarray]) -> None:
-        write_tensors(self.path, state, self.stage)
+def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
+    """Whether the provenance of the prior lists the motion of this log."""
+    return motion_digest(log) in prior.provenance.get(_MOTIONS, ())

@@ -20,20 +20,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.initial_motor import grey_box, initial_center
-from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants
+from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants, grey_box, initial_center
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
-from motorprior.logs.doctor.excitation import static_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
+from motorprior.logs.operations import static_joints
 from motorprior.logs.validity import checked
 from motorprior.signals import rms
 
@@ -62,15 +61,11 @@ class FittedLoad:
 
 
 class _LoadProblem(MotorProblem):
-    """Free runs of one joint; the last unknowns are those of its load.
-
-    Attributes:
-        start: (3,) J₀ [kg·m²], s₀ and c₀ [N·m].
-        unit: g [N·m].
-    """
+    """Free runs of one joint; the last unknowns are those of its load."""
 
     def __init__(self, model: GreyBox, runs: WindowRuns):
         super().__init__(model, runs)
+        # (3,) J₀ [kg·m²], s₀ and c₀ [N·m]; g [N·m]
         self.start, self.unit = _regression(runs), _SAG * float(runs.gains[0, 0])
 
     def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from motorprior.identification import presets
-from motorprior.identification.evaluation.errors import MotorModel, fitted_tuned_pd
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.evaluation.free_runs import MotorModel
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import Preset
-from motorprior.logs.loads import with_some_load
+from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Notes, Progress
-
-if TYPE_CHECKING:  # here and in functions: scipy's optimizers take half a second
-    from motorprior.identification.baselines.response_models import ResponseMotors
 
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
@@ -33,15 +30,9 @@ def fitted_baselines(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> dict[str, MotorModel]:
-    """All baselines, fitted to a log with known loads; each has the log's motors in its order.
+    """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
 
-    Args:
-        log: training rows.
-        preset: recipe of the prior: sample period and warm-up.
-        folder: of the fits with a preset, which are reused.
-        adam_steps: of the pooled network; the preset's own number if not given.
-        seed: of searches and weights.
-        progress: where to report to.
+    Fits in ``folder`` are reused. ``adam_steps`` are those of the pooled network, the preset's own if not given.
 
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
@@ -60,15 +51,9 @@ def fitted_baselines(
 def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
     """Preset and recipe of every baseline that has one; windows are shortened to fit the log.
 
-    Args:
-        log: training rows.
-        preset: recipe of the prior.
-
     Raises:
         LogError: every segment is too short for one of them.
     """
-    from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
-
     if preset.period != BASELINE_PERIOD:
         return {}
     names = PRESETS | (LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {})
@@ -76,20 +61,3 @@ def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Pres
     for _, recipe in recipes.values():
         window_starts(tuple(log.segment_slices()), recipe, log.source)
     return recipes
-
-
-def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
-    """pure_delay, second_order and servo_limits.
-
-    They need no load: without one, a function of the joint's angle represents gravity.
-
-    Raises:
-        LogError: another sample period, or no segment that is long enough.
-    """
-    from motorprior.identification.baselines.response_fit import RESTARTS, fit_responses
-    from motorprior.identification.baselines.response_models import MODELS
-
-    gravity = "angle" if log.external_torque is None else "torque"
-    runs = whole_runs(with_some_load(log), preset)
-    with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
-        return fit_responses(runs, gravity, seed, task.advance, log.firmware)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,10 @@ from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, li
 from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, motion_digest
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 
 if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
-
-_MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
 def load_prior(path: Path, of: Robot | MotorLog) -> MotorPrior:
@@ -48,16 +45,6 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
             f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
             remedy="identify a prior from logs of that robot",
         )
-
-
-def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:
-    """Provenance of a prior that is fitted to these logs, with their ``origin``, such as a file or a bench."""
-    return {**origin, _MOTIONS: [motion_digest(log) for log in logs]}
-
-
-def trained_on(prior: MotorPrior, log: MotorLog) -> bool:
-    """Whether the provenance of the prior lists the motion of this log."""
-    return motion_digest(log) in prior.provenance.get(_MOTIONS, ())
 
 
 def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:

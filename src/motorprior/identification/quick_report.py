@@ -12,22 +12,28 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import motor_constants
-from motorprior.identification.evaluation.errors import (
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.evaluation.errors import LogErrors
+from motorprior.identification.evaluation.free_runs import (
     FREE_RUN,
     WHOLE_RUN,
-    LogErrors,
     MotorModel,
-    fitted_tuned_pd,
+    Trace,
     free_run_errors,
     free_runs,
-    whole_runs,
+    traces,
 )
-from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, UNIDENTIFIED, WHOLE_RUN_RMSE
-from motorprior.identification.evaluation.traces import Trace, traces
+from motorprior.identification.evaluation.log_tables import (
+    CONSTANT,
+    FREE_RUN_RMSE,
+    UNIDENTIFIED,
+    WHOLE_RUN_RMSE,
+    error_results,
+)
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.log_baselines import fitted_responses
-from motorprior.identification.physics.identifiability import identifiable_constants
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.physics.motor_problem import identifiable_constants
+from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.loads import with_some_load
@@ -48,21 +54,13 @@ RESPONSE_CONSTANTS = {
     "delay": ("delay", 1e3, "ms"), "bandwidth": ("rate", 0.5 / np.pi, "Hz"), "dead_band": ("band", 1e3, "mrad")
 }  # fmt: skip
 MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum over the motors exceeds this
-OUTLIER_P_VALUE = 0.05  # p-value of the farthest motor, corrected for the number of motors
 
 
 QuickReport: TypeAlias = tuple[Results, list[Trace], list[str]]  # errors and constants, traces to draw, warnings
 
 
 def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> QuickReport:
-    """Fit a prior and a PD, and evaluate them on the test rows.
-
-    Args:
-        logs: with loads, on the prior's grid, of joints that moved.
-        robot: of the logs, if there is a description of it.
-        seed: of the fit.
-        folder: for the prior.
-        progress: where to report to.
+    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows.
 
     Raises:
         LogError: too short, or without a channel that the fit needs.
@@ -85,20 +83,20 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     names = UNITS.keys() - ({"kp", "kd_over_kp"} if prior.model.gain_unit else set())  # logged gains are not fitted
     constants = {name: values for name, values in motor_constants(prior, train, prior.mean).items() if name in names}
     identified = _identified(prior, train, constants)
-    results = whole.results(WHOLE_RUN_RMSE) + short.results(FREE_RUN_RMSE)
+    results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
     results += _constant_results({name: constants[name] for name in identified}, UNITS, train.joint_names)
     results += Results.of(
         Result(f"{CONSTANT}{name}", UNITS[name], float(np.median(values)), statistic=UNIDENTIFIED)
         for name, values in constants.items()
         if name not in identified
     )
-    lines = (*warnings, *whole.warnings("prior"), *_outliers(prior, train.joint_names))
+    lines = (*warnings, *whole.warnings("prior"))
     return results, drawn, [line.removeprefix(WARNING) for line in lines]
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickReport:
     """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
-    from motorprior.identification.baselines.response_models import CONSTANTS
+    from motorprior.identification.baselines.response_fit import CONSTANTS
 
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
@@ -108,7 +106,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickRep
     fitted = dict(zip(CONSTANTS, models["servo_limits"].constants.T, strict=True))
     constants = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
     units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
-    results = errors.results(WHOLE_RUN_RMSE) + _constant_results(constants, units, train.joint_names)
+    results = error_results(errors, WHOLE_RUN_RMSE) + _constant_results(constants, units, train.joint_names)
     return results, drawn, []
 
 
@@ -147,20 +145,4 @@ def _identified(prior: MotorPrior, train: MotorLog, constants: Mapping[str, np.n
         name
         for name, values in constants.items()
         if name in identifiable or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
-    ]
-
-
-def _outliers(prior: MotorPrior, joints: tuple[str, ...]) -> list[str]:
-    from motorprior.identification.latents.outliers import leave_one_out_outliers
-
-    outliers = leave_one_out_outliers(prior)
-    if outliers is None:
-        return []
-    first = int(outliers.p_value.argmin())
-    p_value = min(1.0, len(joints) * float(outliers.p_value[first]))
-    if p_value >= OUTLIER_P_VALUE:
-        return []
-    return [
-        f"{joints[first]} is an outlier: its {outliers.latent[first]} differs from the other motors' by "
-        f"{outliers.deviation[first]:+.1f} standard deviations (p = {p_value:.2g})"
     ]

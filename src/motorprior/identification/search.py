@@ -102,9 +102,8 @@ class Fit:
 
     def better(self, other: Fit) -> Fit:
         """The fit with less energy, for every problem."""
-        chosen = other.energy < self.energy
-        both = zip(vars(self).values(), vars(other).values(), strict=True)
-        return Fit(*(select(chosen, others, values) for values, others in both))
+        lower = np.flatnonzero(other.energy < self.energy)
+        return self.replaced(lower, other.of(lower))
 
     def of(self, which: np.ndarray) -> Fit:
         """The fit of some of the problems (m,)."""

@@ -7,13 +7,13 @@ they save MIN_GAIN of the loss of all motors. The constants are refined on longe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import TERMS
@@ -21,21 +21,24 @@ from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.identifiability import unidentifiable_limits, unknown_torque_scale
-from motorprior.identification.physics.initial_motor import grey_box
 from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined
-from motorprior.identification.physics.motor_problem import fixed_constants, motor_search
+from motorprior.identification.physics.motor_problem import (
+    fixed_constants,
+    grey_box,
+    motor_search,
+    unidentifiable_limits,
+    unknown_torque_scale,
+)
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, subsampled
 
-if TYPE_CHECKING:
-    from motorprior.identification.networks.descent import Checkpoints, Report
-
 WORK = 100  # of every stage of a fit of grey boxes, in Adam steps
 SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # of each motor in all but the last descents; rows, or windows if more
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
+
+Report = Callable[[int, str], None]  # (work since the last call, text)
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,7 @@ class Identified:
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
-    # mean losses: of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
-    losses: np.ndarray
+    losses: np.ndarray  # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     # ``saved_TERM``, share of the held-out loss that a term saves; ``not_shown_LIMIT`` and ``unknown_torque_size``,
     # see `identifiability`
     metrics: dict[str, float]
@@ -64,32 +66,15 @@ def work_of(preset: Preset) -> int:
     return WORK * (len(TERMS) + STAGES) if preset.grey_boxes else preset.steps
 
 
-def identify(
-    data: TrainingData,
-    preset: Preset,
-    seed: int,
-    report: Report = lambda work, text: None,
-    checkpoints: Checkpoints | None = None,
-) -> Identified:
-    """Train a prior. The same data, preset and seed give the same bytes, also after an interruption.
-
-    Args:
-        data: logs.
-        preset: recipe.
-        seed: of weights, windows, noise and searches.
-        report: called with the work since the last call, often 0, and a text; an exception that it raises ends the fit.
-        checkpoints: where an interrupted training resumes.
-
-    Raises:
-        MotorPriorError: the training diverged.
-    """
+def identify(data: TrainingData, preset: Preset, seed: int, report: Report = lambda work, text: None) -> Identified:
+    """Train a prior. The same data, preset and seed give the same bytes; raises `MotorPriorError` if it diverges."""
     assumed = None
     if preset.grey_boxes:
-        found, assumed = _grey_boxes(data, preset, seed, report, checkpoints)
+        found, assumed = _grey_boxes(data, preset, seed, report)
     else:
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
-        model, mean, log_var, losses = train_network(data, preset, seed, report, checkpoints)
+        model, mean, log_var, losses = train_network(data, preset, seed, report)
         found = Identified(model, mean, log_var, preset, losses, {}, ())
     if preset.standardise:
         model, mean, log_var = standard_posterior(found.model, data, found.preset, found.mean, assumed)
@@ -97,101 +82,69 @@ def identify(
     return found
 
 
-def _grey_boxes(
-    data: TrainingData, preset: Preset, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> tuple[Identified, np.ndarray]:
+def _grey_boxes(data: TrainingData, preset: Preset, seed: int, report: Report) -> tuple[Identified, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
-    runs = WindowRuns(data, preset, heartbeat=lambda: report(0, ""))
-    fitted = _fitted(data, preset, runs, seed, report, checkpoints)
-    found = fitted.fit
+    runs = WindowRuns(data, preset)
+    chosen = _selected(data, preset, seed, report)
+    found = _fitted(data, preset, runs, chosen.terms, seed, report)
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
-    metrics = {f"saved_{name}": value for name, value in fitted.saved.items()}
+    metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
     model = grey_box(found.center, found.terms, preset)
     report(0, "refining constants")
     longer = longer_runs(data, preset, runs)
     z = found.offsets
     if longer is not runs:
         z = refined(model, z, longer, preset.grey_boxes == "together")
-    notes = _notes_on_terms(fitted, preset)
+    notes = _notes_on_terms(preset, bool(chosen.saved))
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
     return Identified(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    """The fit of all motors, and the share of the loss that each term saved."""
-
-    fit: FleetFit
-    saved: dict[str, float]
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """For a checkpoint."""
-        has = np.array([name in self.fit.terms for name in TERMS], np.float64)
-        saved = np.array([self.saved.get(name, np.nan) for name in TERMS])
-        fitted = {"center": self.fit.center, "offsets": self.fit.offsets, "fitted": self.fit.loss}
-        return {"has_term": has, "saved": saved} | fitted
-
-    @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> _Fitted:
-        """From a checkpoint."""
-        terms = tuple(name for name, has in zip(TERMS, kept["has_term"], strict=True) if has)
-        saved = {name: float(share) for name, share in zip(TERMS, kept["saved"], strict=True) if np.isfinite(share)}
-        return cls(FleetFit(kept["center"], kept["offsets"], kept["fitted"], terms), saved)
+def _selected(data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+    if not preset.tries_terms:
+        report(WORK * len(TERMS), "no terms are tried")
+        return Selection(preset.logged_terms, {})
+    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    motors = len(part.series)
+    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
+    left = [WORK] * len(TERMS)  # the number of later rounds is unknown
+    chosen = select_terms(WindowRuns(part, preset, some), seed, lambda text: report(left.pop() if left else 0, text))
+    report(sum(left), "terms selected")
+    return chosen
 
 
 def _fitted(
-    data: TrainingData, preset: Preset, runs: WindowRuns, seed: int, report: Report, checkpoints: Checkpoints | None
-) -> _Fitted:
-    """The fit, or that of an interrupted training; raises `MotorPriorError` if every simulation diverges."""
-    kept = checkpoints.load() if checkpoints is not None else None
-    if kept is not None:
-        report(WORK * (len(TERMS) + STAGES), "constants already fitted")
-        return _Fitted.from_arrays(kept)
-    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
-    chosen = _selected(part, preset, seed, report)
+    data: TrainingData, preset: Preset, runs: WindowRuns, terms: tuple[str, ...], seed: int, report: Report
+) -> FleetFit:
+    """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
     some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
-    few = runs if some is data else WindowRuns(some, preset, heartbeat=runs.heartbeat)
-    fit = partial(fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=few)
+    part = runs if some is data else WindowRuns(some, preset)
+    fit = partial(fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=part)
     found = fit(preset.logged_terms, report=lambda: report(WORK, "constants"))
-    if set(chosen.terms) - set(preset.logged_terms):
-        more = fit(chosen.terms, report=lambda: report(0, f"with {', '.join(chosen.terms)}"), nested=found)
+    if set(terms) - set(preset.logged_terms):
+        more = fit(terms, report=lambda: report(0, f"with {', '.join(terms)}"), nested=found)
         found = more if more.loss.mean() <= (1.0 - MIN_GAIN) * found.loss.mean() else found
     if not found.loss.max() < 1e6:
         raise MotorPriorError(
             f"the simulation of joint {int(found.loss.argmax())} of the log diverges with every motor",
             remedy="check the log with `motorprior logs check`",
         )
-    fitted = _Fitted(found, chosen.saved)
-    if checkpoints is not None:
-        checkpoints.save(fitted.arrays())
-    return fitted
+    return found
 
 
-def _selected(part: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
-    if not preset.tries_terms:
-        report(WORK * len(TERMS), "no terms are tried")
-        return Selection(preset.logged_terms, {})
-    motors = len(part.series)
-    some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
-    few = WindowRuns(part, preset, some, heartbeat=lambda: report(0, ""))
-    left = [WORK] * len(TERMS)  # the number of later rounds is unknown
-    chosen = select_terms(few, seed, lambda text: report(left.pop() if left else 0, text))
-    report(sum(left), "terms selected")
-    return chosen
-
-
-def _notes_on_terms(fitted: _Fitted, preset: Preset) -> list[str]:
-    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in fitted.fit.terms]
-    notes = [f"optional terms: {', '.join(chosen) or ('none' if fitted.saved else 'none was tried')}"]
-    notes += [
-        f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
-        "terms ignores -> use preset rollout or long_runs"
-        for name, low, nominal, high in preset.conditions
-        if not preset.tries_terms and high - low >= min_difference(name, nominal)
+def _notes_on_terms(preset: Preset, tried: bool) -> list[str]:
+    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in preset.terms]
+    return [
+        f"optional terms: {', '.join(chosen) or ('none' if tried else 'none was tried')}",
+        *(
+            f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
+            "terms ignores -> use preset rollout or long_runs"
+            for name, low, nominal, high in preset.conditions
+            if not preset.tries_terms and high - low >= min_difference(name, nominal)
+        ),
     ]
-    return notes
 
 
 def _notes_on_identifiability(

@@ -202,3 +202,17 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
         raise LogError(problem, where=source, remedy="record all motors with the same segments")
     names = channels(cut[0]).keys() & JOINT_SERIES.keys()
     return replace(cut[0], **{name: np.concatenate([channels(log)[name] for log in cut], axis=1) for name in names})
+
+
+EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
+
+
+def excited_joints(log: MotorLog) -> np.ndarray:
+    """Indices of the joints whose command has a standard deviation above 1 mrad."""
+    return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
+
+
+def static_joints(log: MotorLog) -> tuple[str, ...]:
+    """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
+    at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
+    return tuple(log.joint_names[column] for column in at_rest)

@@ -10,9 +10,8 @@ import numpy as np
 
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.doctor.excitation import EXCITED_STD, excited_joints
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import joined
+from motorprior.logs.operations import EXCITED_STD, excited_joints, joined
 
 MAX_LOGS = 16  # if there are more, this many are used, evenly spread over the list
 MIN_SEGMENT = 1.5  # a free run of 1 s and its warm-up [s]; shorter segments are left out

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from motorprior.identification.evaluation import log_tables
-from motorprior.identification.evaluation.traces import Trace, read_traces
+from motorprior.identification.evaluation.free_runs import Trace, read_traces
 from motorprior.report.page import Section, Table, picture
 from motorprior.report.plots_style import (
     INK,

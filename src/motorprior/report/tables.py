@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from motorprior.identification.evaluation.log_tables import MAX_ERROR
+from motorprior.identification.evaluation.errors import MAX_ERROR
 from motorprior.results import Results
 from motorprior.studies.metrics import DIVERGED, MODELS, TRAINING_CONDITIONS
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.physical import FILTERED_VEL, MotorParameters
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
 from motorprior.compiled import njit
 from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import Robot

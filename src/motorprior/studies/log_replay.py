@@ -13,9 +13,8 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.doctor.excitation import excited_joints
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, gain_texts
-from motorprior.logs.operations import drop_repeats, resample
+from motorprior.logs.operations import drop_repeats, excited_joints, resample
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms, runs_of_true
 from motorprior.simulation.playback import replay

@@ -21,7 +21,7 @@ from motorprior.identification.evaluation.bench_truth import (
     PredictorOfMotors,
     bench_errors,
 )
-from motorprior.identification.evaluation.log_tables import MAX_ERROR, capped
+from motorprior.identification.evaluation.errors import MAX_ERROR, capped
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.progress import Task

@@ -12,7 +12,7 @@ from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record, training_motors
 from motorprior.identification.baselines.pd_fit import WITH_FRICTION, WITH_ROTOR, fit_pd, with_scaled_gains
-from motorprior.identification.evaluation.errors import free_run_errors
+from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from series import complete
 
-from motorprior.identification.baselines.response_fit import fit_responses
-from motorprior.identification.baselines.response_models import CONSTANTS, ResponseMotors
-from motorprior.identification.evaluation.errors import free_run_errors
+from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, fit_responses
+from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import (

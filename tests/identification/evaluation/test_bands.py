@@ -6,10 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.evaluation.bands import DRAWS, band, log_coverage, zero_shot
+from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.identification.evaluation.reference import LEVELS, SPEEDS
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -17,16 +16,6 @@ from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData
 
 PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
-
-
-@pytest.mark.parametrize("level", [50, 90])
-@pytest.mark.parametrize("kind", ["normal", "exponential"])
-def test_a_band_of_few_samples_has_its_nominal_coverage(level: int, kind: str):
-    rng = np.random.default_rng(level)
-    sample = getattr(rng, "standard_" + kind)((DRAWS + 1, 200, 100))
-    low, high = band(sample[:-1], level)
-    inside = np.mean((sample[-1] >= low) & (sample[-1] <= high))
-    assert inside == pytest.approx(level / 100, abs=0.01)  # 20,000 trials: three standard errors
 
 
 def test_bands_on_a_log_have_their_nominal_coverage(

@@ -7,9 +7,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run
 from motorprior.bench.fleet import load_fleet
 from motorprior.identification.evaluation.bench_truth import bench_errors, held_out_trials, respond
-from motorprior.identification.evaluation.log_tables import MAX_ERROR
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.studies.robot_fidelity import robot_fidelity
+from motorprior.identification.evaluation.errors import MAX_ERROR
 
 COUNT = 12
 
@@ -29,12 +27,6 @@ def test_an_ensemble_predicts_the_mean_of_its_members_trajectories(motors):
     found = respond((pd(4.0), pd(12.0)), case)
     for name in ("joint_pos", "joint_vel", "joint_torque"):
         np.testing.assert_allclose(getattr(found, name), 0.5 * (getattr(soft, name) + getattr(stiff, name)))
-
-
-def test_an_ensemble_of_one_is_its_member_inside_the_robot(motors):
-    models = {"alone": lambda index: pd(8.0), "ensemble": lambda index: (pd(8.0),)}
-    found = robot_fidelity(PUPPER_V2, motors, models, True, 0)
-    np.testing.assert_array_equal(found["ensemble"], found["alone"])
 
 
 def test_a_model_that_diverges_is_one_turn_off(motors):

@@ -5,17 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.true_motors import PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.evaluation.distribution import (
-    area_under_curve,
-    energy_distance,
-    feature_auc,
-    permutation_p_value,
-    two_sample_auc,
-)
+from motorprior.identification.held_out import area_under_curve, feature_auc, two_sample_auc
 
 COUNT = 64
 
@@ -43,14 +37,6 @@ def normal(seed, count=2 * COUNT, covariance=None):
     )
 
 
-def test_energy_distance_of_two_points_in_closed_form():
-    a, b = np.zeros((3, 1)), np.ones((3, 1))
-    # pooled median 1/2, IQR 1: the points lie 1.349 apart, and points of one sample 0
-    assert energy_distance(a, b) == pytest.approx(2 * 1.349)
-    assert energy_distance(a, a) == 0.0
-    assert energy_distance(b, a) == energy_distance(a, b)
-
-
 def test_area_under_the_curve_counts_pairs_and_halves_ties():
     assert area_under_curve(np.array([2.0, 3.0]), np.array([1.0, 2.0])) == 3.5 / 4
     assert area_under_curve(np.zeros(5), np.zeros(3)) == 0.5
@@ -68,30 +54,15 @@ def test_one_fleet_against_itself_is_at_chance(fleet):
     assert np.max(np.abs(np.array(areas) - 0.5)) < 4 * spread
 
 
-def test_p_values_of_one_fleet_are_uniform(fleet):
-    values = np.sort([permutation_p_value(*halves(fleet, seed), seed, 99) for seed in range(40)])
-    # Kolmogorov-Smirnov at 1 %: 1.63/√40
-    assert np.max(np.abs(values - (np.arange(40) + 0.5) / 40)) < 0.26
-
-
 def test_a_fifth_more_kp_is_detected():
     source = load_fleet("pupper_v2")
     ours, theirs = (require_geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2))
     stiff = replace(theirs, kp=1.2 * theirs.kp)
     a, b = (behaviours(PhysicalActuator(motors)).values for motors in (ours, stiff))
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(2 * COUNT, 2 * COUNT)
-    assert permutation_p_value(a, b, 0) < 0.01
 
 
 def test_a_difference_of_spread_alone_is_detected():
     a, b = normal(3), 2.0 * normal(4)
     assert np.abs(feature_auc(a, b) - 0.5).max() < 3 * auc_spread(len(a), len(b))
-    assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))
-    assert permutation_p_value(a, b, 0) < 0.01
-
-
-def test_a_difference_of_correlation_alone_is_detected():
-    covariance = np.eye(4)
-    covariance[0, 1] = covariance[1, 0] = 0.9
-    a, b = normal(5), normal(6, covariance=covariance)
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))

@@ -1,10 +1,8 @@
 """The false-alarm rate of the loss test is the stated one for logs of any length."""
 
 import numpy as np
-import pytest
 
 from motorprior.identification.evaluation.reference import (
-    aggregate_posterior_kl,
     loss_metrics,
     loss_p_value,
     num_blocks,
@@ -39,11 +37,3 @@ def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
     for (count, level), shares in alarms.items():
         assert 0.3 * level < np.mean(shares) < 2.0 * level, (count, level, np.mean(shares))
     assert np.mean(as_if_long) > 0.025
-
-
-def test_the_kl_of_the_aggregate_posterior_in_closed_form():
-    mean = np.array([[1.0, 0.0], [-1.0, 0.0]])
-    found = aggregate_posterior_kl(mean, np.log(np.full((2, 2), 0.25)))
-    assert found == pytest.approx(0.5 * (1.5 - 2 - np.log(1.25 * 0.25)))
-    assert aggregate_posterior_kl(np.full((3, 2), 2.0), np.zeros((3, 2))) == pytest.approx(4.0)
-    assert aggregate_posterior_kl(np.zeros((5, 3)), np.zeros((5, 3))) == pytest.approx(0.0)

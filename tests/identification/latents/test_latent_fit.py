@@ -8,8 +8,7 @@ from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance, latent_search
-from motorprior.identification.networks.network import export, initial_parameters
-from motorprior.identification.networks.network_problem import tiled_windows
+from motorprior.identification.networks.objectives import export, initial_parameters
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData
 
@@ -48,10 +47,3 @@ def test_more_log_leaves_less_variance_and_none_leaves_the_prior(network: Latent
     )
     assert np.all(np.linalg.det(long) < 0.3 * np.linalg.det(short)) and np.all(np.linalg.det(short) < 1.0)
     np.testing.assert_allclose(hot, np.tile(np.eye(2), (2, 1, 1)), atol=1e-4)
-
-
-def test_windows_do_not_overlap(network: LatentNetwork):
-    data, preset = log_of(network, 30), replace(RECIPE, window=4)
-    windows = tiled_windows(data, preset)
-    assert windows.shape[:3] == (2, 7, preset.history + 4)
-    np.testing.assert_array_equal(windows[1, 2], data.series[1, 8:13])

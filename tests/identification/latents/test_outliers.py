@@ -1,16 +1,15 @@
 """Outlier tests ignore constants in which a prior's motors do not differ. Residuals here are linear in the latents."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_constants import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.latents import latent_fit
-from motorprior.identification.latents.outliers import Outliers, leave_one_out_outliers, outliers
+from motorprior.identification.latents.latent_fit import Outliers, outliers
 from motorprior.identification.latents.standardise import standardised
 from motorprior.identification.search import Search
 
@@ -52,28 +51,3 @@ def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch):
         assert not {"kp", "kd_over_kp"} & set(found.latent)
     assert found.latent[2] == "viscous_damping" and found.p_value[2] < 1e-4 and found.deviation[2] > 5.0
     assert np.all(np.delete(found.p_value, 2) > 0.01)
-
-
-# Each training motor against the others.
-
-
-def prior_of(latents: np.ndarray, log_var: float = -4.0) -> Any:
-    model = SimpleNamespace(num_latents=3, decoder_latents=lambda z: z)
-    return SimpleNamespace(model=model, mean=latents, log_var=np.full(latents.shape, log_var))
-
-
-def test_a_motor_that_differs_is_named_with_its_constant():
-    latents = np.random.default_rng(0).standard_normal((12, 3))
-    latents[7, 2] = -9.0
-    found = leave_one_out_outliers(prior_of(latents))
-    assert found is not None
-    assert found.p_value.argmin() == 7 and found.p_value[7] < 1e-3 and found.deviation[7] < -4.0
-    assert found.latent[7] == "latent 2"
-
-
-def test_an_uncertain_constant_is_no_outlier():
-    latents = np.random.default_rng(2).standard_normal((12, 3))
-    latents[3, 0] = 5.0
-    certain, uncertain = (leave_one_out_outliers(prior_of(latents, log_var)) for log_var in (-20.0, 2.0))
-    assert certain is not None and uncertain is not None
-    assert certain.p_value[3] < 0.1 * uncertain.p_value[3]

@@ -11,8 +11,10 @@ from series import complete
 
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.identification.networks.network import Parameters, export, initial_parameters
 from motorprior.identification.networks.objectives import (
+    Parameters,
+    export,
+    initial_parameters,
     rollout_objective,
     torque_objective,
 )

@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor_constants import PARAMETERS
-from motorprior.identification.physics.identifiability import (
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.identification.physics.motor_problem import (
+    INITIAL_MOTOR,
+    TORQUES,
+    encoded,
+    grey_box,
     identifiable_constants,
     unidentifiable_limits,
     unknown_torque_scale,
 )
-from motorprior.identification.physics.initial_motor import INITIAL_MOTOR, TORQUES, encoded, grey_box
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import POS, VEL, Measured, TrainingData

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.actuator.optional_terms import INITIAL
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.initial_motor import encoded, grey_box, initial_center
+from motorprior.identification.physics.motor_problem import encoded, grey_box, initial_center
 from motorprior.identification.physics.term_selection import CANDIDATES, MIN_SAVING, MIN_VARIATION, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS

@@ -12,9 +12,6 @@ from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.physics.window_runs import WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import (
-    EXTERNAL,
-    POS,
-    STIFFNESS,
     TrainingData,
 )
 
@@ -65,19 +62,3 @@ def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data):
     for threads in (1, 3):
         runs.threads = ThreadPoolExecutor(threads)
         np.testing.assert_array_equal(runs.residuals(grey_boxes(box), z, motor), many)
-
-
-def test_a_joint_off_the_recording_has_the_load_of_its_own_angle(grey_box: Networks, decoder_data: Data):
-    """A spring on the joint, once as a torque over time, once as a stiffness about the recorded angle."""
-    box, z = grey_box(), np.zeros((1, 3))
-    data = decoder_data(box, z)
-    sprung = data.series.copy()
-    sprung[..., STIFFNESS] = -2.0
-    sprung[..., EXTERNAL] += 2.0 * sprung[..., POS]
-    same, other = (
-        WindowRuns(replace(data, series=series), PRESET).residuals(grey_boxes(box), where, np.array([0]))[:, :, 0]
-        for series, where in ((sprung, z), (sprung, z + 1.0))
-    )
-    plain = WindowRuns(data, PRESET).residuals(grey_boxes(box), z + 1.0, np.array([0]))[:, :, 0]
-    assert np.abs(same).max() < 0.03
-    assert np.sqrt(np.mean(other**2)) < 0.9 * np.sqrt(np.mean(plain**2))

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
-from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOf, Segment, whole_runs
+from motorprior.identification.physics.window_runs import POSITION_SCALE, LoadedMotors, MotorsOf, Segment, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import Progress
 from motorprior.signals import rms
 
 GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
@@ -154,3 +155,10 @@ def _part(log: MotorLog) -> MotorLog:
     windows = [window[: _MAX_ROWS // len(windows)] for window in windows]
     number = np.repeat(np.arange(len(windows)), [len(window) for window in windows])
     return replace(log.rows(np.concatenate(windows)), segment=number)
+
+
+def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> LoadedMotors:
+    """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
+    with progress.start("tune one PD", RESTARTS) as task:
+        found = fit_pd(log, WITH_ROTOR, report=task.advance)
+    return with_scaled_gains(IdealPd.uniform(num_motors or log.num_joints, **found.constants), log)

@@ -1,22 +1,29 @@
-"""Models compared with the true motors of a simulated fleet, on the bench.
+"""Models compared with the true motors of a simulated fleet, on the bench; coverage of bands of posterior samples.
 
 Held-out trials last 1 s, with loads inside the training range; chirp is in no preset of the bench. The motors worked
 for an unknown time of at most MAX_WORK before each trial. The floor ``physical`` is the true motors simulated again
-from a start FLOOR_OFFSET away.
+from a start FLOOR_OFFSET away. A sample of a band is a motor with z from the posterior, simulated in closed loop, plus
+a residual of the prior (`reference.sample_residuals`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, trial
-from motorprior.identification.evaluation.log_tables import capped
+from motorprior.identification.evaluation.errors import capped
+from motorprior.identification.evaluation.reference import sample_residuals
+from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
+from motorprior.identification.training_data.windows import VEL
+from motorprior.results import Result, Results
 from motorprior.signals import rmse
 
 # indices of motors -> a model of these motors, or an ensemble of models, whose mean trajectory is the prediction
@@ -29,6 +36,10 @@ MAX_WORK = 20.0  # [s]
 FLOOR_OFFSET = 0.004  # [rad]
 _REPEATS = 4  # trials per excitation
 _TRIALS, _WORK = 17, 53  # tags of random streams
+DRAWS = 40  # samples of the posterior
+LEVELS = (50, 90)  # of the bands [%]
+_COVERED = 2  # held-out trials per excitation: one held at 100 Hz, one not
+_LOG_STREAM, _BENCH_STREAM = 53, 23  # tags of random streams
 
 
 def held_out_trials(
@@ -73,3 +84,77 @@ def respond(model: Actuator | tuple[Actuator, ...], case: Trial) -> Response:
     """The response that a model, or an ensemble of them, predicts in a trial."""
     answers = [vars(run(each, case)).values() for each in (model if isinstance(model, tuple) else (model,))]
     return Response(*(np.mean(values, axis=0) for values in zip(*answers, strict=True)))
+
+
+def zero_shot(prior: MotorPrior, num_motors: int) -> Posterior:
+    """The distribution of motors without a log of theirs: z ~ N(0, I)."""
+    latents = prior.model.num_latents
+    covariance = np.tile(np.eye(latents), (num_motors, 1, 1))
+    return Posterior(np.zeros((num_motors, latents)), covariance, np.zeros(num_motors), 0)
+
+
+def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper edge (...,) of the central ``level`` % prediction interval of samples (D, ...).
+
+    Weibull's plotting positions p·(D + 1) make it exact. The usual positions p·(D - 1) + 1 cover 86 %, not 90 %.
+    """
+    low, high = np.percentile(samples, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
+    return low, high
+
+
+def _inside(samples: np.ndarray, truth: np.ndarray | float) -> dict[int, np.ndarray]:
+    """Level -> (...,) whether the truth (...,) is inside the band of the samples (D, ...)."""
+    bands = {level: band(samples, level) for level in LEVELS}
+    return {level: (low <= truth) & (high >= truth) for level, (low, high) in bands.items()}
+
+
+def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
+    """Level [%] -> share of the recorded angles inside the band of free runs."""
+    rng = np.random.default_rng(_LOG_STREAM)
+    inside = [_inside(_sampled_errors(prior, posterior, one, rng), 0.0) for one in runs]
+    return {level: float(np.mean(np.concatenate([each[level].ravel() for each in inside]))) for level in LEVELS}
+
+
+def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng: np.random.Generator) -> np.ndarray:
+    """(DRAWS, M, N, W) errors [rad] of samples of the posterior."""
+    recorded, errors = runs.recorded(VEL), []
+    for z in _latent_samples(posterior, rng):
+        found = runs.errors(prior.model.motors(z))
+        velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
+        errors.append(POSITION_SCALE * found[:, :, 0] + sample_residuals(prior.metrics, rng, velocity))
+    return np.stack(errors)
+
+
+def _latent_samples(posterior: Posterior, rng: np.random.Generator) -> Iterator[np.ndarray]:
+    """DRAWS samples (M, Z) of the posteriors of M motors."""
+    factors = np.linalg.cholesky(posterior.covariance)
+    for _ in range(DRAWS):
+        noise = rng.standard_normal(posterior.mean.shape)
+        yield posterior.mean + np.einsum("mij,mj->mi", factors, noise)
+
+
+def bench_coverage(
+    prior: MotorPrior, posterior: Posterior, motors: TrueMotors, seed: int, preset: BenchPreset = HELD_OUT
+) -> Results:
+    """Share of the physical motors' held-out trajectories inside the bands.
+
+    ``coverage50`` and ``coverage90`` are over all motors and times, of all excitations and of each.
+    """
+    rng, rows = np.random.default_rng([seed, _BENCH_STREAM]), []
+    for kind in preset.kinds:
+        inside = []
+        for case, truth in held_out_trials(kind, motors, seed, preset)[:_COVERED]:
+            samples = []
+            for z in _latent_samples(posterior, rng):
+                simulated = run(prior.model.motors(z), case)
+                samples.append(simulated.joint_pos + sample_residuals(prior.metrics, rng, simulated.joint_vel))
+            inside.append(_inside(np.stack(samples), run(truth, case).joint_pos))
+        for level in LEVELS:
+            share = sum(float(np.mean(each[level])) / _COVERED for each in inside)
+            rows.append(Result(f"coverage{level}", "1", share, motors="held_out", part=kind))
+    of_each = Results.of(rows)
+    overall = [
+        Result(f"coverage{level}", "1", of_each.mean(quantity=f"coverage{level}"), motors="held_out")
+        for level in LEVELS
+    ]
+    return Results.of(overall) + of_each

@@ -10,69 +10,51 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
+from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.optional_terms import Conditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
-from motorprior.identification.baselines.response_models import ResponseMotors
-from motorprior.identification.evaluation.log_tables import capped, error_line
-from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns, whole_runs, with_gains_of
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold, training_data
-from motorprior.logs.doctor.excitation import excited_joints, static_joints
+from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, range_text
+from motorprior.logs.operations import excited_joints, static_joints
 from motorprior.progress import Progress
-from motorprior.results import Result, Results
 from motorprior.signals import rms
 
-# models of a log's motors: on its loads, at the gains of its segments, or responses that need no loads
-MotorModel: TypeAlias = Actuator | GainScaledPd | ResponseMotors
 PRIOR, TUNED_PD = "prior", "tuned_pd"
 SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck")
-FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
-SECONDS = 1.0  # of a FREE_RUN
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
+MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
 _MAX_SEGMENTS = 20  # of a replay
 
 
-def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
-    """A log as free runs of SECONDS (FREE_RUN) and of whole segments (WHOLE_RUN).
-
-    Raises:
-        LogError: it lacks a channel, has another sample period, or no segment is long enough.
-    """
-    window = round(SECONDS / preset.period)
-    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
-    return {
-        FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
-        WHOLE_RUN: whole_runs(log, preset),
-    }
+def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndarray:
+    """The errors, at most ``limit``, which is also the error of a simulation that diverged."""
+    return np.minimum(np.where(np.isnan(errors), limit, errors), limit)
 
 
-def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
-    """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
-    return motors.errors(runs) if isinstance(motors, ResponseMotors) else POSITION_SCALE * runs.errors(motors)[:, :, 0]
+def summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
+    """Median, mean and maximum [mrad]."""
+    values = np.array(list(errors.values()))
+    median, mean, maximum = (
+        f"{1e3 * value:.1f}" if value < MAX_ERROR else "diverged"
+        for value in (np.median(values), np.mean(values), np.max(values))
+    )
+    return median, mean, f"{maximum} ({list(errors)[int(values.argmax())]})"
 
 
-def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -> dict[str, np.ndarray]:
-    """(M,) root mean square error [rad] of each model of the log's M motors over all samples, `capped`."""
-    found = {}
-    for name, motors in models.items():
-        parts = [angle_errors(one, motors).reshape(one.num_motors, -1) for one in runs]
-        found[name] = capped(rms(np.concatenate(parts, axis=1, dtype=np.float64), axis=1))
-    return found
-
-
-def replay_errors(motors: MotorModel, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def replay_errors(motors: LoadedMotors, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Replay at most _MAX_SEGMENTS segments of a log with known loads, at their gains and under their conditions.
 
     ``nominal`` are the conditions of the motors' recipe. Returns recorded - simulated angles [rad], both read by the
@@ -90,9 +72,8 @@ def replay_errors(motors: MotorModel, log: MotorLog, nominal: Mapping[str, float
     return np.concatenate(errors), np.concatenate(velocities)
 
 
-def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
+def _at_segment(motors: LoadedMotors, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
     """The motors at the gains and under the conditions of a segment, ``seconds`` after a cold start."""
-    assert not isinstance(motors, ResponseMotors), "responses do not run on loads"
     gains = part.gains
     if isinstance(motors, GainScaledPd):
         return motors.pd if gains is None else motors.at(gains)
@@ -104,17 +85,11 @@ def _at_segment(motors: MotorModel, part: MotorLog, nominal: Mapping[str, float]
 
 @dataclass(frozen=True)
 class LogErrors:
-    """Root mean square errors of simulated angles [rad].
+    """Root mean square errors of simulated angles [rad]."""
 
-    Attributes:
-        logs: L names.
-        joints: J names.
-        models: (L, J) by model; NaN where a joint is not excited.
-    """
-
-    logs: tuple[str, ...]
-    joints: tuple[str, ...]
-    models: dict[str, np.ndarray]
+    logs: tuple[str, ...]  # L names
+    joints: tuple[str, ...]  # J names
+    models: dict[str, np.ndarray]  # (L, J) by model; NaN where a joint is not excited
 
     @classmethod
     def of(cls, logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:
@@ -125,22 +100,6 @@ class LogErrors:
             for table in tables.values():
                 table[row, static] = np.nan
         return cls(tuple(logs), next(iter(logs.values())).joint_names, tables)
-
-    def results(
-        self, quantity: str, statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] | None = None
-    ) -> Results:
-        """Statistics of each model over all joints and logs, by default the mean; its means by joint and by log."""
-        rows = []
-        for model, values in self.models.items():
-            for statistic, function in (statistics or {None: np.nanmean}).items():
-                rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
-            for column, names, table in (("part", self.joints, values.T), ("log", self.logs, values)):
-                rows += [
-                    replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
-                    for name, row in zip(names, table, strict=True)
-                    if np.isfinite(row).any()
-                ]
-        return Results.of(rows)
 
     def median_and_max(self, model: str) -> list[tuple[int, int]]:
         """Log and joint of the median and of the maximum error of a model; once if they are the same."""
@@ -179,17 +138,8 @@ class LogErrors:
         ]
 
 
-def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> MotorModel:
-    """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
-    from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd, with_scaled_gains
-
-    with progress.start("tune one PD", RESTARTS) as task:
-        found = fit_pd(log, WITH_ROTOR, report=task.advance)
-    return with_scaled_gains(IdealPd.uniform(num_motors or log.num_joints, **found.constants), log)
-
-
 def evaluate_replay(
-    motors: MotorModel, tuned: MotorModel | None, log: MotorLog, recipe: Preset, progress: Progress
+    motors: LoadedMotors, tuned: LoadedMotors | None, log: MotorLog, recipe: Preset, progress: Progress
 ) -> LogErrors:
     """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to; notes state them.
 
@@ -201,7 +151,10 @@ def evaluate_replay(
         for name, model in models.items()
     }
     replayed = LogErrors((log.source,), log.joint_names, errors)
-    for line in (error_line(replayed.results("replay_rmse"), "replay_rmse"), *replayed.warnings(PRIOR)):
+    found = ((name, *summary(dict(zip(log.joint_names, values[0], strict=True)))) for name, values in errors.items())
+    lines = [f"{name} median {median}, mean {mean}, max {maximum}" for name, median, mean, maximum in found]
+    progress.note(f"replayed log, joint RMSE [mrad]: {'; '.join(lines)}")
+    for line in replayed.warnings(PRIOR):
         progress.note(line)
     return replayed
 

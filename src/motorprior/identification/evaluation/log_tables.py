@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
-from motorprior.results import Results
+from motorprior.identification.evaluation.errors import LogErrors, summary
+from motorprior.results import Result, Results
 
-MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
 # quantities of the quick report: errors of free runs of whole segments and of 1 s, and the prefix of constants
 WHOLE_RUN_RMSE, FREE_RUN_RMSE, CONSTANT = "real_motors_rmse", "real_motors_free_run_rmse", "real_motors_"
 UNIDENTIFIED = "not_shown"  # statistic of a constant that the logs do not identify; its value is the median of a fit
 
 
-def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndarray:
-    """The errors, at most ``limit``, which is also the error of a simulation that diverged."""
-    return np.minimum(np.where(np.isnan(errors), limit, errors), limit)
+def error_results(
+    errors: LogErrors,
+    quantity: str,
+    statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] = MappingProxyType({None: np.nanmean}),
+) -> Results:
+    """Statistics of each model over all joints and logs; its means by joint and by log."""
+    rows = []
+    for model, values in errors.models.items():
+        for statistic, function in statistics.items():
+            rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
+        for column, names, table in (("part", errors.joints, values.T), ("log", errors.logs, values)):
+            rows += [
+                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
+                for name, row in zip(names, table, strict=True)
+                if np.isfinite(row).any()
+            ]
+    return Results.of(rows)
 
 
 def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
@@ -40,27 +55,8 @@ def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[s
     rows: dict[str, list[str]] = {}
     for quantity in quantities:
         for model, errors in errors_by_joint(results, quantity).items():
-            rows.setdefault(model, [model]).extend(_summary(errors))
+            rows.setdefault(model, [model]).extend(summary(errors))
     return ["model", *columns], list(rows.values())
-
-
-def error_line(results: Results, quantity: str) -> str:
-    """The same in a line."""
-    parts = []
-    for model, errors in errors_by_joint(results, quantity).items():
-        median, mean, maximum = _summary(errors)
-        parts.append(f"{model} median {median}, mean {mean}, max {maximum}")
-    return f"replayed log, joint RMSE [mrad]: {'; '.join(parts)}"
-
-
-def _summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
-    """Median, mean and maximum [mrad]."""
-    values = np.array(list(errors.values()))
-    median, mean, maximum = (
-        f"{1e3 * value:.1f}" if value < MAX_ERROR else "diverged"
-        for value in (np.median(values), np.mean(values), np.max(values))
-    )
-    return median, mean, f"{maximum} ({list(errors)[int(values.argmax())]})"
 
 
 def constant_table(constants: Mapping[str, Sequence[float] | np.ndarray]) -> tuple[list[str], list[list[str]]]:

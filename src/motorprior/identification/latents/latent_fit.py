@@ -6,14 +6,26 @@ loss is the prior's training objective, averaged over N windows that do not over
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
 observation (a generalised posterior with a Laplace approximation). The prior has m = 0 and d = 1; for a joint with the
 name of a training motor, m is that motor's mean and d SAME_JOINT_STD.
+
+`outliers` tests whether new motors lie inside the prediction interval of the training motors. The loss of a fit alone
+has little power, so every motor is fitted a second time, with a prior PRIOR_SCALE times as wide as the M training
+motors, which hardly shrinks the estimate. In decoder latents, with mean m and standard deviation s of these motors,
+
+    t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
+
+where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
+correction over the L latents in which the training motors differ.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import t as student_t
 
+from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
@@ -29,14 +41,8 @@ STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # of a descent
 SAME_JOINT_STD = 0.3
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47
-
-
-@dataclass(frozen=True)
-class LatentPrior:
-    """Prior of M motors: z ~ N(mean, std²), (M, Z) and (M,)."""
-
-    mean: np.ndarray
-    std: np.ndarray
+PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
+_SAME = 1e-9  # up to this standard deviation of a latent, training motors differ only by rounding
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,7 @@ def latent_search(model: Decoder, data: TrainingData, preset: Preset) -> Search:
     """The least-squares problems of the motors in ``data``, whose scales must be those of the model."""
     if isinstance(model, GreyBox):
         return Search(MotorProblem(model, WindowRuns(data, preset)))
-    from motorprior.identification.networks.network_problem import NetworkProblem  # here: it imports JAX
+    from motorprior.identification.networks.objectives import NetworkProblem
 
     return Search(NetworkProblem(model, data, preset))
 
@@ -64,7 +70,7 @@ def fit_posterior(
     preset: Preset,
     temperature: float,
     start: np.ndarray | None = None,
-    prior: LatentPrior | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Posterior:
     """The posterior of every motor in ``data``.
 
@@ -74,32 +80,32 @@ def fit_posterior(
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         start: (M, Z) initial latents; found by a random search if not given.
-        prior: N(0, I) if not given.
+        prior: mean (M, Z) and standard deviation (M,) of z; N(0, I) if not given.
     """
     search = latent_search(model, data, preset)
     shape, windows = (search.problem.count, model.num_latents), search.problem.observations
-    prior = prior or LatentPrior(np.zeros(shape), np.ones(shape[0]))
-    precision = temperature / windows / prior.std[:, None] ** 2
-    gaussian = GaussianPrior(prior.mean, np.broadcast_to(precision, prior.mean.shape))
-    found = _searched(search, gaussian, prior) if start is None else search.descend(start, gaussian, STEPS)
+    mean, std = prior or (np.zeros(shape), np.ones(shape[0]))
+    precision = temperature / windows / std[:, None] ** 2
+    gaussian = GaussianPrior(mean, np.broadcast_to(precision, shape))
+    found = _searched(search, gaussian, std) if start is None else search.descend(start, gaussian, STEPS)
     likelihood = _precision(search, found.x, temperature)
-    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * prior.std[:, None] ** 2 < _NOT_IDENTIFIABLE
+    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std[:, None] ** 2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
-    found = found.better(search.at(np.where(hidden, prior.mean, found.x), gaussian))
-    return Posterior(found.x, inverse_precision(likelihood, prior.std), found.loss, windows)
+    found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
+    return Posterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
 
 
-def _searched(search: Search, gaussian: GaussianPrior, prior: LatentPrior) -> Fit:
+def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     """Descents from samples of the prior, and from the best so far with a random half of it resampled."""
     rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), DRAWS, prior.mean.shape[1])
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        samples = prior.mean[:, None] + prior.std[:, None, None] * rng.standard_normal(shape)
+        samples = prior.mean[:, None] + std[:, None, None] * rng.standard_normal(shape)
         return samples if restart % 4 == 3 else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
 
-    mean = search.at(prior.mean, gaussian)
-    first = search.descend(search.best_of(draw(3, mean), gaussian), gaussian, STEPS)
-    return search.until_found_again(mean.better(first), gaussian, draw, RESTARTS, STEPS, again=4)
+    mean = search.at(prior.mean, prior)
+    first = search.descend(search.best_of(draw(3, mean), prior), prior, STEPS)
+    return search.until_found_again(mean.better(first), prior, draw, RESTARTS, STEPS, again=4)
 
 
 def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
@@ -116,3 +122,47 @@ def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
 
 def _precision(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
     return search.curvatures(z, WIDE) * search.problem.observations / temperature
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Result of the test for M motors."""
+
+    p_value: np.ndarray  # (M,) p, the probability that one more motor of the fleet lies as far out
+    latent: tuple[str, ...]  # M names, of the latent with the smallest p-value of each motor
+    deviation: np.ndarray  # (M,) t of that latent
+
+
+def outliers(
+    model: Decoder,
+    trained: np.ndarray,
+    found: np.ndarray,
+    data: TrainingData,
+    preset: Preset,
+    temperature: float,
+) -> Outliers:
+    """Test each of N motors against the M >= 2 training motors of a prior's model.
+
+    ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
+    `fit_posterior`; ``data``, ``preset`` and ``temperature`` are as for `fit_posterior`.
+    """
+    latents = model.decoder_latents(trained)
+    mean, std = latents.mean(axis=0), np.maximum(latents.std(axis=0, ddof=1), _SAME)
+    differ = std > _SAME
+    wide = Copula(np.eye(len(mean)), mean + PRIOR_SCALE * std * SCORES[:, None])
+    start = np.where(differ, (model.decoder_latents(found) - mean) / (PRIOR_SCALE * std), 0.0)
+    start = np.clip(start, -1.0, 1.0)  # farther starts may be out of reach of the steps
+    refit = fit_posterior(replace(model, copula=wide), data, preset, temperature, start=start)
+    variance = PRIOR_SCALE**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
+    t = PRIOR_SCALE * refit.mean / np.sqrt(1.0 + 1.0 / len(latents) + variance)
+    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), len(latents) - 1), 1.0)
+    worst, rows, names = p_values.argmin(axis=1), np.arange(len(t)), _latent_names(model)
+    p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
+    return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst])
+
+
+def _latent_names(model: Decoder) -> tuple[str, ...]:
+    """Names of the decoder's latents: those of the constants where each constant has its own latent."""
+    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:
+        return parameters_of(model.motor.terms)
+    return tuple(f"latent {index}" for index in range(model.num_latents))

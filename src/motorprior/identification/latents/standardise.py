@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
-from motorprior.actuator.geared_motor_constants import parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
 from motorprior.identification.presets import Preset

@@ -1,4 +1,4 @@
-"""Objectives of the networks: the paper's torque regression, and the differentiable closed-loop rollout.
+"""Latent networks in JAX and their objectives: the paper's torque regression, and the closed-loop rollout.
 
 The rollout starts from the recorded state and advances as on the dynamometer; the torque depends on the simulated
 history. During the warm-up before the start the model follows the recorded joint, so that its history matches the log.
@@ -8,21 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motorprior.actuator.latent import scaled_torque
+from motorprior.actuator import copula
+from motorprior.actuator.latent import LatentNetwork, scaled_torque
 from motorprior.bench.dynamometer import next_velocity
-from motorprior.identification.networks.network import Parameters, armature, decoder_latents, motor_bias
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import huber
 from motorprior.identification.training_data import windows as channel
-from motorprior.identification.training_data.windows import Measured
+from motorprior.identification.training_data.windows import Measured, TrainingData
 
+Parameters = dict[str, Any]
+INITIAL_ARMATURE = 0.002  # [kg·m²]
 # (parameters, windows (B, rows, channels), z (B, Z)) -> errors of position, velocity and torque, each (steps, B)
 Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
 
@@ -139,3 +142,94 @@ def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measur
 
 
 OBJECTIVES = {"torque": torque_objective, "rollout": rollout_objective}
+
+
+def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
+    """Initial parameters, float32: Glorot-scaled weights, zero biases."""
+
+    def dense(rows: int, columns: int) -> jnp.ndarray:
+        scale = 1.0 / np.sqrt(max(rows, 1))
+        return jnp.asarray(scale * rng.standard_normal((rows, columns)), jnp.float32)
+
+    inputs, neurons, latents = 2 * len(preset.taps), preset.num_neurons, preset.num_latents
+    return {
+        "w1": dense(inputs, neurons), "v1": dense(latents, neurons), "b1": jnp.zeros(neurons),
+        "w2": dense(neurons, neurons), "b2": jnp.zeros(neurons),
+        "w3": dense(neurons, 1)[:, 0], "b3": jnp.zeros(()),
+        "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32), "armature_slope": jnp.zeros(latents),
+    }  # fmt: skip
+
+
+def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
+    """(B, Z) decoder latents of z (B, Z); equal to z until the prior is standardised."""
+    return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
+
+
+def motor_bias(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
+    """(B, H) first-layer bias of motors with latents z (B, Z)."""
+    return parameters["b1"] + z @ parameters["v1"]
+
+
+def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
+    """(B,) decoded armature [kg·m²]."""
+    return jnp.exp(parameters["log_armature"] + z @ parameters["armature_slope"])
+
+
+def import_parameters(network: LatentNetwork) -> Parameters:
+    """The parameters, float32, of a network that `export` made."""
+    names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
+    values = {name: getattr(network, name) for name in names}
+    if network.copula is not None:
+        values |= {"mixing": network.copula.mixing, "quantiles": network.copula.quantiles}
+    return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
+
+
+def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
+    """The trained network, as simulations use it."""
+    values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
+    values |= scales
+    return LatentNetwork(**values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature)
+
+
+_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
+_LANES = 8  # simulated at a time
+
+
+class NetworkProblem:
+    """Residuals of a trained network's objective on windows of M motors that do not overlap."""
+
+    def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
+        scales = tuple(float(getattr(network, name)) for name in _SCALES)
+        self._residuals, self.weight = _compiled(preset, scales, data.measured)
+        self._parameters, self._windows = import_parameters(network), jnp.asarray(tiled_windows(data, preset))
+        self.count, self.observations = self._windows.shape[:2]
+
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(L, windows·residuals of each) at latents x (L, Z)."""
+        found, padding = [], -len(x) % _LANES  # whole chunks: one shape is compiled
+        rows, motors = np.pad(x, ((0, padding), (0, 0))), np.pad(which, (0, padding))
+        for first in range(0, len(rows), _LANES):
+            some = slice(first, first + _LANES)
+            found.append(np.asarray(self._residuals(self._parameters, self._windows, rows[some], motors[some])))
+        return np.concatenate(found)[: len(x)].reshape(len(x), -1)
+
+
+def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
+    """(M, N, length, channels) windows whose free parts do not overlap, each preceded by its history."""
+    length, ahead = preset.history + preset.window, preset.objective == "rollout"
+    starts = [
+        start for part in data.parts for start in range(part.start, part.stop - length - ahead + 1, preset.window)
+    ]
+    return np.stack([data.series[:, start : start + length] for start in starts], axis=1)
+
+
+@lru_cache(maxsize=4)
+def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> tuple[Any, float]:
+    """Compiled (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals, and the loss's weight."""
+    objective = OBJECTIVES[preset.objective](preset, dict(zip(_SCALES, scales, strict=True)), measured)
+
+    def one(parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray) -> jnp.ndarray:
+        own = windows[motor]
+        return objective.residuals(parameters, own, jnp.broadcast_to(z, (own.shape[0], z.shape[0]))).T
+
+    return jax.jit(jax.vmap(one, in_axes=(None, None, 0, 0))), objective.weight

@@ -25,16 +25,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import constants_of
-from motorprior.identification.physics.initial_motor import initial_center
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
     alone_prior,
     centred,
     fixed_constants,
+    initial_center,
     motor_search,
     rigid_motor,
     sized_center,
@@ -77,7 +77,6 @@ def fit_motors(
     terms: tuple[str, ...],
     together: bool,
     seed: int,
-    chosen: np.ndarray | None = None,
     report: Callable[[], None] = lambda: None,
     part: WindowRuns | None = None,
     nested: FleetFit | None = None,
@@ -90,7 +89,6 @@ def fit_motors(
         terms: optional terms of the motors (`optional_terms`).
         together: estimate a Gaussian over the motors.
         seed: of the searches.
-        chosen: (N,) mask of the windows that count; all if not given.
         report: called STAGES times.
         part: runs of a part of the rows, for all but the last descents; ``runs`` if not given.
         nested: a fit of simpler motors to start from; `fit_rigid_motors` if not given.
@@ -98,20 +96,20 @@ def fit_motors(
     """
     part = part or runs
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
-    nested = nested or fit_rigid_motors(part, terms, seed, chosen)
+    nested = nested or fit_rigid_motors(part, terms, seed)
     start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
-    initial = sized_center(part, terms, chosen)
+    initial = sized_center(part, terms)
     neutral, lacks = rigid_motor(initial, terms, runs)
     is_new = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms)))
     lacks &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
     center = np.where(lacks, 0.5 * (neutral + initial), initial)
     report()
     center = np.where(lacks | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
-    search = centred(center, terms, part, chosen)
+    search = centred(center, terms, part)
     simplest = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
     found = _alone(search, rng, simplest, initial - center, neutral - center, lacks, fixed, restarts, report)
     if part is not runs:
-        search = centred(center, terms, runs, chosen)
+        search = centred(center, terms, runs)
         prior = alone_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
@@ -120,15 +118,15 @@ def fit_motors(
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
     center, x = center + middle, x - middle
-    return FleetFit(center, x, centred(center, terms, runs, chosen).losses(x), terms)
+    return FleetFit(center, x, centred(center, terms, runs).losses(x), terms)
 
 
-def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, chosen: np.ndarray | None = None) -> FleetFit:
+def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int) -> FleetFit:
     """The simplest motors: the best of RIGID_STARTS random searches, refined; arguments as for `fit_motors`."""
     rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
-    initial = sized_center(runs, terms, chosen)
+    initial = sized_center(runs, terms)
     rigid, lacks = rigid_motor(initial, terms, runs)
-    search, held = centred(rigid, terms, runs, chosen), lacks | fixed
+    search, held = centred(rigid, terms, runs), lacks | fixed
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
     prior = weak_prior(np.zeros(len(rigid))).fixing(held)
     found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
@@ -290,7 +288,7 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
     window = length // max(1, round(length / LONGER_WINDOW))
     if window <= preset.window:
         return runs
-    longer = WindowRuns(data, replace(preset, window=window), heartbeat=runs.heartbeat)
+    longer = WindowRuns(data, replace(preset, window=window))
     enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * preset.window
     return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
 

@@ -1,16 +1,25 @@
-"""The least-squares problems of M motors, each on its own log: unknowns are decoder outputs relative to a centre."""
+"""The least-squares problems of M motors, each on its own log: unknowns are decoder outputs relative to a centre.
+
+A decoder reaches constants within a factor of 148 of its central motor, but kp of servos and quadrupeds spans 1 to 40
+N·m/rad. Gains that are logged in N·m/rad set the scale of the initial motor. Elsewhere several scales of all torques,
+and of the gain alone, are tried on the logs, and the fit starts from the best if its loss is less than half the initial
+motor's.
+"""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.optional_terms import NEGLIGIBLE
-from motorprior.identification.physics.initial_motor import TORQUES, encoded, grey_box, initial_center, logs_kd
+from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
+from motorprior.identification.presets import Preset
 from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -25,41 +34,42 @@ RIGID = {
 }  # fmt: skip
 
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # logarithms of the factors that are tried
+INITIAL_MOTOR = {
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
+    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
+    "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
+}  # fmt: skip
+# Constants that scale with the size of a motor
+TORQUES = (
+    "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
+    *(name for name, constant in CONSTANTS.items() if constant.unit.startswith("N·m")),
+)  # fmt: skip
+THRESHOLD = 1.02  # a constant is identifiable if half and double of it both raise the loss by more than this factor
 
 
 class MotorProblem:
-    """Residuals of free runs, see `search.Problem`.
+    """Residuals of free runs of motors that ``model`` decodes from x, see `search.Problem`."""
 
-    Args:
-        model: decoder from x to motors.
-        runs: the logs.
-        chosen: (N,) mask of the windows that count; all if not given.
-    """
-
-    def __init__(self, model: GreyBox, runs: WindowRuns, chosen: np.ndarray | None = None):
+    def __init__(self, model: GreyBox, runs: WindowRuns):
         self.model, self.runs, self.count, self.weight = model, runs, runs.num_motors, float(runs.channels)
-        self._chosen = slice(None) if chosen is None else np.flatnonzero(chosen)
-        self.observations = len(np.arange(runs.windows)[self._chosen])  # windows of each motor that count
+        self.observations = len(runs.counted)
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, windows·channels·steps) scaled errors of motor ``which[l]`` with constants x[l]."""
-        found = self.runs.residuals(grey_boxes(self.model), x, which)
-        return found[:, self._chosen].reshape(len(which), -1)
+        return self.runs.residuals(grey_boxes(self.model), x, which).reshape(len(which), -1)
 
 
-def motor_search(
-    model: GreyBox, runs: WindowRuns, chosen: np.ndarray | None = None, lower: np.ndarray | None = None
-) -> Search:
+def motor_search(model: GreyBox, runs: WindowRuns) -> Search:
     """Search for the motors of these logs."""
-    return Search(MotorProblem(model, runs, chosen), lower)
+    return Search(MotorProblem(model, runs))
 
 
-def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, chosen: np.ndarray | None) -> Search:
+def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> Search:
     """Search around a central motor (K,)."""
-    return motor_search(grey_box(center, terms, runs.preset), runs, chosen, lower_bounds(center, terms, runs))
+    return Search(MotorProblem(grey_box(center, terms, runs.preset), runs), lower_bounds(center, terms, runs))
 
 
-def sized_center(runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | None = None) -> np.ndarray:
+def sized_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
     """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
     if runs.gain_unit == PHYSICAL_GAINS:
@@ -68,7 +78,7 @@ def sized_center(runs: WindowRuns, terms: tuple[str, ...], chosen: np.ndarray | 
     torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
     sizes = [center, *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b)]
     z = np.zeros((runs.num_motors, len(names)))
-    losses = [motor_search(grey_box(size, terms, runs.preset), runs, chosen).losses(z) for size in sizes]
+    losses = [motor_search(grey_box(size, terms, runs.preset), runs).losses(z) for size in sizes]
     middle = np.median(losses, axis=1)
     best = int(np.argmin(middle))
     return sizes[best] if middle[best] < 0.5 * middle[0] else center
@@ -139,3 +149,88 @@ def alone_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.nda
     filtered = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
     precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
     return GaussianPrior(np.where(filtered, initial, mean), np.where(filtered, precision, WEAK))
+
+
+def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
+    """(P,) decoder outputs of the initial motor; its limits of speed, logged gains and firmware are those of the logs.
+
+    Where gains are logged in N·m/rad, every torque of the initial motor is that of a motor with such gains.
+    """
+    if runs is None:
+        return encoded(INITIAL_MOTOR, terms)
+    motor = INITIAL_MOTOR | dict.fromkeys(runs.preset.lacks, 1e-9)
+    if runs.max_speed:
+        # a little above the logged speeds: a limit that is too low rises in the fit, one that is too high has no effect
+        profile = 1.1 * float(np.median(runs.sustained_speeds["profile_speed"])) or runs.max_speed
+        motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.max_speed}
+    motor = motor | runs.preset.logged_values
+    if not runs.gain_unit:
+        return encoded(motor, terms)
+    kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
+    if runs.gain_unit == PHYSICAL_GAINS:
+        factor = kp / INITIAL_MOTOR["kp"]
+        motor = motor | {name: factor * motor[name] for name in TORQUES if name in motor}
+        needed = float(np.median(runs.max_request))
+        limit = float(np.sqrt(motor["torque_limit"] * max(motor["torque_limit"], 2.0 * needed)))  # it may saturate
+        motor = motor | {"kp": 1.0, "torque_limit": limit} | ({"kd_over_kp": 1.0} if logs_kd(runs) else {})
+    else:
+        motor = motor | {"kp": motor["kp"] / kp, "kd_over_kp": motor["kd_over_kp"] / ratio}
+    return encoded(motor, terms)
+
+
+def logs_kd(runs: WindowRuns) -> bool:
+    """Whether the logs have kd: where they do not, it is set to kp (`windows`)."""
+    return bool(np.any(runs.gains[1] != runs.gains[0]))
+
+
+def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
+    """(P,) decoder outputs of a motor with these constants; outputs of constants that are not given are 0."""
+    return np.array([
+        values.get(name, 0.0) / SIGNED[name] if name in SIGNED else np.log(values.get(name, 1.0))
+        for name in parameters_of(terms)
+    ])  # fmt: skip
+
+
+def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> GreyBox:
+    """The decoder around a central motor (P,), with one latent per constant."""
+    return GreyBox(GearedMotor(center, np.eye(len(center)), terms), preset.period, gain_unit=preset.gain_unit)
+
+
+def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, names: Iterable[str]) -> frozenset[str]:
+    """The positive constants among ``names`` that at least half of the M motors identify.
+
+    ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
+    """
+    fitted = motor_search(model, runs).losses(z)
+    ratio = {name: np.median(_loss_ratio(model, runs, z, name, fitted), axis=1).min() for name in names}
+    return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
+
+
+def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
+    """Fitted limits of torque and speed -> (M,) motors whose own logs do not identify them; arguments as above."""
+    rows, fixed = parameters_of(model.motor.terms), fixed_constants(model.motor.terms, runs)
+    limits = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
+    fitted = motor_search(model, runs).losses(z)
+    found = {name: _loss_ratio(model, runs, z, name, fitted).min(axis=0) <= THRESHOLD for name in limits}
+    return {name: hidden for name, hidden in found.items() if hidden.any()}
+
+
+def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
+    """(M,) whether a motor's log does not identify the scale of its torques; False if gains are logged in N·m/rad."""
+    if runs.gain_unit == PHYSICAL_GAINS:
+        return np.zeros(len(z), bool)
+    motor = model.motor
+    rows, losses = np.isin(parameters_of(motor.terms), TORQUES), []
+    for factor in (0.5, 2.0):
+        scaled = replace(model, motor=replace(motor, center=motor.center + np.log(factor) * rows))
+        losses.append(motor_search(scaled, runs).losses(z))
+    return np.min(losses, axis=0) <= THRESHOLD * motor_search(model, runs).losses(z)
+
+
+def _loss_ratio(model: GreyBox, runs: WindowRuns, z: np.ndarray, name: str, fitted: np.ndarray) -> np.ndarray:
+    """(2, M) losses of the motors with half and with double of a constant, over the ``fitted`` losses (M,)."""
+    motor = model.motor
+    row = np.array(parameters_of(motor.terms)) == name
+    changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
+    losses = [motor_search(replace(model, motor=each), runs).losses(z) for each in changed]
+    return np.stack(losses) / fitted

@@ -22,14 +22,15 @@ from typing import Any, cast
 import numpy as np
 from scipy.stats import wilcoxon
 
-from motorprior.actuator.geared_motor_constants import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.initial_motor import grey_box, initial_center
 from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     alone_prior,
     centred,
     fixed_constants,
+    grey_box,
+    initial_center,
     motor_search,
     rigid_motor,
     with_more_terms,
@@ -168,17 +169,18 @@ class _Trial:
     def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int):
         self._runs, self._parts, self._seed = runs, parts, seed
         self._train, self._test = parts % 2 == 0, parts % 2 == 1
+        self._trained = runs.chosen(self._train)
 
     def rigid(self, terms: tuple[str, ...]) -> _State:
         """The simplest motors, with a rigid gear."""
-        found = fit_rigid_motors(self._runs, terms, self._seed, self._train)
+        found = fit_rigid_motors(self._trained, terms, self._seed)
         return self._state(terms, found.center + found.offsets)
 
     def enriched(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
         center, terms = rigid.raw.mean(axis=0), rigid.terms
         nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
-        found = fit_motors(self._runs, terms, False, self._seed, self._train, nested=nested, restarts=_RESTARTS)
+        found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
         return self._state(terms, found.center + found.offsets)
 
     def simple(self, rigid: _State, added: tuple[str, ...]) -> _State:
@@ -221,7 +223,7 @@ class _Trial:
         fixed = fixed_constants(terms, self._runs)
         center = np.where(held | fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
         initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
-        search = centred(center, terms, self._runs, self._train)
+        search = centred(center, terms, self._trained)
         held = held | fixed
 
         def draw(restart: int, best: Fit) -> np.ndarray:

@@ -9,6 +9,7 @@ which such a log does not identify, are then that of the central motor and 0.
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +21,7 @@ from scipy.ndimage import minimum_filter1d
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
-from motorprior.actuator.geared_motor_constants import StepConstants
+from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
@@ -125,6 +126,7 @@ class Segment:
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
+LoadedMotors: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
 # (unknowns (L, K), motor (L,) of the log, segment) -> L motors
 MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
 
@@ -132,23 +134,15 @@ MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
 class WindowRuns:
     """Free runs over all windows of M motors' logs, or of those with the indices ``motors``.
 
-        ``heartbeat`` is called several times a second during `residuals`; an exception that it raises ends them.
-
     Attributes:
-            at_rotor: whether the log's encoders are on the rotors.
+        at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample.
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
         sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
             voltage.
     """
 
-    def __init__(
-        self,
-        data: TrainingData,
-        preset: Preset,
-        motors: np.ndarray | None = None,
-        heartbeat: Callable[[], None] = lambda: None,
-    ):
+    def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
         self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
         self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
@@ -164,7 +158,7 @@ class WindowRuns:
         self.sustained_speeds = {
             name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self.threads, self.heartbeat = ThreadPoolExecutor(os.cpu_count() or 1), heartbeat
+        self.threads, self.counted = ThreadPoolExecutor(os.cpu_count() or 1), np.arange(self.windows)
 
     @property
     def windows(self) -> int:
@@ -183,12 +177,18 @@ class WindowRuns:
         requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
         return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
+    def chosen(self, windows: np.ndarray) -> WindowRuns:
+        """The same runs, of which only these ``windows`` (N,) count as residuals."""
+        some = copy.copy(self)
+        some.counted = np.flatnonzero(windows)
+        return some
+
     def groups(self) -> np.ndarray:
         """(N,) index of the segment of each window."""
         return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
 
     def residuals(self, motors_of: MotorsOf, x: np.ndarray, motor: np.ndarray) -> np.ndarray:
-        """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], for L pairs; float32."""
+        """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], in the N counted windows; float32."""
         lanes, parts = len(motor), max(1, -(-(os.cpu_count() or 1) // len(self.segments)))
         together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
         out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
@@ -203,10 +203,8 @@ class WindowRuns:
             some, inside, segment = task
             out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
-        self.heartbeat()
-        for _ in self.threads.map(simulate, tasks):
-            self.heartbeat()
-        return out
+        list(self.threads.map(simulate, tasks))
+        return out if len(self.counted) == self.windows else out[:, self.counted]
 
     def recorded(self, index: int) -> np.ndarray:
         """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
@@ -217,7 +215,7 @@ class WindowRuns:
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
-    def errors(self, motors: Actuator | GainScaledPd) -> np.ndarray:
+    def errors(self, motors: LoadedMotors) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
         Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are compared, or for grey

@@ -203,12 +203,3 @@ def used_seconds_text(data: TrainingData, preset: Preset) -> str:
     step = preset.window if preset.grey_boxes else 1  # windows then lie end to end
     used = sum(rows // step * step for rows in free if rows >= preset.window)
     return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"
-
-
-def sample_windows(
-    rng: np.random.Generator, data: TrainingData, preset: Preset, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
-    motors = rng.integers(len(data.series), size=(count, preset.batch))
-    starts = data.starts[rng.integers(len(data.starts), size=(count, preset.batch))]
-    return motors.astype(np.int32), starts.astype(np.int32)

@@ -9,23 +9,11 @@ import numpy as np
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.readings import MAX_LAG
 from motorprior.logs.motor_log import MotorLog, time_steps
-from motorprior.logs.operations import gap_rows, repeated_rows, resample
+from motorprior.logs.operations import EXCITED_STD, excited_joints, gap_rows, repeated_rows, resample
 
-EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
 RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
 MIN_REVERSALS = 4
 MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
-
-
-def excited_joints(log: MotorLog) -> np.ndarray:
-    """Indices of the joints whose command has a standard deviation above 1 mrad."""
-    return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
-
-
-def static_joints(log: MotorLog) -> tuple[str, ...]:
-    """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
-    at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
-    return tuple(log.joint_names[column] for column in at_rest)
 
 
 def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:

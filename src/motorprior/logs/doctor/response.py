@@ -9,10 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from motorprior.logs.doctor.excitation import MIN_ROWS, excited_joints
+from motorprior.logs.doctor.excitation import MIN_ROWS
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.readings import MAX_LAG, encoder_step
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import excited_joints
 from motorprior.signals import runs_of_true
 
 MIN_CORRELATION = 0.5

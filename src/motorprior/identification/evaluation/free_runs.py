@@ -1,20 +1,63 @@
-"""Traces of free runs that a page draws: the joints with the median and the maximum error."""
+"""Free runs of models over logs: errors, and traces of the joints with the median and the maximum error."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.identification.evaluation.errors import LogErrors, MotorModel, angle_errors
-from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.training_data.windows import POS, SECONDS, TARGET
+from motorprior.identification.baselines.response_fit import ResponseMotors
+from motorprior.identification.evaluation.errors import LogErrors, capped
+from motorprior.identification.physics.window_runs import (
+    POSITION_SCALE,
+    LoadedMotors,
+    WindowRuns,
+    whole_runs,
+    with_gains_of,
+)
+from motorprior.identification.presets import Preset
+from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, training_data
+from motorprior.logs.motor_log import MotorLog
+from motorprior.signals import rms
 
+FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
+DURATION = 1.0  # of a FREE_RUN [s]
 TRACES = "traces.safetensors"
 _CHANNELS = ("time", "target", "measured")
+# models of a log's motors: on its loads, or responses that need no loads
+MotorModel: TypeAlias = LoadedMotors | ResponseMotors
+
+
+def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
+    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN).
+
+    Raises:
+        LogError: it lacks a channel, has another sample period, or no segment is long enough.
+    """
+    window = round(DURATION / preset.period)
+    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
+    return {
+        FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
+        WHOLE_RUN: whole_runs(log, preset),
+    }
+
+
+def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
+    """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
+    return motors.errors(runs) if isinstance(motors, ResponseMotors) else POSITION_SCALE * runs.errors(motors)[:, :, 0]
+
+
+def free_run_errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -> dict[str, np.ndarray]:
+    """(M,) root mean square error [rad] of each model of the log's M motors over all samples, `capped`."""
+    found = {}
+    for name, motors in models.items():
+        parts = [angle_errors(one, motors).reshape(one.num_motors, -1) for one in runs]
+        found[name] = capped(rms(np.concatenate(parts, axis=1, dtype=np.float64), axis=1))
+    return found
 
 
 @dataclass(frozen=True)
