@@ -262,7 +262,7 @@ def measure(settings: Settings) -> Results:
     for place in PLACES:
         found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):
-        policy = Policy.load(trained(settings, prior, seed)).arrays()
+        policy = Policy.load(trained(settings, prior, seed)).arrays
         for place in PLACES:
             evaluated = environments.evaluate(place, policy, settings).having(seed=seed)
             found += evaluated.rows

@@ -30,7 +30,7 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     draw, physics_dt = motor_sampler("fleet:mixed", robot)
     there = Scene(robot, draw, config, physics_dt).simulator()
     seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
-    score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
+    score = np.mean([there.run(policy.arrays, seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score
     assert policy.provenance["validation"] == "mixed"
 

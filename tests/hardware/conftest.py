@@ -14,7 +14,7 @@ from threads import in_thread
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+from motorprior.hardware.virtual_robot import VirtualRobot
 from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

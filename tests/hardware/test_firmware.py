@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from motorprior.hardware.framing import FrameReader, framed
-from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual.firmware import (
+from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
+from motorprior.hardware.virtual_robot import (
     ERROR,
     HOLDING,
     HOMING,

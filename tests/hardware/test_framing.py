@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from telemetry import telemetry
 
-from motorprior.hardware.framing import MAX_LINE, FrameReader, framed
-from motorprior.hardware.protocol import IDLE, MAX_PAYLOAD, Command, Telemetry, encode
+from motorprior.hardware.protocol import IDLE, MAX_LINE, MAX_PAYLOAD, Command, FrameReader, Telemetry, encode, framed
 
 JOINTS = 12
 READERS = {"command": lambda: FrameReader(Command, JOINTS), "telemetry": lambda: FrameReader(Telemetry, JOINTS)}

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.hardware.teleop import Teleop
-from motorprior.hardware.virtual.firmware import IDLE
+from motorprior.hardware.virtual_robot import IDLE
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 GAIT = PUPPER_V2.require_legs()

@@ -7,11 +7,10 @@ from telemetry import telemetry
 from motorprior.backend import Backend
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.deploy import PolicyMotion
-from motorprior.hardware.framing import FrameReader, framed
-from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.protocol import FrameReader, Telemetry, framed
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.hardware.virtual.firmware import Drive, Firmware, FirmwareConfig, SensorReadings
+from motorprior.hardware.virtual_robot import Drive, Firmware, FirmwareConfig, SensorReadings
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.robots.pupper_v2 import spec
@@ -77,7 +76,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         motion.forward, motion.yaw_rate = schedule[step]
         target = motion(Measurement(frame.with_signs(WIRE.joint_signs), 0.0, 0.0))
         np.testing.assert_allclose(motion.observation, observation, rtol=0, atol=2e-6)
-        act(policy.arrays(), observation, action)
+        act(policy.arrays, observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
         firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), JOINTS))

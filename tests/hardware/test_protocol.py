@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.exceptions import ProtocolError
-from motorprior.hardware.framing import framed
-from motorprior.hardware.protocol import Command, Telemetry, decode, encode
+from motorprior.hardware.protocol import Command, Telemetry, decode, encode, framed
 
 JOINTS = 12
 number = st.floats(-(2.0**100), 2.0**100, width=32)

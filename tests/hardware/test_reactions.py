@@ -18,7 +18,7 @@ from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.commands import run_deploy, run_record
 from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.settings import DeploySettings, RecordSettings
-from motorprior.hardware.virtual.firmware import ERROR, IDLE
+from motorprior.hardware.virtual_robot import ERROR, IDLE
 from motorprior.logs.readers.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

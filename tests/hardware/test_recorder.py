@@ -7,7 +7,7 @@ import pytest
 from telemetry import telemetry
 
 from motorprior.hardware.commands import run_record
-from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.robot_link import Recorder
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.doctor.checks import check_log

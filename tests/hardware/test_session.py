@@ -10,9 +10,8 @@ from robot_faults import FaultyPort
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.commands import run_doctor
-from motorprior.hardware.doctor import Check, check_telemetry
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.session import check_before_arming
+from motorprior.hardware.session import Check, check_before_arming, check_telemetry
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from simulated_port import on_its_clock

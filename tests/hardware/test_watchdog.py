@@ -14,8 +14,7 @@ import pytest
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.virtual.firmware import IDLE
-from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+from motorprior.hardware.virtual_robot import IDLE, VirtualRobot
 from motorprior.logs.readers.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from motorprior.actuator.actuator import Factors
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors, perfect_sensors
+from motorprior.locomotion.task import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.env import BackendSimulator, SimulatedBackend

@@ -169,7 +169,7 @@ def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
         randomization = {"twin": NOISY, "hard": HARD}[config.environment]
         walk = replace(walk, randomization=randomization, gait=trained.policy.gait)
         scene = twin_scene(trained.robot, load_robot_fleet(robot, config.fleet), walk)
-    return run_walks(scene, trained.policy.arrays(), [config.seed])[0]
+    return run_walks(scene, trained.policy.arrays, [config.seed])[0]
 
 
 def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded: np.ndarray) -> Results:

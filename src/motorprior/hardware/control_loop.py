@@ -1,10 +1,16 @@
-"""Motions, control steps at absolute times on the monotonic clock, and statistics of their timing."""
+"""Motions, control steps at absolute times on the monotonic clock, their timing and protection from other processes."""
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
+import os
+import resource
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,22 +64,19 @@ class Timing:
     late: list[float] = field(default_factory=list)  # time after the deadline
     age: list[float] = field(default_factory=list)  # of the measurement used, when the command was sent
     skipped: int = 0  # steps skipped because the previous one took too long
-    aborted: float | None = None  # lateness of the step in which a fault prevented the command
 
 
 def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
     """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
 
     period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
-    more than half a period late. telemetry_age_ms: age of the measurement used. An aborted step counts in the first
-    two as if its command had been sent when the fault was found. Empty if no run has two steps.
+    more than half a period late. telemetry_age_ms: age of the measurement used. Empty if no run has two steps.
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
         return {}
-    aborted = [run.aborted for run in runs if run.aborted is not None]
-    jitter = np.concatenate([*(np.diff(run.sent) - period for run in runs), aborted])
-    late, age = np.concatenate([*(run.late for run in runs), aborted]), np.concatenate([run.age for run in runs])
+    jitter = np.concatenate([np.diff(run.sent) - period for run in runs])
+    late, age = np.concatenate([run.late for run in runs]), np.concatenate([run.age for run in runs])
     skipped = sum(run.skipped for run in runs)
     figures = {
         f"{name}/{quantile}": 1e3 * float(np.percentile(seconds, percent))
@@ -113,15 +116,11 @@ class ControlLoop:
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
-            try:
-                measurement = self._next_measurement()
-                target = motion(measurement)
-                if target is None:
-                    return
-                sent = self._link.send(target, mode)
-            except Exception:
-                timing.aborted = max(0.0, time.monotonic() - self._deadline)
-                raise
+            measurement = self._next_measurement()
+            target = motion(measurement)
+            if target is None:
+                return
+            sent = self._link.send(target, mode)
             timing.sent.append(sent)
             timing.late.append(sent - self._deadline)
             timing.age.append(sent - measurement.sampled)
@@ -149,3 +148,38 @@ class ControlLoop:
             self._deadline += skipped * self._period
             timing.skipped += skipped
             self._paused = True
+
+
+_SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
+
+
+@contextmanager
+def real_time() -> Iterator[None]:
+    """Real-time priority, locked memory and no garbage collection within this context."""
+    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
+    # With a limit of locked memory, a later allocation would fail in the middle of a motion.
+    unlimited = sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    libc = ctypes.CDLL(None) if unlimited else None
+    if libc is not None:
+        libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        if libc is not None:
+            libc.munlockall()
+        if normal is not None:
+            _set_scheduler(*normal)
+
+
+def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:
+    """Set scheduling policy and priority of this thread; returns the earlier ones, None if not permitted."""
+    try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except (OSError, AttributeError):  # not permitted, or not Linux
+        return None
+    return before

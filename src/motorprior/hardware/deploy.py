@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 import numpy as np
 
-from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion, every
-from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Session, StopRequest, check_before_arming
@@ -21,7 +18,7 @@ from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.body import YAW_RATE, action_size, body_of
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
 from motorprior.locomotion.policy import Policy, act
-from motorprior.locomotion.task import observe
+from motorprior.locomotion.task import write_readings
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 
@@ -35,30 +32,22 @@ class PolicyMotion:
     """A walking policy as a motion, with the same `locomotion.control_step` as in simulation.
 
     Without an IMU the policy acts as if the robot were upright and turned as commanded.
-
-    Attributes:
-        forward: commanded speed [m/s].
-        yaw_rate: commanded yaw rate [rad/s], to the left.
-        gyro_bias: (3,) rates that the gyroscope measures at rest [rad/s]; subtracted, or the heading would drift.
     """
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
-        self._policy, self._has_imu = policy.arrays(), has_imu
+        self._policy, self._has_imu = policy.arrays, has_imu
         self._body = body_of(robot.with_speed_range(policy.forward), policy.gait)
-        self._gait = new_gait(self._body)
+        self.gait = new_gait(self._body)
         self._action = np.zeros(action_size(robot.num_joints))
-        self.forward = self.yaw_rate = 0.0
-        self.gyro_bias = np.zeros(3)
-
-    @property
-    def observation(self) -> np.ndarray:
-        """(observations,) the last input of the policy."""
-        return self._gait.observation
+        self.forward = self.yaw_rate = 0.0  # commanded [m/s], [rad/s] to the left
+        self.gyro_bias = np.zeros(3)  # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """The (joints,) targets [rad] for a measurement: observe, act, command."""
-        gait = self._gait
-        observe(self._body, _state(measurement.telemetry, self.gyro_bias), gait.observation)
+        gait = self.gait
+        telemetry = measurement.telemetry
+        rates = np.array(telemetry.rates) - self.gyro_bias
+        write_readings(self._body, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation)
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
             gait.observation[YAW_RATE] = gait.twist[1]
         follow_command(self._body, gait, self.forward, self.yaw_rate)
@@ -81,31 +70,7 @@ class PolicyMotion:
     def warm_up(self, measurement: Measurement) -> None:
         """Compile, or load compiled code, and reset."""
         self(measurement)
-        begin_gait(self._body, self._gait)
-
-
-def _state(telemetry: Telemetry, gyro_bias: np.ndarray) -> BackendState:
-    """What the sensors of a robot measure; the rest is NaN."""
-    unknown = np.full(3, np.nan)
-    return BackendState(
-        base_pos=unknown,
-        base_quat=_quaternion(*telemetry.attitude),
-        base_lin_vel=unknown,
-        base_ang_vel=np.array(telemetry.rates) - gyro_bias,
-        measured_joint_pos=telemetry.pos,
-        foot_pos=unknown[None],
-        torque_squared_sum=math.nan,
-    )
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """(4,) rotation_base_to_world (w, x, y, z) of intrinsic z-y'-x'' angles [rad]; inverse of `roll_pitch_yaw`."""
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
-    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    return np.array([w, x, y, z])
+        begin_gait(self._body, self.gait)
 
 
 def gains_for(
@@ -113,11 +78,10 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    A policy's gains are in N·m/rad, a wire's in A/rad; the torque constant [N·m/A] converts them. If the two agree
-    to 15 %, the wire's gains are sent, since the fleets were identified at these.
+    The fleets were identified at the robot's own gains. The torque constant [N·m/A] converts a policy's gains.
 
     Raises:
-        ConfigError: gains out of range, or the policy was trained with other gains, and none were given.
+        ConfigError: gains out of range, or none were given and the policy was trained with others, beyond 15 %.
     """
     wire = robot.require_wire()
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
@@ -134,10 +98,9 @@ def gains_for(
 def walk(
     session: Session, policy: Policy, steering: AbstractContextManager[Teleop], seconds: float | None = None
 ) -> None:
-    """Check an idle robot, arm it, stand up, walk, crouch.
+    """Check an idle robot, arm it, stand up, walk as ``steering`` commands, crouch.
 
-    It walks as ``steering`` commands at every control step, for ``seconds`` [s] or until the session is stopped. The
-    status is a line twice a second.
+    It walks for ``seconds`` [s] or until the session is stopped. The status is a line twice a second.
 
     Raises:
         RobotFault: a fault ended the walk early; the robot is idle.
@@ -171,9 +134,9 @@ def dry_run(
     has_imu: bool,
     status: Callable[[str], None],
 ) -> int:
-    """Compute targets for a command (speed [m/s], yaw rate [rad/s]) from an idle robot's telemetry, and send nothing.
+    """Number of control steps of a walk that is computed from an idle robot's telemetry; nothing is sent.
 
-    Returns the number of control steps. Other arguments and errors are those of `walk`.
+    ``command`` is speed [m/s] and yaw rate [rad/s]. Other arguments and errors are those of `walk`.
     """
     motion = PolicyMotion(link.robot, policy, has_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
@@ -203,7 +166,7 @@ def _status_line(link: RobotLink, motion: PolicyMotion, status: Callable[[str], 
         status(
             f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
             f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
-            f"{link.rejected + link.stream.impossible}{battery}"
+            f"{link.port.rejected + link.stream.impossible}{battery}"
         )
 
     return every(_STATUS_PERIOD, show)

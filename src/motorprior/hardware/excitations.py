@@ -10,7 +10,6 @@ from motorprior.bench.excitation import excitation_named
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.control_loop import ControlLoop, every
 from motorprior.hardware.session import Session
-from motorprior.hardware.settings import Excitation
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
@@ -37,7 +36,7 @@ def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
 
 
 def excitation_targets(
-    robot: Robot, kind: Excitation, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
+    robot: Robot, kind: str, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
 ) -> np.ndarray:
     """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
 
@@ -46,18 +45,19 @@ def excitation_targets(
     their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
 
     Raises:
-        ConfigError: an unknown excitation; none of the joints would move, such as abductions in a trot; or a trot
-            without legs.
+        ConfigError: an unknown excitation, one that moves none of the joints, or a trot without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
     parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
-    away = [
-        _scaled(_signals(robot, part, joints, num, rng), part, amplitude, speed, robot.control_dt)
-        for part, num in parts
-    ]
+    signals = [(part, _signals(robot, part, joints, num, rng)) for part, num in parts]
+    away = np.concatenate([_scaled(signal, part, amplitude, speed, robot.control_dt) for part, signal in signals])
     if kind == "varied":
-        away[1] = _one_at_a_time(away[1], joints)
-    return np.clip(robot.nominal_pose + np.concatenate(away), robot.lower, robot.upper)
+        # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
+        # better damped than they are.
+        bounds = steps // 2 + np.linspace(0, steps - steps // 2, len(joints) + 1).astype(int)
+        for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
+            away[steps // 2 : first, joint] = away[end:, joint] = 0.0
+    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 
 def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np.random.Generator) -> np.ndarray:
@@ -89,16 +89,6 @@ def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
-
-
-def _one_at_a_time(away: np.ndarray, joints: Sequence[int]) -> np.ndarray:
-    """The same targets (steps, joints), but these joints move one after the other."""
-    # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
-    # better damped than they are.
-    alone, bounds = np.zeros_like(away), np.linspace(0, len(away), len(joints) + 1).astype(int)
-    for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
-        alone[first:end, joint] = away[first:end, joint]
-    return alone
 
 
 def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:

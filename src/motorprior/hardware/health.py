@@ -14,7 +14,6 @@ import numpy as np
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
@@ -39,23 +38,20 @@ class Sensors:
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._names, self._limits = robot.joint_names, limits
-        self._tilted, self._imu_works = _Debounce(limits.tilt_time), _Debounce(limits.imu_time)
-        self._overcurrent = _Debounce(limits.current_time)
-        self._hot, self._empty = _Debounce(limits.warning_time), _Debounce(limits.warning_time)
-        self._imu_has_worked = False
-        self._last: tuple[float, ...] = ()
-        self._since = 0.0
+        times = limits.tilt_time, limits.imu_time, limits.current_time, limits.warning_time, limits.warning_time
+        self._tilted, self._imu_works, self._overcurrent, self._hot, self._empty = map(_Debounce, times)
+        self._imu_has_worked, self._last, self._since = False, tuple[float, ...](), 0.0
 
     def faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
         """The faults in a measurement at ``now`` [s] on the robot's clock."""
         limits = self._limits
-        joint, current = _largest(None if telemetry.cur is None else np.abs(telemetry.cur))
+        name, current = self._largest(None if telemetry.cur is None else np.abs(telemetry.cur))
         if self._overcurrent(current > limits.measured_current, now):
-            yield RobotFault("current", f"{self._names[joint]} draws {current:.1f} A")
-        joint, temperature = _largest(telemetry.temp)
+            yield RobotFault("current", f"{name} draws {current:.1f} A")
+        name, temperature = self._largest(telemetry.temp)
         if self._hot(temperature > limits.temperature, now):
-            problem = f"{self._names[joint]} is at {temperature:.0f} °C"
-            yield RobotFault("temperature", problem, safe_state="crouch", remedy="let the motors cool down")
+            problem, remedy = f"{name} is at {temperature:.0f} °C", "let the motors cool down"
+            yield RobotFault("temperature", problem, safe_state="crouch", remedy=remedy)
         if self._empty(telemetry.bat is not None and telemetry.bat < limits.battery, now):
             yield RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
         values = (*telemetry.attitude, *telemetry.rates)
@@ -69,13 +65,10 @@ class Sensors:
         if self._tilted(max(abs(telemetry.roll), abs(telemetry.pitch)) > limits.max_tilt, now):
             yield RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
 
-
-def _largest(values: np.ndarray | None) -> tuple[int, float]:
-    """Joint and value of the largest of (joints,) values."""
-    if values is None:
-        return 0, -math.inf
-    joint = int(np.argmax(values))
-    return joint, float(values[joint])
+    def _largest(self, values: np.ndarray | None) -> tuple[str, float]:
+        """Joint and value of the largest of (joints,) values."""
+        joint = 0 if values is None else int(np.argmax(values))
+        return self._names[joint], -math.inf if values is None else float(values[joint])
 
 
 class Tracking:
@@ -114,10 +107,9 @@ class Tracking:
         self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
         worst = int(np.argmax(self._away))
         if self._away[worst] >= self._limits.tracking_time:
-            name, away = self._names[worst], self._away[worst]
-            problem = f"{name} is {error[worst]:.2f} rad from its lagged target, for {away:.2f} s"
+            problem = f"{self._names[worst]} is {error[worst]:.2f} rad from its lagged target, for "
             remedy = "look for a motor without power, a loose cable or an obstacle"
-            yield RobotFault("tracking", problem, remedy=remedy)
+            yield RobotFault("tracking", f"{problem}{self._away[worst]:.2f} s", remedy=remedy)
         if now >= self._restart:
             yield from self._stuck(joint_pos, self._reference, now)
 
@@ -157,18 +149,3 @@ class SlowHost:
             problem = f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
             problem += f"{1e3 * total:.0f} ms in all"
             raise RobotFault("slow host", problem, safe_state="crouch", remedy="close other programs on this computer")
-
-
-def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
-    """The latest measurement; raises if there is none, if it is old, or after several impossible frames in a row."""
-    if stream.impossible_in_a_row >= limits.implausible_frames:
-        problem = f"{stream.impossible_in_a_row} physically impossible frames in a row"
-        remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
-        raise RobotFault("implausible telemetry", problem, remedy=remedy)
-    if stream.latest is None:
-        raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
-    age = now - stream.latest.sampled
-    if age > limits.telemetry_age:
-        problem = f"the last measurement is {age:.2f} s old, {limits.telemetry_age} s is the limit"
-        raise RobotFault("stale telemetry", problem)
-    return stream.latest

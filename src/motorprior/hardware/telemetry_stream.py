@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import Telemetry
 from motorprior.robots.wire import SafetyLimits
 
@@ -37,34 +38,13 @@ class Measurement:
     sampled: float  # time of measurement on the same clock [s]
 
 
-class ClockOffset:
-    """Offset between the host's and the robot's clock, over a moving window that follows drift."""
-
-    def __init__(self) -> None:
-        self._since = -math.inf
-        self._current: list[float] = []
-        self._previous: list[float] = []
-
-    @property
-    def offset(self) -> float:
-        """Host's time minus robot's [s]; infinite before the first frame."""
-        smallest = sorted((*self._current, *self._previous))[:2]
-        return smallest[-1] if smallest else math.inf
-
-    def host_time(self, ts: float, arrival: float) -> float:
-        """The time stamp ``ts`` [s] on the host's clock, on which the frame arrived at ``arrival`` [s]."""
-        if arrival - self._since > _WINDOW:
-            self._since, self._previous, self._current = arrival, self._current, []
-        self._current = sorted((*self._current, arrival - ts))[:2]
-        return min(arrival, ts + self.offset)
-
-
 class TelemetryStream:
     """Accepts telemetry frames, and counts accepted, repeated and impossible ones."""
 
     def __init__(self, limits: SafetyLimits):
-        self._limits, self._clock = limits, ClockOffset()
-        self._ahead: list[float] = []
+        self._limits, self._since = limits, -math.inf
+        # The two smallest host's minus robot's time [s] of this window and of the one before, which follow drift.
+        self._current, self._previous, self._ahead = list[float](), list[float](), list[float]()
         self.latest: Measurement | None = None
         self.accepted = self.repeated = self.impossible = self.impossible_in_a_row = 0
 
@@ -80,9 +60,34 @@ class TelemetryStream:
             return None
         self.accepted += 1
         self.impossible_in_a_row = 0
-        sampled = self._clock.host_time(1e-3 * telemetry.ts, arrival)
-        self.latest = Measurement(telemetry, arrival, sampled)
+        self.latest = Measurement(telemetry, arrival, self._host_time(1e-3 * telemetry.ts, arrival))
         return self.latest
+
+    def fresh(self, now: float) -> Measurement:
+        """The latest measurement; RobotFault if there is none, if it is old, or after several impossible frames."""
+        if self.impossible_in_a_row >= self._limits.implausible_frames:
+            problem = f"{self.impossible_in_a_row} physically impossible frames in a row"
+            remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
+            raise RobotFault("implausible telemetry", problem, remedy=remedy)
+        if self.latest is None:
+            raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
+        age, limit = now - self.latest.sampled, self._limits.telemetry_age
+        if age > limit:
+            raise RobotFault("stale telemetry", f"the last measurement is {age:.2f} s old, {limit} s is the limit")
+        return self.latest
+
+    @property
+    def _offset(self) -> float:
+        """Host's time minus robot's [s]; infinite before the first frame."""
+        smallest = sorted((*self._current, *self._previous))[:2]
+        return smallest[-1] if smallest else math.inf
+
+    def _host_time(self, ts: float, arrival: float) -> float:
+        """The time stamp ``ts`` [s] on the host's clock, on which the frame arrived at ``arrival`` [s]."""
+        if arrival - self._since > _WINDOW:
+            self._since, self._previous, self._current = arrival, self._current, []
+        self._current = sorted((*self._current, arrival - ts))[:2]
+        return min(arrival, ts + self._offset)
 
     def _is_possible(self, new: Telemetry, arrival: float) -> bool:
         limits = self._limits
@@ -105,7 +110,7 @@ class TelemetryStream:
 
         If several in a row agree, the earlier frames had waited in the buffer of a port that was opened long before.
         """
-        if self.accepted <= _WARM_UP or self._clock.offset - offset <= _MAX_LEAD:
+        if self.accepted <= _WARM_UP or self._offset - offset <= _MAX_LEAD:
             self._ahead = []
             return True
         agreeing = [each for each in self._ahead if abs(each - offset) <= _MAX_LEAD]

@@ -68,11 +68,9 @@ class Teleop:
         for arrow, letter in _ARROWS.items():
             data = data.replace(arrow, letter)
         for key in data.decode("ascii", errors="ignore"):
-            speed, turn = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}.get(key, (0, 0))
-            if key == " ":
-                self._forward = self._yaw_rate = 0.0
-            forward = self._forward + speed * self._gait.forward[1] / _NUM_STEPS
-            self._set(forward, self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS)
+            speed, turn = (key == "w") - (key == "s"), (key == "a") - (key == "d")
+            forward = 0.0 if key == " " else self._forward + speed * self._gait.forward[1] / _NUM_STEPS
+            self._set(forward, 0.0 if key == " " else self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS)
         return b"q" not in data.lower()
 
     def _on_events(self, data: bytes) -> bool:  # False to stop
@@ -143,10 +141,7 @@ def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: 
 
 
 def non_blocking(show: Print, file: TextIO) -> Print:
-    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full (Ctrl-S, a pager).
-
-    A control loop that waits for a terminal would trip the watchdog.
-    """
+    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full: the watchdog would trip."""
     try:
         number = file.fileno()
     except (OSError, ValueError):  # a notebook's: no terminal, never full

@@ -39,17 +39,14 @@ class ArsConfig:
 
 
 class Ars:
-    """State of a search: call `ask`, run an episode per candidate, `tell` the returns.
-
-    The statistics of the observations are running; normalise with them during an iteration.
-    """
+    """State of a search: call `ask`, run an episode per candidate, `tell` the returns."""
 
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
         self.parameters = np.zeros(num_parameters)  # M
         self.average = self.parameters  # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
         self.iteration = 0  # number of updates so far
-        self.observations = RunningStats.empty(observation_size)
+        self.observations = RunningStats.empty(observation_size)  # normalise with them during an iteration
 
     def direction(self, index: int) -> np.ndarray:
         """δ of a direction in this iteration: standard normal, (num_parameters,); the same on every worker."""
@@ -93,14 +90,10 @@ class Ars:
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
-        return {
-            "parameters": self.parameters,
-            "average": self.average,
-            "iteration": np.array(self.iteration, dtype=np.int64),
-            "observation_count": np.array(self.observations.count, dtype=np.int64),
-            "observation_mean": self.observations.mean,
-            "observation_m2": self.observations.m2,
-        }
+        seen, iteration = self.observations, np.array(self.iteration, dtype=np.int64)
+        state = {"parameters": self.parameters, "average": self.average, "iteration": iteration}
+        count = np.array(seen.count, dtype=np.int64)
+        return state | {"observation_count": count, "observation_mean": seen.mean, "observation_m2": seen.m2}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""

@@ -27,8 +27,7 @@ LEAD_SHARE = 0.9
 _MAX_COSINE = 0.999  # of the knee's angle; beyond it a position is out of reach and the nearest one is taken
 GaitName = Literal["trot", "walk", "pace", "bound", "pronk"]
 GAITS: tuple[GaitName, ...] = get_args(GaitName)
-_CORNERS = ("front right", "front left", "rear right", "rear left")
-# Phases of the legs at _CORNERS; the leg of phase p touches down when the cycle is at 1 - p.
+# Phases of the legs front right, front left, rear right, rear left; that of phase p touches down at 1 - p of the cycle.
 _PHASES = {
     "walk": (0.25, 0.75, 0.5, 0.0),  # rear left, front left, rear right, front right: one at a time
     "pace": (0.0, 0.5, 0.0, 0.5),
@@ -117,14 +116,9 @@ def _levelling_gain(robot: Robot) -> float:
     return float(max(0.0, MIN_PITCH_STIFFNESS * robot.weight * robot.standing_height / max(stiffness, 1e-9) - 1.0))
 
 
-def num_readings(num_joints: int) -> int:
-    """Number of observed sensor readings: attitude, rates, joint angles."""
-    return NUM_IMU_READINGS + num_joints
-
-
 def observation_size(num_joints: int) -> int:
     """Length of an observation: sensor readings, then drift, heading error, command and phase."""
-    return num_readings(num_joints) + NUM_COMMAND_OBSERVATIONS
+    return NUM_IMU_READINGS + num_joints + NUM_COMMAND_OBSERVATIONS
 
 
 def action_size(num_joints: int) -> int:
@@ -134,18 +128,11 @@ def action_size(num_joints: int) -> int:
 
 @njit(cache=True)
 def leg_angles(thigh: float, shank: float, forward: float, below: float, knee_side: float) -> tuple[float, float]:
-    """Hip and knee [rad] for a position of the foot in the plane of the leg.
+    """Hip q₁ and knee q₂ [rad], about +y, for a foot's centre ``forward`` of and ``below`` the hip axis [m].
 
-    With hip q₁ and knee q₂ about +y the foot is at forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and
-    below = l₁ cos q₁ + l₂ cos(q₁ + q₂). The law of cosines gives q₂, then q₁ is the angle between the foot and
-    (l₁ + l₂ cos q₂, l₂ sin q₂). A position out of reach is replaced by the nearest.
-
-    Args:
-        thigh: l₁ [m].
-        shank: l₂ [m].
-        forward: of the foot's centre, from the hip axis [m].
-        below: of the foot's centre, from the hip axis [m].
-        knee_side: sign of the knee's angle: -1 bends it backward.
+    With thigh l₁ and shank l₂ [m], forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and below = l₁ cos q₁ + l₂ cos(q₁ + q₂).
+    The law of cosines gives q₂, whose sign is ``knee_side`` (-1 bends it backward); then q₁ is the angle between the
+    foot and (l₁ + l₂ cos q₂, l₂ sin q₂). A position out of reach is replaced by the nearest.
     """
     cosine = (forward * forward + below * below - thigh * thigh - shank * shank) / (2.0 * thigh * shank)
     knee = knee_side * math.acos(min(_MAX_COSINE, max(-_MAX_COSINE, cosine)))
@@ -177,14 +164,9 @@ def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
     if gait == "trot":
         return np.array([leg.phase for leg in robot.legs]), 1.0
     middle = float(np.mean([leg.rest[0] for leg in robot.legs]))
-    corners = [
-        f"{'front' if leg.rest[0] > middle else 'rear'} {'left' if leg.rest[1] > 0.0 else 'right'}"
-        for leg in robot.legs
-    ]
-    if sorted(corners) != sorted(_CORNERS):
-        raise ConfigError(
-            f"gait {gait!r} is for four legs, one at each corner of the body",
-            remedy="use the gait trot, whose phases are in the robot's file", argument="gait",
-        )  # fmt: skip
-    phases = np.array([_PHASES[gait][_CORNERS.index(corner)] for corner in corners])
-    return phases, 1.0 / 3.0 if gait == "walk" else 1.0
+    corners = [2 * (leg.rest[0] <= middle) + (leg.rest[1] > 0.0) for leg in robot.legs]
+    if sorted(corners) != [0, 1, 2, 3]:
+        problem = f"gait {gait!r} is for four legs, one at each corner of the body"
+        remedy = "use the gait trot, whose phases are in the robot's file"
+        raise ConfigError(problem, remedy=remedy, argument="gait")
+    return np.array(_PHASES[gait])[corners], 1.0 / 3.0 if gait == "walk" else 1.0

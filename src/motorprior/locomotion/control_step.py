@@ -29,8 +29,17 @@ from motorprior.locomotion.policy import (
     action_to_command,
     low_pass,
 )
-from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors
-from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, observe, reward, sliding, wrapped
+from motorprior.locomotion.task import (
+    SPEED_FILTER,
+    SensorErrors,
+    apply_sensor_errors,
+    fallen,
+    heading_rate,
+    observe,
+    reward,
+    sliding,
+    wrapped,
+)
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.rotations import roll_pitch_yaw
 
@@ -94,15 +103,10 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 def complete_observation(
     body: Body, gait: GaitState, sensors: SensorErrors, schedule: np.ndarray, step: int, base_quat: np.ndarray
 ) -> None:
-    """Apply sensor errors and the command to the true readings of control step ``step``.
+    """Apply sensor errors and the command to the true readings in the observation of control step ``step``.
 
-    Args:
-        body: of the robot.
-        gait: its observation is overwritten.
-        sensors: of this episode.
-        schedule: (steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row stays in force.
-        step: control steps since the reset.
-        base_quat: (4,) rotation_base_to_world.
+    ``schedule`` (steps, 2) is the commanded speed [m/s] and yaw rate [rad/s], whose last row stays in force;
+    ``base_quat`` (4,) is rotation_base_to_world.
     """
     apply_sensor_errors(sensors, step, base_quat, gait.observation)
     row = min(step, schedule.shape[0] - 1)
@@ -113,15 +117,11 @@ def complete_observation(
 def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float) -> None:
     """Complete an observation after its readings: drift, heading error, command in force, phase.
 
-    The command in force follows the given one at a bounded rate. The heading error ψ integrates the observed heading
-    rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a robot that pulls to
-    one side would walk on at a small constant error. All except the command fade out as the robot stops.
-
-    Args:
-        body: of the robot.
-        gait: command, heading and the last six of the observation are updated in place.
-        forward: commanded speed [m/s], clipped to the robot's range, up to MAX_COMMAND times its highest.
-        yaw_rate: commanded yaw rate [rad/s], to the left; clipped to the robot's range.
+    The command in force follows the given speed ``forward`` [m/s] and ``yaw_rate`` [rad/s], to the left, at a bounded
+    rate and within the robot's range, up to MAX_COMMAND times its highest speed. The heading error ψ integrates the
+    observed heading rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a
+    robot that pulls to one side would walk on at a small constant error. All except the command fade out as the robot
+    stops.
     """
     observation, step = gait.observation, body.control_dt / RAMP
     forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
@@ -191,18 +191,10 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
 
 @njit(cache=True)
 def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.ndarray) -> tuple[float, bool]:
-    """Readings, reward and the end of the episode from the state after the physics.
+    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the backend failed.
 
     A fault of the backend ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
-
-    Args:
-        body: of the robot.
-        gait: observation, filtered speeds, sum of speed errors and feet are updated in place.
-        state: of the robot.
-        weights: shape (8,), `TaskWeights.array()`.
-
-    Returns:
-        Reward [m], and whether the robot fell or the backend failed.
+    ``weights`` (8,) are `TaskWeights.array()`.
     """
     if state.fault != 0:
         return 0.0, True

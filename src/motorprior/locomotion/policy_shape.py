@@ -7,13 +7,14 @@ pair step together. A policy that gives the mirrored action for the mirrored obs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import RunningStats
 from motorprior.locomotion.body import action_size, observation_size, phases_of
-from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
 
 
@@ -22,8 +23,7 @@ class PolicyShape:
     """Sizes of a policy, and its symmetry.
 
     The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row. With a mirror, W is
-    made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A, so that a mirrored
-    observation gives the mirrored action.
+    made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A.
     """
 
     num_joints: int
@@ -40,10 +40,9 @@ class PolicyShape:
         if not symmetric:
             return cls(robot.num_joints, hidden_units)
         if hidden_units % 2:
-            raise ConfigError(
-                f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
-                remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
-            )  # fmt: skip
+            problem = f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs"
+            remedy = f"give {hidden_units + 1}, or train without symmetry"
+            raise ConfigError(problem, remedy=remedy, argument="hidden_units")
         return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
 
     @property
@@ -85,7 +84,7 @@ class PolicyShape:
         mirrored = RunningStats(observations.count, swap.mirrored(observations.mean), observations.m2[swap.index])
         return observations.merge(mirrored)
 
-    def parameters(self, policy: Policy) -> np.ndarray:
+    def parameters(self, policy: PolicyArrays) -> np.ndarray:
         """(size,) parameters of a policy; inverse of `policy`.
 
         Raises:
@@ -93,27 +92,22 @@ class PolicyShape:
         """
         units = self.units if self.mirror is None else 2 * self.units
         if len(policy.hidden) != units:
-            raise ConfigError(
-                f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}",
-                remedy="train with as many", argument="hidden_units",
-            )  # fmt: skip
-        parts = policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()
-        parameters = np.concatenate(parts)
+            problem = f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}"
+            raise ConfigError(problem, remedy="train with as many", argument="hidden_units")
+        parts = policy.weights, policy.hidden[: self.units], policy.readout[: self.units]
+        parameters = np.concatenate([part.ravel() for part in parts])
         kept = self.policy(parameters, RunningStats.empty(self.observations))
         for name in ("weights", "hidden", "readout"):
             if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):
-                raise ConfigError(
-                    f"the {name} of the policy to start from are not symmetric",
-                    remedy="train without symmetry", argument="symmetric",
-                )  # fmt: skip
+                problem = f"the {name} of the policy to start from are not symmetric"
+                raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
         return parameters
 
 
 _TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] between their phases
 
 
-@dataclass(frozen=True, eq=False)
-class SignedPermutation:
+class SignedPermutation(NamedTuple):
     """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
 
     index: np.ndarray
@@ -130,9 +124,8 @@ class SignedPermutation:
         return self.sign * vectors[..., self.index]
 
 
-@dataclass(frozen=True, eq=False)
-class Mirror:
-    """Attributes: observation and action, the permutation with signs that mirrors each."""
+class Mirror(NamedTuple):
+    """What mirrors observations and actions."""
 
     observation: SignedPermutation
     action: SignedPermutation
@@ -179,10 +172,8 @@ def _partners(robot: Robot) -> list[int]:
     partners = [int(np.argmin(np.abs(rest - [x, -y]).sum(axis=1))) for x, y in rest]
     for leg, partner in enumerate(partners):
         if partners[partner] != leg or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE:
-            raise ConfigError(
-                f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}",
-                remedy="train without symmetry", argument="symmetric",
-            )  # fmt: skip
+            problem = f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}"
+            raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
     return partners
 
 
@@ -194,7 +185,6 @@ def _phase_sign(robot: Robot, gait: str, partners: list[int]) -> float:
         error = np.abs(apart - shift)
         if np.minimum(error, 1.0 - error).max() <= _TOLERANCE:
             return sign
-    raise ConfigError(
-        f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later",
-        remedy="correct the phases in its file, or train without symmetry", argument="symmetric",
-    )  # fmt: skip
+    problem = f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later"
+    remedy = "correct the phases in its file, or train without symmetry"
+    raise ConfigError(problem, remedy=remedy, argument="symmetric")

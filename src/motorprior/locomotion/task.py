@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from motorprior.backend import BackendState
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
+from motorprior.delay_line import fill_line, interpolated, write_line
 from motorprior.locomotion.body import NUM_IMU_READINGS, Body
-from motorprior.rotations import roll_pitch_yaw
+from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
 SPEED_FILTER = 0.3  # [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
@@ -45,16 +47,25 @@ class TaskWeights:
 
 
 @njit(cache=True)
-def observe(body: Body, state: BackendState, observation: np.ndarray) -> None:
-    """Write the readings of a state: roll, pitch [rad], the three body rates [rad/s], joint angles.
+def write_readings(
+    body: Body, roll: float, pitch: float, rates: np.ndarray, joint_pos: np.ndarray, observation: np.ndarray
+) -> None:
+    """Write the first 5 + joints of an observation: roll, pitch [rad], the three body rates [rad/s], joint angles.
 
-    Joint angles are relative to the nominal pose [rad]. The readings are the first 5 + joints of the observation.
+    Joint angles are relative to the nominal pose [rad].
     """
-    observation[0], observation[1], _ = roll_pitch_yaw(state.base_quat)
+    observation[0], observation[1] = roll, pitch
     for axis in range(3):
-        observation[2 + axis] = state.base_ang_vel[axis]
+        observation[2 + axis] = rates[axis]
     for joint in range(body.nominal_pose.shape[0]):
-        observation[NUM_IMU_READINGS + joint] = state.measured_joint_pos[joint] - body.nominal_pose[joint]
+        observation[NUM_IMU_READINGS + joint] = joint_pos[joint] - body.nominal_pose[joint]
+
+
+@njit(cache=True)
+def observe(body: Body, state: BackendState, observation: np.ndarray) -> None:
+    """`write_readings` of a state."""
+    roll, pitch, _ = roll_pitch_yaw(state.base_quat)
+    write_readings(body, roll, pitch, state.base_ang_vel, state.measured_joint_pos, observation)
 
 
 @njit(cache=True)
@@ -72,17 +83,11 @@ def wrapped(angle: float) -> float:
 
 @njit(cache=True)
 def sliding(body: Body, feet: np.ndarray, state: BackendState, pitch: float, yaw: float) -> float:
-    """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions.
+    """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions in ``feet``.
 
     Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the shank. Feet of
-    unknown position (NaN) count as 0.
-
-    Args:
-        body: of the robot.
-        feet: (legs, 4) as in `control_step.GaitState`, one control step ago; updated in place.
-        state: positions of the feet and joints.
-        pitch: of the body [rad].
-        yaw: of the body [rad].
+    unknown position (NaN) count as 0. ``feet`` (legs, 4) are those of `control_step.GaitState` one control step ago,
+    ``pitch`` and ``yaw`` of the body [rad].
     """
     total, cosine, sine, joint_pos = 0.0, math.cos(yaw), math.sin(yaw), state.measured_joint_pos
     for leg in range(body.legs.shape[0]):
@@ -135,3 +140,39 @@ def fallen(roll: float, pitch: float, height: float, lowest: float, highest: flo
     """Whether the episode ends: |roll| or |pitch| > 0.4 rad, height [m] not in [lowest, highest], or any is NaN."""
     upright = abs(roll) <= MAX_TILT and abs(pitch) <= MAX_TILT
     return not (upright and lowest <= height <= highest)
+
+
+class SensorErrors(NamedTuple):
+    """Sensor errors of one episode, for compiled code."""
+
+    noise: np.ndarray  # (observations, readings) added to each observation; no rows without noise
+    ages: np.ndarray  # (observations,) age of the reading in each observation [control steps]
+    past: np.ndarray  # (rows, readings) true readings, a delay line; no rows without delay; state
+    up: np.ndarray  # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
+
+
+def perfect_sensors() -> SensorErrors:
+    """Neither noise nor delay, on level ground."""
+    return SensorErrors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.array([0.0, 0.0, 1.0]))
+
+
+@njit(cache=True, nogil=True)
+def apply_sensor_errors(sensors: SensorErrors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
+    """Replace the true readings of an observation by the measured ones.
+
+    Roll and pitch relative to the ground become those relative to gravity. A delay between two control steps
+    interpolates linearly between their readings; readings before the reset are those of the reset. ``count`` is the
+    number of observations since the reset before this one, ``base_quat`` (4,) rotation_base_to_world.
+    """
+    if sensors.up[2] < 1.0:
+        observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)
+    rows, readings = sensors.past.shape
+    if rows > 0:
+        if count == 0:
+            fill_line(sensors.past, 0, observation[:readings])
+        newest = write_line(sensors.past, 0, count, observation[:readings])
+        for i in range(readings):
+            observation[i] = interpolated(sensors.past, 0, newest, sensors.ages[count], i)
+    if sensors.noise.shape[0] > 0:
+        for i in range(sensors.noise.shape[1]):
+            observation[i] += sensors.noise[count, i]

@@ -30,9 +30,7 @@ def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
     Stance, u < s: from ½ to -½ at constant speed. Swing, q = (u - s) / (1 - s): back to ½ on the cubic that begins and
     ends at the speed of stance, lifted by sin(π q).
 
-    Args:
-        leg_phase: u, phase of the leg in [0, 1); 0 is touch-down.
-        stance_share: s, share of the cycle in stance, in (0, 1).
+    u is the phase of the leg in [0, 1), 0 at touch-down; s in (0, 1) is the share of the cycle in stance.
     """
     if leg_phase < stance_share:
         return 0.5 - leg_phase / stance_share, 0.0
@@ -101,16 +99,9 @@ def add_support(
 ) -> None:
     """Add to targets a PD's deflection under the robot's weight: torque / kp at every hip and knee.
 
-    Legs in stance share the weight; all legs carry a standing robot (``share`` 0). See `lever_arms` for the torques of
-    a force on the foot. Abductions get none: the small robot's gears hold them by friction.
-
-    Args:
-        body: of the robot.
-        phase: gait phase in [0, 1).
-        swing_stance_ratio: time in swing over time in stance, > 0.
-        share: of the full gait, see `gait_share`.
-        pose: (joints,) angles of the gait [rad].
-        out: (joints,) targets [rad], added to in place.
+    Legs in stance share the weight; all legs carry a standing robot (``share`` 0 of the full gait, see `gait_share`).
+    See `lever_arms` for the torques of a force on the foot, at the (joints,) angles ``pose`` [rad] of the gait.
+    Abductions get none: the small robot's gears hold them by friction. ``out`` (joints,) [rad] is added to in place.
     """
     stance_share, legs = 1.0 / (1.0 + swing_stance_ratio), body.phases.shape[0]
     carrying = 0

@@ -24,8 +24,7 @@ from motorprior.locomotion.control_step import (
     new_gait,
 )
 from motorprior.locomotion.policy import PolicyArrays, act
-from motorprior.locomotion.sensing import SensorErrors
-from motorprior.locomotion.task import observe
+from motorprior.locomotion.task import SensorErrors, observe
 from motorprior.simulation.scene import Scene
 from motorprior.simulation.world import World
 from motorprior.simulation.world_step import WorldArrays, hold_target, read_state

@@ -13,8 +13,7 @@ from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands, Timetable
-from motorprior.locomotion.sensing import SensorErrors
-from motorprior.locomotion.task import TaskWeights
+from motorprior.locomotion.task import SensorErrors, TaskWeights
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
 

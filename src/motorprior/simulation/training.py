@@ -130,7 +130,7 @@ class Training:
         drawn = [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
         self._scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
         shape = PolicyShape.of(self.robot, settings.gait, settings.hidden_units, settings.symmetric)
-        self.search = PolicySearch(settings.search, shape, start)
+        self.search = PolicySearch(settings.search, shape, None if start is None else start.arrays)
 
     def note(self, progress: Progress) -> None:
         """Report limits of the motors' prior, and a validation fleet that biases later evaluation on the twin."""
@@ -193,7 +193,7 @@ class Training:
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
         return Policy.of(
-            self.robot, self.settings.gait, search.best, nominal.kp, nominal.kd, settings | found | provenance
+            self.robot, search.best, nominal.kp, nominal.kd, self.settings.gait, settings | found | provenance
         )
 
     def _report_faults(self, progress: Progress) -> None:

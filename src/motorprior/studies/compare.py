@@ -102,7 +102,7 @@ def evaluate(
     """
     rows, traces = [], {}
     for name, scene in scenes.items():
-        episodes = run_walks(scene, policy.arrays(), range(DRAWS))
+        episodes = run_walks(scene, policy.arrays, range(DRAWS))
         forward = np.array([episode.displacement[0] for episode in episodes])
         values = {
             "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),

@@ -1,4 +1,4 @@
-"""The firmware's behaviour without a port: bytes in and bytes out, in simulated time.
+"""A virtual robot: the firmware's behaviour, bytes in and bytes out in simulated time, and a port for it in real time.
 
 After Nate711/DJIPupperTests (MIT): it homes by itself, then holds its pose; a target starts position mode; ``idle``
 removes the current; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
@@ -8,47 +8,26 @@ some versions, it ignores all other keys of a command with ``pos``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import contextlib
+import os
+import pty
+import select
+import time
+import tty
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from motorprior.hardware.framing import FrameReader, framed
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import Robot
+from motorprior.robots.wire import Drive, SensorReadings
 
 HOMING_CURRENT, HOMING_SPEED = 6.0, 1.5  # [A], [rad/s]
 MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
 HOMING, HOLDING, POSITION, IDLE, ERROR = "homing", "holding", "position", "idle", "error"
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current."""
-
-    target: np.ndarray  # (joints,) [rad]
-    kp: np.ndarray  # (joints,) [A/rad]; 0 for a motor that is off
-    kd: np.ndarray  # (joints,) [A·s/rad]
-    max_current: float  # [A]
-
-    def current(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
-        """(joints,) currents [A] at (joints,) angles [rad] and velocities [rad/s]."""
-        wanted = self.kp * (self.target - joint_pos) - self.kd * joint_vel
-        return np.clip(wanted, -self.max_current, self.max_current)
-
-
-@dataclass(frozen=True)
-class SensorReadings:
-    """Sensor readings of a robot, joints in the robot's signs."""
-
-    pos: np.ndarray  # (joints,) [rad]
-    vel: np.ndarray  # (joints,) [rad/s]
-    current: np.ndarray  # (joints,) [A]
-    attitude: np.ndarray  # roll, pitch, yaw [rad]
-    rates: np.ndarray  # about the body's axes [rad/s]
-    temperature: np.ndarray | None = None  # (joints,) of the motors [°C], if measured
-    battery: float | None = None  # [V], if measured
+_BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
 
 class RobotBody(Protocol):
@@ -76,11 +55,6 @@ class Firmware:
     """Simulated firmware of a robot, which moves ``body``.
 
     ``on_change`` is called at every change of mode with the mode, and at every target with "target".
-
-    Attributes:
-        mode: homing, holding, position, idle or error.
-        now: time since the start [ms].
-        gains: kp [A/rad], kd [A·s/rad] and current limit [A] in force.
     """
 
     def __init__(
@@ -89,12 +63,12 @@ class Firmware:
         self._body, self._config, self._on_change = body, config, on_change
         self._wire, self._joints = robot.require_wire(), robot.num_joints
         self._reader = FrameReader(Command, self._joints)
-        self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)
+        self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)  # in force [A/rad], [A·s/rad], [A]
         self._sensors = body.sense()
         self._target = self._sensors.pos.copy()
         self._text: list[str] = ["LED on", "Homing" if config.homes else "Holding"]
         self.mode = HOMING if config.homes else HOLDING
-        self.now = 0
+        self.now = 0  # time since the start [ms]
 
     def receive(self, data: bytes) -> None:
         """Bytes from the host."""
@@ -120,12 +94,6 @@ class Firmware:
                 self._read_sensors()
                 out += framed(self._telemetry(), self._joints)
         return bytes(out)
-
-    def frames(self, milliseconds: int) -> Iterator[bytes]:
-        """Simulate; yields the bytes sent in each telemetry period."""
-        end, period = self.now + milliseconds, self._config.telemetry_period
-        while self.now < end:
-            yield self.advance(min(end - self.now, period - self.now % period))
 
     def _execute(self, command: Command) -> None:
         if command.pos is not None:  # other keys of that command are ignored
@@ -167,10 +135,56 @@ class Firmware:
 
     def _telemetry(self) -> Telemetry:
         sensors, config = self._sensors, self._config
-        roll, pitch, yaw = sensors.attitude if config.with_imu else np.zeros(3)
-        roll_rate, pitch_rate, yaw_rate = sensors.rates if config.with_imu else np.zeros(3)
+        measured = np.concatenate([sensors.attitude, sensors.rates]) if config.with_imu else np.zeros(6)
+        body = dict(zip(_BODY_KEYS, measured.tolist(), strict=True))
+        current = sensors.current if config.with_currents else None
         return Telemetry(
-            ts=self.now, roll=float(roll), pitch=float(pitch), yaw=float(yaw), roll_rate=float(roll_rate),
-            pitch_rate=float(pitch_rate), yaw_rate=float(yaw_rate), pos=sensors.pos, vel=sensors.vel,
-            cur=sensors.current if config.with_currents else None, temp=sensors.temperature, bat=sensors.battery,
+            ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, temp=sensors.temperature, bat=sensors.battery,
+            **body,
         )  # fmt: skip
+
+
+class VirtualRobot:
+    """A virtual robot at a pseudo-terminal, in real time, in a thread or a process of its own.
+
+    A host that opens ``port`` communicates as with a Teensy on /dev/ttyACM0, over the same kind of serial port.
+    """
+
+    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
+        self.events: list[tuple[float, str]] = []  # time on the monotonic clock [s], mode or "target"
+        self.firmware = Firmware(robot, body, config, lambda what: self.events.append((time.monotonic(), what)))
+        self._period = config.telemetry_period
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self.received, self._started = 0, 0.0  # number of bytes from the host
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Move until ``ended`` returns True; then unplug."""
+        try:
+            self._started = time.monotonic()
+            while not ended():
+                self._step()
+        finally:
+            os.close(self._slave)
+            os.close(self._master)
+
+    def _step(self) -> None:
+        """Wait for bytes or the next telemetry, and advance the robot to the present."""
+        next_frame = self.firmware.now + self._period - self.firmware.now % self._period  # [ms]
+        timeout = max(0.0, self._started + 1e-3 * next_frame - time.monotonic())
+        ready, _, _ = select.select([self._master], [], [], timeout)
+        data = self._read() if ready else b""
+        out = self.firmware.advance(int(1e3 * (time.monotonic() - self._started)) - self.firmware.now)
+        self.firmware.receive(data)
+        if out:
+            with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
+                os.write(self._master, out)
+
+    def _read(self) -> bytes:
+        with contextlib.suppress(OSError):
+            data = os.read(self._master, 4096)
+            self.received += len(data)
+            return data
+        return b""
