@@ -17,7 +17,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.env import WalkEnv
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 
 WIRE = PUPPER_V2.require_wire()
 JOINTS = 12
@@ -61,7 +61,8 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
     walk = WalkConfig(commands=Commands(hold=0.4))
-    spy = Spy(Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, spec.TWIN_PHYSICS_DT).backend())
+    scene = Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, spec.TWIN_PHYSICS_DT)
+    spy = Spy(SimulatedBackend(scene))
     env, motion = WalkEnv(PUPPER_V2, spy, walk), PolicyMotion(PUPPER_V2, policy)
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)

@@ -11,7 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.registry import motor_text
 from motorprior.identification.adapt import WEAK_ROBOT, advice_on_weak_motors, weak_below
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motors import motor_sampler
+from motorprior.simulation.motors import simulated_motors
 
 NAMES = ("hip", "knee", "ankle")
 
@@ -55,7 +55,7 @@ def test_a_choice_of_motors_has_the_limits_that_it_is_told_to(
     known = MotorPosterior(prior, latents(box, *[0.6] * 12), covariance, joints, 10.0, (0.5,) * len(joints))
     known.save(files[1])
     text = motor_text("posterior", file=files[1], prior=files[0], limit_follows_gain=follows)
-    drawn = motor_sampler(text, PUPPER_V2)[0](np.random.default_rng(0))
+    drawn = simulated_motors(text, PUPPER_V2).draw(np.random.default_rng(0))
     assert isinstance(drawn, GreyBoxActuator)
     if not follows:
         assert drawn.factors is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.simulation.foot_motion import foot_motion
+from motorprior.simulation.rendering import foot_motion
 
 RADIUS = ROBOT.legs[0].foot_radius
 

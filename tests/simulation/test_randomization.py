@@ -15,10 +15,10 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.task import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.env import BackendSimulator, SimulatedBackend
+from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 from motorprior.simulation.world import World
 from motorprior.simulation.world_step import hold_target, physics_step, read_joints
 
@@ -63,7 +63,7 @@ def test_off_by_default():
 def test_the_compiled_episode_is_the_python_episode_with_everything_on():
     walk = WalkConfig(STEPS, randomization=EVERYTHING)
     scene = Scene(PUPPER_V2, draw_pd, walk)
-    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, scene.backend(), walk)
+    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)
     for seed in range(4):
         one, other = (simulator.run(POLICY, seed, trace=True) for simulator in (compiled, python))
         assert (one.total, one.steps, one.fault) == (other.total, other.steps, other.fault)

@@ -28,8 +28,9 @@ from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 from motorprior.simulation.world import World
+from motorprior.simulation.world_step import find_fault
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")
@@ -118,7 +119,7 @@ class PlainLoop:
         measure_joint_pos(self.motors, data.qpos[-12:], measured)
         pos, quat, lin, ang = data.qpos[:3], data.qpos[3:7], data.qvel[:3], data.qvel[3:6]
         parts = pos.copy(), quat.copy(), lin.copy(), ang.copy(), measured, data.geom_xpos[self.world.arrays.feet]
-        return BackendState(*parts, torque_squared_sum, self.world.fault())
+        return BackendState(*parts, torque_squared_sum, find_fault(self.world.arrays))
 
 
 def assert_equal(one, other):
@@ -138,7 +139,9 @@ def assert_equal(one, other):
 def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
     scene = Scene(PUPPER_V2, KINDS[kind][0], walk, KINDS[kind][1])
-    others = (BackendSimulator(PUPPER_V2, backend, walk) for backend in (scene.backend(), PlainLoop(*KINDS[kind])))
+    others = (
+        BackendSimulator(PUPPER_V2, backend, walk) for backend in (SimulatedBackend(scene), PlainLoop(*KINDS[kind]))
+    )
     compiled, *pythons = WalkSimulator(scene), *others
     for seed in (0, 1):
         episode = compiled.run(policy, seed, trace=True)
@@ -156,7 +159,7 @@ EVERY = Randomization(
 def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
     walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2), gait)
     policy, scene = random_policy(0.05, seed=4, units=6), Scene(PUPPER_V2, draw_pd, walk)
-    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, scene.backend(), walk)
+    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)
     for seed in (0, 1):
         one = compiled.run(policy, seed, trace=True)
         assert_equal(one, python.run(policy, seed, trace=True))

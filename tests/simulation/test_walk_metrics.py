@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from motorprior.commands.walk import CURVE, Walk, run_walk
-from motorprior.simulation.training_files import EVENTS, METRICS
+from motorprior.simulation.training import EVENTS, METRICS
 
 
 class Stops:

@@ -19,9 +19,9 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 from motorprior.simulation.world import World
-from motorprior.simulation.world_step import FAULTS, hold_target, physics_step
+from motorprior.simulation.world_step import FAULTS, find_fault, hold_target, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 
@@ -124,7 +124,7 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
     episode = simulator.run(random_policy(1.0, seed=0), seed=0)
     assert episode.fault == 1 and episode.steps < 250
     assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
-    backend = Scene(PUPPER_V2, lambda rng: motors).backend()
+    backend = SimulatedBackend(Scene(PUPPER_V2, lambda rng: motors))
     backend.reset(0)
     states = [backend.step(spec.NOMINAL_POSE + 0.1) for _ in range(5)]
     assert states[-1].fault == 1
@@ -149,6 +149,6 @@ def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
     for kind in set(map(int, kinds.__members__.values())) - of_no_concern:
         world = World(PUPPER_V2)
         world.reset(PD)
-        assert world.fault() == 0
+        assert find_fault(world.arrays) == 0
         world.data.warning.number[kind] = 1
-        assert world.fault() in FAULTS
+        assert find_fault(world.arrays) in FAULTS

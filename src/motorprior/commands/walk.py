@@ -15,8 +15,7 @@ from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import motors_as_json
-from motorprior.simulation.training import Training, WalkSettings
-from motorprior.simulation.training_files import CHECKPOINT, TrainingFiles
+from motorprior.simulation.training import CHECKPOINT, Training, TrainingFiles, WalkSettings
 from motorprior.stage import description, digest, is_finished, working
 
 POLICY, CURVE = "policy.safetensors", "curve.json"

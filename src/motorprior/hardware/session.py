@@ -1,4 +1,4 @@
-"""From an idle robot to a moving one and back: the sequence of deployment and recording.
+"""Checks of an idle robot, and the sequence from it to a moving one and back, of deployment and recording.
 
     check, confirm, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 

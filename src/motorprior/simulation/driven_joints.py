@@ -77,8 +77,6 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):
         if model.actuator_trntype[actuator] in _OF_JOINTS and model.actuator_trnid[actuator, 0] == joint:
-            raise ConfigError(
-                f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}",
-                remedy="delete that actuator, or the joint would be driven twice",
-            )
+            problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}"
+            raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -17,7 +17,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.registry import DrawMotors, Drawn, drawn, file_options, motor_text, parsed, register
 from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
-from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, maybe, require_number
+from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.prior_file import load_prior, robot_gains
 from motorprior.robots.robot import Robot
@@ -27,7 +27,7 @@ from motorprior.stage import digest
 MotorSource: TypeAlias = str | MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
 """A text, a distribution of motors, fixed motors, or a function that draws motors."""
 _PROVENANCE = Schema({"text": TEXT, "files": TABLE}, "train it again", name="its motors")
-_FILE = Schema({"path": maybe(TEXT), "sha256": TEXT}, "train it again", name="a file of its motors")
+_FILE = Schema({"path": TEXT, "sha256": TEXT}, "train it again", name="a file of its motors")
 _PD_BOUNDS = {"delay": 1.0, "spread": 0.9}  # delay [s]: the delay line holds so many physics steps
 
 
@@ -64,11 +64,6 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     require_motors(first, robot.num_joints)
     physics_dt, files = robot.physics_step(first.kind.max_step), [Path(options[name]) for name in file_options(options)]
     return SimulatedMotors(found.draw, physics_dt, found.condition, found.prior, files, nominal_gains(robot, fleet))
-
-
-def motor_sampler(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
-    """Draws the motors of an episode, and their physics step [s]; see `simulated_motors`."""
-    return simulated_motors(motors, robot)[:2]
 
 
 def _drawn(motors: MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors, robot: Robot) -> Drawn:
@@ -178,13 +173,16 @@ def _of_posterior(posterior: MotorPosterior, robot: Robot, limit_follows_gain: b
 def motors_as_json(text: str, folder: Path) -> dict[str, Any]:
     """The motors of a training in the provenance of its policy in ``folder``: their text, and each file's digest.
 
-    The text has the names of the files alone. A file is searched for at its path relative to the policy's folder, so
-    that both can be moved together, and in that folder. Only a file with the same digest is used.
+    A file is searched for at its path relative to the policy's folder, so that both can be moved together, and in that
+    folder. Only a file with the same digest is used.
     """
     kind, options = parsed(text)
     files = {name: Path(options[name]) for name in file_options(options)}
     names = {name: file.name for name, file in files.items()}
-    records = {name: {"path": _relative(file, folder), "sha256": digest(file)} for name, file in files.items()}
+    records = {
+        name: {"path": Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), "sha256": digest(file)}
+        for name, file in files.items()
+    }
     return {"text": motor_text(kind, **(options | names)), "files": records}
 
 
@@ -196,33 +194,20 @@ def motors_from_json(data: Any, policy: Path) -> str:
         ConfigError: a file is missing or has changed, or the text chooses no motors.
     """
     if not isinstance(data, dict):
-        raise ArtifactError(
-            "its provenance does not record the motors of its training", where=policy,
-            remedy="train it with `motorprior walk`, or evaluate it on a twin",
-        )  # fmt: skip
+        problem, remedy = "its provenance does not record the motors of its training", "evaluate it on a twin"
+        raise ArtifactError(problem, where=policy, remedy=f"train it with `motorprior walk`, or {remedy}")
     _PROVENANCE.check(data, policy)
     kind, options = parsed(data["text"])
     for name in file_options(options):
-        record = data["files"].get(name)
+        record, file = data["files"].get(name), Path(options[name]).name
         _FILE.check(record, policy)
-        options[name] = _found(name, Path(options[name]).name, record, policy)
+        paths = policy.parent / record["path"], policy.parent / file
+        found = [path for path in paths if path.is_file() and digest(path) == record["sha256"]]
+        if not found:
+            problem = (
+                f"the {name} it was trained on, {file} with SHA-256 {record['sha256'][:16]}…, is missing or changed"
+            )
+            remedy = "put it back, or into the policy's folder, or train the policy again"
+            raise ConfigError(problem, where=policy, remedy=remedy)
+        options[name] = found[0]
     return motor_text(kind, **options)
-
-
-def _relative(file: Path, folder: Path) -> str | None:
-    try:
-        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # on another drive of Windows
-        return None
-
-
-def _found(option: str, name: str, record: dict[str, Any], policy: Path) -> Path:
-    for relative in (record["path"], name):
-        if relative is not None and not PurePosixPath(relative).is_absolute():
-            path = policy.parent / relative
-            if path.is_file() and digest(path) == record["sha256"]:
-                return path
-    raise ConfigError(
-        f"the {option} it was trained on, {name} with SHA-256 {record['sha256'][:16]}…, is missing or has changed",
-        where=policy, remedy="put it back, or into the policy's folder, or train the policy again",
-    )  # fmt: skip

@@ -42,8 +42,7 @@ class Episode:
     mean: np.ndarray  # (observations,) mean of the observations, one per step
     m2: np.ndarray  # (observations,) Σ (x - mean)²
     trace: np.ndarray  # (steps, 7 + joints) qpos before every control step; empty if not requested
-    # (steps, 6 + 2 joints) qvel before every control step and the torque on the joints in the physics step before it
-    # [N·m]; empty if not requested or not available from the engine
+    # (steps, 6 + 2 joints) qvel before every control step, torque in the physics step before it [N·m]; empty as trace
     motion: np.ndarray
 
 
@@ -91,17 +90,7 @@ def walk_step(body: Body, world: WorldArrays, walker: Walker, weights: np.ndarra
 
 
 @njit(cache=True, nogil=True)
-def _episode(
-    body: Body,
-    world: WorldArrays,
-    walker: Walker,
-    policy: PolicyArrays,
-    weights: np.ndarray,
-    max_steps: int,
-    mean: np.ndarray,
-    m2: np.ndarray,
-    trace: np.ndarray,
-) -> tuple[float, int, int]:
+def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
     """Return total reward, steps and fault."""
     body, world, walker = without_refcounts(body), without_refcounts(world), without_refcounts(walker)
     policy, weights = without_refcounts(policy), without_refcounts(weights)
@@ -138,9 +127,8 @@ class WalkSimulator:
         mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
         qpos, qvel, torque = world.arrays.qpos, world.arrays.qvel, world.arrays.torque
         rows = np.zeros((steps if trace else 0, len(qpos) + len(qvel) + len(torque)))
-        total, done, fault = _episode(
-            self._body, world.arrays, walker, policy, self._weights, steps, mean, m2, rows
-        )  # fmt: skip
+        arguments = world.arrays, walker, policy, self._weights, steps, mean, m2, rows
+        total, done, fault = _episode(self._body, *arguments)
         where, speed_error = np.zeros(2) if fault else qpos[:2].copy(), walker.gait.speed_errors / done
         poses, motion = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
         return Episode(total, done, speed_error, where, fault, mean, m2, poses, motion)

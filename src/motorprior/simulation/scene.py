@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.registry import DrawMotors
-from motorprior.bounds import require_count
+from motorprior.backend import BackendState
+from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.task import SensorErrors, TaskWeights
 from motorprior.robots.robot import Robot
+from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.randomization import Randomization
-
-if TYPE_CHECKING:
-    from motorprior.simulation.bullet_world import BulletWorld
-    from motorprior.simulation.env import BackendSimulator, SimulatedBackend
-    from motorprior.simulation.rollout import WalkSimulator
-    from motorprior.simulation.world import World
+from motorprior.simulation.world import World
 
 Engine = Literal["mujoco", "pybullet"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
@@ -72,32 +69,42 @@ class Scene:
     """MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms."""
 
     def world(self) -> World | BulletWorld:
-        """The robot in the engine, for `begin`. An engine is imported when it is used."""
-        if self.walk.engine == "pybullet":
-            from motorprior.simulation.bullet_world import BulletWorld
-
-            return BulletWorld(self.robot)
-        from motorprior.simulation.world import World
-
-        return World(self.robot, self.physics_dt)
+        """The robot in the engine, for `begin`."""
+        return BulletWorld(self.robot) if self.walk.engine == "pybullet" else World(self.robot, self.physics_dt)
 
     def begin(self, world: World | BulletWorld, seed: int) -> ActuatorArrays:
         """Stand in the nominal pose on the motors and in the conditions of this seed; returns the motors' arrays."""
         conditions = self.walk.randomization.conditions(self.robot, seed, self.walk.episode_steps)
         return world.reset(self.draw_motors(np.random.default_rng(seed)), conditions=conditions)
 
-    def backend(self) -> SimulatedBackend:
-        """The episode step by step."""
-        from motorprior.simulation.env import SimulatedBackend
 
-        return SimulatedBackend(self)
+class SimulatedBackend:
+    """A robot in the engine of a scene, with new motors and conditions in every episode.
 
-    def simulator(self) -> WalkSimulator | BackendSimulator:
-        """Simulator of whole episodes, compiled with MuJoCo."""
-        if self.walk.engine == "mujoco":
-            from motorprior.simulation.rollout import WalkSimulator
+    Raises:
+        ConfigError: a robot that has no model for the engine.
+    """
 
-            return WalkSimulator(self)
-        from motorprior.simulation.env import BackendSimulator
+    def __init__(self, scene: Scene):
+        self._scene, self.world = scene, scene.world()
+        self._motors: ActuatorArrays | None = None
 
-        return BackendSimulator(self.robot, self.backend(), self.walk)
+    def reset(self, seed: int) -> BackendState:
+        """Stand in the nominal pose; ``seed`` determines everything random."""
+        self._motors = self._scene.begin(self.world, seed)
+        return self.world.state(self._motors, 0.0)
+
+    def step(self, position_target: np.ndarray) -> BackendState:
+        """Hold (joints,) targets [rad] for one control step.
+
+        Raises:
+            ConfigError: no reset before; another shape, or a target that is not finite.
+        """
+        if self._motors is None:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
+        target = require_finite("position_target", position_target, (self._scene.robot.num_joints,))
+        return self.world.state(self._motors, self.world.hold(self._motors, target))
+
+    def close(self) -> None:
+        """Close the engine."""
+        self.world.close()

@@ -1,17 +1,27 @@
-"""Train a walking policy: settings, the loop, and its provenance."""
+"""Train a walking policy: settings, the loop, its files, and its provenance."""
 
+# pyright: reportMissingImports=false
+# tensorboardX is an extra.
 from __future__ import annotations
 
+import json
 import os
+import shutil
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from motorprior.artifacts import read_tensors, write_tensors, write_text
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_count
-from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
@@ -22,10 +32,10 @@ from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import WARNED, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
+from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.training_files import Curve, TrainingFiles
 from motorprior.simulation.world_step import FAULTS
 
 
@@ -103,6 +113,68 @@ def train_policy(
     return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
 
 
+CHECKPOINT, METRICS, EVENTS = "search.safetensors", "metrics.jsonl", "tensorboard"
+Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
+
+
+class TrainingFiles:
+    """Checkpoint, metrics.jsonl with a point of the curve per line, and TensorBoard events of a running training.
+
+    Interrupted at any time, a training continues from its checkpoint to the same bytes, if the `stage.description` in
+    it is ``wanted``.
+    """
+
+    def __init__(self, folder: Path, wanted: Mapping[str, Any], tensorboard: bool = False):
+        self._folder, self._wanted, self._tensorboard, self._events = folder, wanted, tensorboard, None
+        if tensorboard and find_spec("tensorboardX") is None:
+            remedy = "pip install 'motorprior[tensorboard]'"
+            raise ConfigError("tensorboardX is not installed", remedy=remedy, argument="tensorboard")
+
+    def begin(self, search: PolicySearch) -> Curve:
+        """Restore a search from the checkpoint, if there is one; begins the other files. Returns the curve so far.
+
+        Raises:
+            ArtifactError: a damaged checkpoint.
+        """
+        curve, path = [], self._folder / CHECKPOINT
+        if path.is_file():
+            try:
+                state, header = read_tensors(path)
+                if header.get("wanted") == self._wanted:
+                    search.restore(state)
+                    curve = header["curve"]
+            except (ArtifactError, KeyError) as error:
+                problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
+                raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
+        write_text(self._folder / METRICS, "")
+        if self._tensorboard:
+            import tensorboardX  # here, since it is an extra
+
+            shutil.rmtree(self._folder / EVENTS, ignore_errors=True)
+            self._events = tensorboardX.SummaryWriter(str(self._folder / EVENTS))
+        for point in curve:
+            self._add(point)
+        return curve
+
+    def save(self, state: dict[str, np.ndarray], curve: Curve) -> None:
+        """Write the checkpoint after the last point of the curve, and add this point to the metrics."""
+        write_tensors(self._folder / CHECKPOINT, state, {"wanted": self._wanted, "curve": curve})
+        self._add(curve[-1])
+
+    def close(self) -> None:
+        """Close the events."""
+        if self._events is not None:
+            self._events.close()
+
+    def _add(self, point: Mapping[str, Any]) -> None:
+        with (self._folder / METRICS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(point, allow_nan=False) + "\n")
+        if self._events is not None:
+            for name in ("mean_return", "best_return", "mean_steps", "mean_speed_error"):
+                self._events.add_scalar(f"walk/{name}", point[name], point["iteration"])
+            self._events.flush()
+
+
 class Training:
     """A training: call `run`, then `policy`. See `train_policy` for the arguments; ``where`` names ``start`` in errors.
 
@@ -128,7 +200,8 @@ class Training:
         self._validation = None if fleet is None else fleet.name
         self.motors = simulated_motors(motors, self.robot)
         drawn = [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
-        self._scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
+        scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
+        self._simulators = [partial(simulator_of, scene) for scene in scenes]  # of training, and of a validation fleet
         shape = PolicyShape.of(self.robot, settings.gait, settings.hidden_units, settings.symmetric)
         self.search = PolicySearch(settings.search, shape, None if start is None else start.arrays)
 
@@ -137,10 +210,8 @@ class Training:
         for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
             progress.note(line)
         if self.robot.fleets and self._validation == self.robot.default_fleet:
-            progress.note(
-                "note: validation uses the fleet of the twin, so results on this twin are biased: evaluate the policy "
-                "on another fleet, or validate on another"
-            )
+            biased = "note: validation uses the fleet of the twin, so results on this twin are biased"
+            progress.note(f"{biased}: evaluate the policy on another fleet, or validate on another")
 
     def run(
         self,
@@ -161,11 +232,11 @@ class Training:
         search, settings = self.search, self.settings
         with ExitStack() as stack:
             train, *evaluate = (
-                stack.enter_context(closing(make_executor(scene.simulator, workers, executor, ray_address)))
-                for scene in self._scenes
+                stack.enter_context(closing(make_executor(simulator, workers, executor, ray_address)))
+                for simulator in self._simulators
             )
             if files is not None:
-                self.curve = stack.enter_context(closing(files)).begin(search, settings.episode_steps)
+                self.curve = stack.enter_context(closing(files)).begin(search)
             if self.curve:
                 progress.note(f"{name}: continues after iteration {search.ars.iteration}")
             total = settings.iterations
@@ -183,10 +254,16 @@ class Training:
 
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
-            progress.note(
-                f"{name}: ended after {search.ars.iteration} iterations, no better policy since {search.best_iteration}"
-            )
-        self._report_faults(progress)
+            ended = f"{name}: ended after {search.ars.iteration} iterations"
+            progress.note(f"{ended}, no better policy since {search.best_iteration}")
+        faults = sum((Counter(point["faults"]) for point in self.curve), Counter())
+        episodes = len(self.curve) * 2 * settings.search.num_directions
+        for fault, count in faults.items():
+            progress.note(f"{count} of {episodes} episodes ended early: {fault}")
+        if faults.total() == episodes:
+            problem = f"each of the {episodes} episodes had a simulation fault ({', '.join(faults)})"
+            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
+            raise SimulationFault(problem, remedy=remedy)
 
     def policy(self, **provenance: Any) -> Policy:
         """The best policy; ``provenance`` joins the settings."""
@@ -195,13 +272,3 @@ class Training:
         return Policy.of(
             self.robot, search.best, nominal.kp, nominal.kd, self.settings.gait, settings | found | provenance
         )
-
-    def _report_faults(self, progress: Progress) -> None:
-        faults = sum((Counter(point["faults"]) for point in self.curve), Counter())
-        total = len(self.curve) * 2 * self.settings.search.num_directions
-        for name, count in faults.items():
-            progress.note(f"{count} of {total} episodes ended early: {name}")
-        if faults.total() == total:
-            problem = f"each of the {total} episodes had a simulation fault ({', '.join(faults)})"
-            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
-            raise SimulationFault(problem, remedy=remedy)

@@ -13,16 +13,17 @@ from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
-from motorprior.simulation.mj_call import end_on_fatal_error, mj_step_address, stop_timers
 from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions
-from motorprior.simulation.world_step import WorldArrays, find_fault, hold_target, read_state
+from motorprior.simulation.world_step import (
+    WorldArrays,
+    end_on_fatal_error,
+    hold_target,
+    mj_step_address,
+    read_state,
+    stop_timers,
+)
 
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
-
-
-def _model_changes(conditions: Conditions) -> np.ndarray:
-    """The conditions that change the model, except those of joints."""
-    return np.concatenate([conditions.mass, conditions.com, conditions.gravity, [conditions.friction]])
 
 
 def substeps_of(control_dt: float, physics_dt: float) -> int:
@@ -36,11 +37,9 @@ def substeps_of(control_dt: float, physics_dt: float) -> int:
 class World:
     """A simulated robot. Use one per thread.
 
-    The first one changes MuJoCo in the whole process: warnings are only counted (``mjData.warning``), timers stop
-    (`mj_call.stop_timers`), and a fatal error in compiled code ends the process (`mj_call.end_on_fatal_error`).
-
     The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a position target is held
-    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air.
+    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air. The first world changes MuJoCo
+    in the whole process, see `stop_timers` and `end_on_fatal_error`.
 
     Raises:
         ConfigError: a physics step that does not divide the control step; a fixed base cannot be suspended.
@@ -48,11 +47,7 @@ class World:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        physics_dt: float | None = None,
-        suspended: bool = False,
-        control_dt: float | None = None,
+        self, robot: Robot, physics_dt: float | None = None, suspended: bool = False, control_dt: float | None = None
     ):
         self.robot, self.is_fixed = robot, suspended or robot.base == "fixed"
         self.physics_dt, self.control_dt = physics_dt or robot.physics_dt, control_dt or robot.control_dt
@@ -88,7 +83,7 @@ class World:
             physics_dt=self.physics_dt,
             substeps=self.substeps,
         )
-        self._applied = _model_changes(self._nominal_conditions)
+        self._applied = self._nominal_conditions
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
     def reset(
@@ -121,10 +116,10 @@ class World:
 
     def _apply(self, conditions: Conditions) -> None:
         """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
-        wanted = _model_changes(conditions)
-        if np.array_equal(wanted, self._applied):
+        names = "mass", "com", "gravity", "friction"
+        if all(np.array_equal(getattr(conditions, name), getattr(self._applied, name)) for name in names):
             return
-        self._applied = wanted
+        self._applied = conditions
         for name, value in self._nominal.items():
             getattr(self.model, name)[:] = value
         model, links = self.model, slice(1, None)  # body 0 is the world
@@ -149,7 +144,3 @@ class World:
 
     def close(self) -> None:
         """Nothing to close."""
-
-    def fault(self) -> int:
-        """0, or a key of FAULTS."""
-        return int(find_fault(self.arrays))
