@@ -40,7 +40,7 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
 
         def start(**settings) -> VirtualRobot:
             robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**{"homing": False, **settings}))
-            stack.callback(in_thread(robot))
+            robot.unplug = stack.callback(in_thread(robot))  # pyright: ignore[reportAttributeAccessIssue]
             return robot
 
         yield start

@@ -1,15 +1,17 @@
-"""Messages survive the wire, and invalid ones are rejected at both ends."""
+"""Messages survive the wire, invalid ones are rejected; any bytes, however they are cut, give only frames and lines."""
 
 import struct
+from itertools import pairwise
 
 import msgpack
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from telemetry import telemetry
 
 from motorprior.exceptions import ProtocolError
-from motorprior.hardware.protocol import Command, Telemetry, decode, encode, framed
+from motorprior.hardware.protocol import IDLE, IDLE_FRAME, Command, FrameReader, Telemetry, decode, encode, framed
 
 JOINTS = 12
 number = st.floats(-(2.0**100), 2.0**100, width=32)
@@ -21,15 +23,14 @@ telemetries = st.builds(
     Telemetry,
     ts=st.integers(0, 2**32 - 1).map(float),
     **dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), number),
-    pos=array,
-    vel=array,
+    **dict.fromkeys(("pos", "vel"), array),
     **dict.fromkeys(("cur", "temp"), st.none() | array),
     bat=st.none() | number,
 )
 
 
 @given(st.one_of(commands, telemetries))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_message_is_decoded_as_it_was_sent(message: Command | Telemetry):
     received = decode(encode(message, JOINTS), type(message), JOINTS)
     assert type(received) is type(message)
@@ -43,39 +44,86 @@ def test_the_bytes_of_a_command_are_those_of_the_wire():
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        Command(pos=np.zeros(11)),
-        Command(pos=np.full(12, np.nan)),
-        Command(kp=float("inf")),
-        Command(kd=1e39),
-        Command(),
-    ],
+    "command", [Command(pos=np.zeros(11)), Command(pos=np.full(12, np.nan)), Command(kd=1e39), Command()], ids=repr
 )
 def test_an_invalid_command_is_not_encoded(command: Command):
     with pytest.raises(ProtocolError):
         encode(command, JOINTS)
 
 
-@pytest.mark.parametrize(
-    "payload",
-    [
-        b"",
-        b"\x80",
-        b"\xc1",
-        b"\x91\x01",
-        msgpack.packb({"kp": "much"}),
-        msgpack.packb({"speed": 1.0}),
-        msgpack.packb({"kp": float("nan")}),
-        msgpack.packb({"pos": [0.0] * 13}),
-        msgpack.packb({"pos": [True] * 12}),
-        b"\x81\xa4idle\xc3\x00",
-        b"\x81" + b"\x91" * 200,
-        b"\xdf\xff\xff\xff\xff",
-    ],
-    ids=repr,
-)
+NO_MAPS = [b"", b"\x80", b"\xc1", b"\x91\x01", b"\x81\xa4idle\xc3\x00", b"\x81" + b"\x91" * 200, b"\xdf" + b"\xff" * 4]
+MAPS = [{"kp": "much"}, {"speed": 1.0}, {"kp": float("nan")}, {"pos": [0.0] * 13}, {"pos": [True] * 12}]
+
+
+@pytest.mark.parametrize("payload", [*NO_MAPS, *map(msgpack.packb, MAPS)], ids=repr)
 def test_an_invalid_payload_is_a_protocol_error(payload: bytes):
     for kind in (Command, Telemetry):
         with pytest.raises(ProtocolError):
             decode(payload, kind, JOINTS)
+
+
+def measured(ts: int) -> bytes:
+    return framed(telemetry(ts=ts, yaw=0.1, pos=np.linspace(-1.0, 1.0, 12) + 0.01 * ts), JOINTS)
+
+
+def target(step: int) -> bytes:
+    return framed(Command(pos=np.linspace(-1.0, 1.0, 12) + 0.01 * step, kp=50.0), JOINTS)
+
+
+MAKERS = {Command: target, Telemetry: measured}
+
+
+def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
+    """Lines, and payloads of messages."""
+    messages = [message for piece in pieces for message in reader.feed(piece)]
+    return [message if isinstance(message, str) else encode(message, JOINTS) for message in messages]
+
+
+good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([measured(n), target(n), IDLE_FRAME]))
+noise = st.binary(max_size=40) | st.sampled_from([b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"EE\x00\x10\x8f"])
+damaged = st.tuples(good, st.integers(0, 400), st.integers(0, 255)).map(
+    lambda parts: parts[0][: parts[1]] + bytes([parts[2]]) + parts[0][parts[1] + 1 :]
+)
+streams = st.lists(st.one_of(good, noise, damaged, st.just(b"long " * 70)), max_size=12).map(b"".join)
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+@given(data=streams, at=st.lists(st.integers(0, 10**6), max_size=12))
+@settings(max_examples=100, deadline=None)
+def test_the_same_messages_however_the_stream_is_cut(kind: type, data: bytes, at: list[int]):
+    whole, bounds = read(FrameReader(kind, JOINTS), [data]), sorted({0, len(data), *(n % (len(data) + 1) for n in at)})
+    assert read(FrameReader(kind, JOINTS), [data[a:b] for a, b in pairwise(bounds)]) == whole
+    assert read(FrameReader(kind, JOINTS), [bytes([byte]) for byte in data]) == whole
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_frames_in_noise_are_found_and_memory_is_bounded(kind: type):
+    rng, reader, sent, received = np.random.default_rng(7), FrameReader(kind, JOINTS), [], []
+    for count in range(200):
+        junk = rng.integers(0, 256, int(rng.integers(1, 4000)), dtype=np.uint8)
+        if rng.random() < 0.5:  # starts of frames everywhere
+            junk[rng.integers(0, len(junk), 1 + len(junk) // 8)] = 0 if kind is Command else 0x45
+        # A false start at the end of the noise may swallow at most one frame: pad with text.
+        frame = MAKERS[kind](count)
+        sent += read(FrameReader(kind, JOINTS), [frame])
+        received += read(reader, [junk.tobytes() + b"\n" * 1100 + frame])
+        assert len(reader._buffer) + len(reader._line) <= 1300
+    assert [message for message in received if message in set(sent)] == sent
+
+
+def test_text_between_frames_is_read_and_a_damaged_head_costs_one_frame_only():
+    one, two = (read(FrameReader(Telemetry, JOINTS), [measured(n)])[0] for n in (1, 2))
+    stream = b"Homing\r\n" + measured(1) + b"ERROR\r\n" + b"FEET OK\r\n" + measured(2)
+    assert read(FrameReader(Telemetry, JOINTS), [stream]) == ["Homing", one, "ERROR", "FEET OK", two]
+    for place in range(4):  # also a length that became longer: the frames it would swallow are found again
+        broken = bytearray(measured(0))
+        broken[place] ^= 0x03
+        assert read(FrameReader(Telemetry, JOINTS), [bytes(broken), measured(1), measured(2)])[-2:] == [one, two]
+
+
+def test_a_robot_receives_idle_after_half_a_command():
+    """What a host leaves when it is killed within a write, and then the watchdog's idle frames."""
+    frame = target(0)
+    for length in range(len(frame)):
+        received = FrameReader(Command, JOINTS).feed(frame[:length] + 40 * framed(IDLE, JOINTS))
+        assert any(isinstance(message, Command) and message.idle for message in received), length

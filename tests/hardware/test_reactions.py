@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,12 +18,15 @@ from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.commands import run_deploy, run_record
 from motorprior.hardware.deploy import PolicyMotion
+from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.virtual_robot import ERROR, IDLE
 from motorprior.logs.readers.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from simulated_port import on_its_clock
+from noise import noisy_walk
+from simulated_port import SimulatedPort, on_its_clock
 
 LIMITS = PUPPER_V2.require_wire().safety
 MAX_REACTION = {"idle": 1.0, "crouch": 8.0}  # [s] from a fault to an idle robot
@@ -65,6 +69,8 @@ def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
                 run_deploy(PUPPER_V2, trot, "a port", settings, show)
             except (ArtifactError, RobotFault, ValueError) as error:
                 incident.error = error
+            finally:
+                mock.patch.stopall()
         assert port.events[-1][1] in (IDLE, ERROR), "nothing moves it again"
         return incident
 
@@ -77,6 +83,10 @@ def inject(kind: str, joint: str = "FR_hip") -> Callable[[FaultyPort], object]:
 
 def raise_an_error(_: FaultyPort) -> None:
     raise ValueError("a bug")
+
+
+def break_policy(_: FaultyPort) -> None:
+    mock.patch.object(PolicyMotion, "__call__", lambda *_: np.full(12, np.nan)).start()
 
 
 FAULTS = {
@@ -94,6 +104,7 @@ FAULTS = {
     "IMU repeats its values": (inject("numb"), {"frozen IMU"}, "crouch"),
     "IMU sends zeros": (inject("blind"), {"frozen IMU"}, "crouch"),
     "slow host": (lambda port: port.pause_host(LIMITS.tick_delay + 0.01), {"slow host"}, "crouch"),
+    "targets are not finite": (break_policy, {"impossible command"}, "crouch"),
     "exception": (raise_an_error, {"program error"}, "crouch"),
     "disk full": (lambda _: limit_file_sizes(0), {"recording"}, "crouch"),
     **{
@@ -124,14 +135,6 @@ def test_an_error_of_the_firmware_is_reported(walk_into: Callable[..., Incident]
     incident = walk_into(inject("surge"))
     assert isinstance(incident.error, RobotFault) and incident.error.kind == "firmware"
     assert incident.port.firmware.mode == ERROR
-
-
-def test_targets_that_are_not_finite_are_not_sent(walk_into: Callable[..., Incident], monkeypatch: pytest.MonkeyPatch):
-    def break_policy(_: FaultyPort) -> None:
-        monkeypatch.setattr(PolicyMotion, "__call__", lambda *_: np.full(12, np.nan))
-
-    incident = walk_into(break_policy)
-    assert isinstance(incident.error, RobotFault) and incident.error.kind == "impossible command" and incident.crouched
 
 
 def test_after_a_pause_within_the_limit_the_robot_walks_on(walk_into: Callable[..., Incident], tmp_path: Path):
@@ -169,7 +172,34 @@ def test_a_fault_during_the_crouch_does_not_start_the_walk_again(walk_into: Call
 def test_a_suspended_robot_does_not_crouch(tmp_path: Path):
     port = FaultyPort(PUPPER_V2, suspended=True)
     with on_its_clock(port):
-        run_record(
-            PUPPER_V2, "a port", RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True), print
-        )
+        run_record(PUPPER_V2, "p", RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True), print)
     assert port.events[-1][1] == IDLE and not Incident(port).crouched
+
+
+def test_with_three_percent_lost_and_three_damaged_it_walks_on(trot: Path):
+    """A gain or current limit that is repeated while it walks, and damaged, ended such walks within a minute or two."""
+    walk = noisy_walk(trot, 0.03, 30.0, 0)
+    assert walk.fault is None and walk.seconds == pytest.approx(30.0, abs=0.1) and walk.path > 5.0
+
+
+class _Wiretap(SimulatedPort):
+    """Stores the keys that were sent."""
+
+    keys: list[str]
+
+    def send(self, command):
+        self.keys += [name for name, value in vars(command).items() if value is not None]
+        return super().send(command)
+
+
+def test_gains_are_sent_with_the_first_targets_only():
+    port = _Wiretap(PUPPER_V2, 0)
+    port.keys = []
+    with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
+        link.receive(0.1)
+        link.arm(Gains.of(PUPPER_V2.require_wire()))
+        for _ in range(20):
+            link.send(spec.NOMINAL_POSE, Mode.RAMP)
+            link.receive(port.now + 0.01)
+        sent = list(port.keys)
+    assert sent == 3 * ["kp", "kd", "max_current", "pos"] + 17 * ["pos"]

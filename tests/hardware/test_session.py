@@ -59,7 +59,7 @@ def test_telemetry_slower_than_the_control_period_is_rejected(period: int, ok: b
 
 def diagnosed(port: FaultyPort) -> dict[str, Check]:
     with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
-        return {check.name: check for check in check_telemetry(link, 1.0)}
+        return {check.name: check for check in check_telemetry(link, link.receive(port.now + 1.0))}
 
 
 def test_the_doctor_finds_faults():

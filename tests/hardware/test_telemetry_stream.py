@@ -34,29 +34,22 @@ def test_a_damaged_time_stamp_does_not_make_later_frames_look_old():
 
 
 def test_a_drifting_clock_is_followed():
-    """100 ppm for five minutes are 30 ms."""
+    """300 ppm for 100 s are 30 ms."""
     stream, ages = TelemetryStream(LIMITS), []
-    for n in range(30_000):
-        measurement = stream.accept(telemetry(ts=round(10.0 * n * (1 - 1e-4))), 0.01 * n)
+    for n in range(10_000):
+        measurement = stream.accept(telemetry(ts=round(10.0 * n * (1 - 3e-4))), 0.01 * n)
         if measurement is not None:
             ages.append(measurement.arrival - measurement.sampled)
-    assert max(ages) < 0.004 and stream.impossible == 0
+    assert max(ages) < 0.006 and stream.impossible == 0
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"pos": np.eye(12)[3]},
-        {"pos": np.full(12, 7.0)},
-        {"vel": np.full(12, 1e6)},
-        {"roll": 1.0},
-        {"pitch_rate": 1e3},
-        {"yaw": 1e9},
-        {"ts": 1200.0},
-        {"ts": 4e9},
-    ],
-    ids=str,
-)
+IMPOSSIBLE = [
+    *({"pos": np.eye(12)[3]}, {"pos": np.full(12, 7.0)}, {"vel": np.full(12, 1e6)}, {"roll": 1.0}),
+    *({"pitch_rate": 1e3}, {"yaw": 1e9}, {"ts": 1200.0}, {"ts": 4e9}),
+]
+
+
+@pytest.mark.parametrize("values", IMPOSSIBLE, ids=str)
 def test_an_impossible_frame_is_not_accepted(values: dict):
     stream = running()
     assert stream.accept(telemetry(**{"ts": 1000.0, **values}), 6.003) is None and stream.impossible == 1

@@ -24,9 +24,9 @@ WATCHDOG_TIME = 0.5  # [s], see conftest.PATIENT
 
 def hold(link: RobotLink, steps: int) -> None:
     """Arm, if it is not, and hold the present pose."""
-    if link.target is None:
+    if link.gate.target is None:
         link.arm(Gains.of(PUPPER_V2.require_wire()))
-    target = link.target
+    target = link.gate.target
     assert target is not None
     for _ in range(steps):
         link.send(target, Mode.RAMP)
@@ -45,7 +45,7 @@ FAULTS = {
     "host hangs": (lambda *_: time.sleep(WATCHDOG_TIME + 0.2), "watchdog", "idle"),
     "watchdog killed": (signal_watchdog(signal.SIGKILL), "watchdog", "crouch"),
     "watchdog stopped": (signal_watchdog(signal.SIGSTOP), "watchdog", "crouch"),
-    "unplugged": (lambda robot, _: robot.stop(), "unplugged", "idle"),
+    "unplugged": (lambda robot, _: robot.unplug(), "unplugged", "idle"),
 }
 
 
@@ -104,7 +104,7 @@ def test_a_robot_that_reads_nothing_is_idle_when_it_reads_again(
             stack.enter_context(mock.patch("motorprior.hardware.serial_link.termios.tcflush"))
         stack.enter_context(mock.patch.object(robot, "_read", lambda: time.sleep(0.002) or b""))
         with pytest.raises(RobotFault, match="accepts no more bytes"):
-            while (target := link.target) is not None:
+            while (target := link.gate.target) is not None:
                 link.send(target, Mode.RAMP)
         link.idle()
     when(robot, IDLE)
