@@ -56,7 +56,7 @@ def trot_policy(robot: Robot, folder: Path) -> Path:
 
 
 def _run_robot(robot_name: str, connection: Connection) -> None:
-    robot, _ = make_virtual_robot(load_robot(robot_name), VirtualRobotSettings(homing=False))
+    robot, _ = make_virtual_robot(load_robot(robot_name), VirtualRobotSettings())
     connection.send(robot.port)
     with real_time():
         robot.run(connection.poll)

@@ -102,13 +102,13 @@ class SimulatedPort(SerialLink):
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
         self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
-        config = FirmwareConfig(self._period, with_currents=currents, homes=False)
+        config = FirmwareConfig(self._period, with_currents=currents)
         self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
-        self._reader = FrameReader(Telemetry, self._joints)
+        self.reader, self.unsent = FrameReader(Telemetry, self._joints), bytearray()
         self.path, self._last_position = 0.0, self.body.position()
 
     def firmware_body(self, body: SimulatedRobot) -> RobotBody:
@@ -117,11 +117,6 @@ class SimulatedPort(SerialLink):
 
     def on_change(self, what: str) -> None:
         """See `Firmware`."""
-
-    @property
-    def unsent(self) -> int:
-        """The robot reads every byte at once."""
-        return 0
 
     def fileno(self) -> int:
         """No file: the watchdog is replaced, too."""
@@ -132,7 +127,7 @@ class SimulatedPort(SerialLink):
         next_frame = 1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + DELAY
         self.now = max(self.now, min(until, next_frame))
         self._advance()
-        return [(self.now, message) for message in self._reader.feed(self._to_host.take(self.now))]
+        return [(self.now, message) for message in self.reader.feed(self._to_host.take(self.now))]
 
     def send(self, command: Command) -> float:
         """See `SerialLink.send`."""

@@ -39,7 +39,7 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
     with ExitStack() as stack:
 
         def start(**settings) -> VirtualRobot:
-            robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**{"homing": False, **settings}))
+            robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**settings))
             robot.unplug = stack.callback(in_thread(robot))  # pyright: ignore[reportAttributeAccessIssue]
             return robot
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
-from motorprior.hardware.virtual_robot import ERROR, HOLDING, HOMING, IDLE, POSITION, Firmware, FirmwareConfig
+from motorprior.hardware.virtual_robot import ERROR, IDLE, POSITION, Firmware, FirmwareConfig
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import Drive, SensorReadings
@@ -37,7 +37,7 @@ def still_body() -> StillBody:
 
 
 def started(body, **config) -> Firmware:
-    return Firmware(PUPPER_V2, body, FirmwareConfig(**{"homes": False, **config}))
+    return Firmware(PUPPER_V2, body, FirmwareConfig(**config))
 
 
 def received(firmware: Firmware, milliseconds: int) -> tuple[list[Telemetry], list[str]]:
@@ -53,17 +53,11 @@ def send(firmware: Firmware, pos=None, **command) -> None:
             firmware.receive(framed(Command(**each), JOINTS))
 
 
-def test_it_homes_by_itself_slowly_and_then_holds(still_body):
-    still_body.pos = spec.JOINT_SIGNS * spec.CROUCH_POSE + 0.3
-    firmware = started(still_body, homes=True, telemetry_period=5)
-    frames, lines = received(firmware, 150)
+def test_it_holds_its_pose_and_sends_telemetry_in_its_own_time(still_body):
+    frames, lines = received(started(still_body, telemetry_period=5), 150)
     assert [frame.ts for frame in frames] == list(range(5, 151, 5)) and frames[0].cur is None
-    assert firmware.mode == HOMING and lines == ["LED on", "Homing"]
-    send(firmware, pos=NOMINAL, kp=50.0, kd=5.0, max_current=7.0)
-    assert firmware.mode == HOMING and still_body.drive.max_current == 6.0, "it takes no targets yet"
-    assert received(firmware, 200)[1] == ["Homed"] and firmware.mode == HOLDING
-    received(firmware, 1000)
-    np.testing.assert_allclose(still_body.pos, spec.JOINT_SIGNS * spec.CROUCH_POSE, atol=1e-3)
+    assert lines == ["LED on", "Holding"]
+    np.testing.assert_array_equal(still_body.pos, NOMINAL)
 
 
 def test_currents_follow_the_gains_that_were_sent_until_idle(still_body):

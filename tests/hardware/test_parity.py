@@ -60,7 +60,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = CopiedBody(spy.state)
-    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig(homes=False)), FrameReader(Telemetry, JOINTS)
+    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig()), FrameReader(Telemetry, JOINTS)
     gate = SafetyGate(PUPPER_V2, WIRE.safety)
     gate.arm(Gains.of(WIRE), spec.NOMINAL_POSE, 0.0)
     for step in range(200):

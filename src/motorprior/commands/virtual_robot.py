@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from motorprior.simulation.simulated_robot import SimulatedRobot
 
 _MAX_START = 60.0  # [s]
-_HOMING_TIME = 1.0  # [s], a little more than homing takes
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,6 @@ class VirtualRobotSettings:
     """The firmware sends motor currents."""
     imu: bool = True
     """The firmware reads the IMU; without, it sends zeros like the present firmware."""
-    homing: bool = True
-    """Home at the start."""
 
 
 def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, SimulatedRobot]:
@@ -64,7 +60,7 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
         )
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
-    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
+    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu)
     return VirtualRobot(robot, body, config), body
 
 
@@ -89,8 +85,6 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
             raise answer
         if answer is None:
             raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above")
-        if settings.homing:
-            time.sleep(_HOMING_TIME)
         yield answer
     finally:
         connection.close()  # ends the robot, also if this process is killed

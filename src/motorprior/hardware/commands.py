@@ -6,6 +6,7 @@ The command line `motorprior` and, on the robot's own computer, `python -m motor
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,7 +17,7 @@ from typing import Any
 
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_number, require_seed
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.hardware import deploy, teleop
 from motorprior.hardware.control_loop import clock_figures
 from motorprior.hardware.excitations import excitation_targets, excite, joints_of
@@ -121,7 +122,8 @@ def _session(
     armed, and again when it is idle, with the outcome: "time", "operator", the name of a signal, or the kind of a fault
     and its message.
     """
-    teleop.require_terminal(settings.yes)
+    if not settings.yes and (sys.stdin is None or not sys.stdin.isatty()):
+        raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
     command = facts["command"]
     out = settings.out or Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
     recorder, begun = Recorder(robot, out / _LOG), dict[str, Any]()
@@ -151,7 +153,7 @@ def _session(
                     "position_clips": link.gate.position_clips,
                     "slew_clips": link.gate.slew_clips,
                     "commands": link.sent,
-                    "frames": frames | {"damaged": link.port.rejected},
+                    "frames": frames | {"damaged": link.port.reader.rejected},
                 }
                 write_json(out / "run.json", begun | ending)
                 write_json(out / "figures.json", clock_figures([session.timing], robot.control_dt))

@@ -43,19 +43,6 @@ def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, h
     return lambda _: next(targets, None)
 
 
-def every(steps: int, act: Callable[[int, Measurement], None]) -> Callable[[Measurement], None]:
-    """A function of the measurement that calls ``act`` with the count of calls every so many of them."""
-    count = 0
-
-    def after_step(measurement: Measurement) -> None:
-        nonlocal count
-        count += 1
-        if count % steps == 0:
-            act(count, measurement)
-
-    return after_step
-
-
 @dataclass
 class Timing:
     """Timing of every control step, in seconds."""
@@ -102,13 +89,13 @@ class ControlLoop:
         self,
         motion: Motion,
         mode: Mode,
-        after_step: Callable[[Measurement], None] = lambda _: None,
+        after_step: Callable[[int, Measurement], None] = lambda *_: None,
         timing: Timing | None = None,
     ) -> None:
         """Play ``motion`` until it ends or ``stop`` returns True.
 
-        ``after_step`` is called after each command, in the rest of the period, and must be fast. ``timing`` is filled
-        also if a fault ends the motion.
+        ``after_step`` is called with the number of steps after each command, in the rest of the period, and must be
+        fast. ``timing`` is filled also if a fault ends the motion.
 
         Raises:
             RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
@@ -124,7 +111,7 @@ class ControlLoop:
             timing.sent.append(sent)
             timing.late.append(sent - self._deadline)
             timing.age.append(sent - measurement.sampled)
-            after_step(measurement)
+            after_step(len(timing.sent), measurement)
             self._next_deadline(measurement, sent, timing)
 
     def _next_measurement(self) -> Measurement:

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion, every
+from motorprior.hardware.control_loop import ControlLoop, Motion
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Session, StopRequest, check_before_arming
@@ -57,13 +57,11 @@ class PolicyMotion:
 
     def stopping(self) -> Motion:
         """Slow down and step in place."""
-        remaining = round(_STOPPING_TIME / self._body.control_dt)
+        steps = iter(range(round(_STOPPING_TIME / self._body.control_dt)))
 
         def target(measurement: Measurement) -> np.ndarray | None:
-            nonlocal remaining
-            remaining -= 1
             self.forward = self.yaw_rate = 0.0
-            return self(measurement) if remaining >= 0 else None
+            return None if next(steps, None) is None else self(measurement)
 
         return target
 
@@ -151,22 +149,26 @@ def dry_run(
         target = motion(measurement)
         if not np.all(np.isfinite(target)):
             raise RobotFault("impossible command", f"the policy's targets are {target.tolist()}")
-        show(measurement)
         steps += 1
+        show(steps, measurement)
     return steps
 
 
-def _status_line(link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]) -> Callable[[Measurement], None]:
-    """A function of the measurement that calls ``status`` with a line every 50 control steps."""
+def _status_line(
+    link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]
+) -> Callable[[int, Measurement], None]:
+    """Calls ``status`` with a line now and then."""
 
     def show(count: int, measurement: Measurement) -> None:
+        if count % _STATUS_PERIOD:
+            return
         telemetry = measurement.telemetry
         age = 1e3 * (time.monotonic() - measurement.sampled)
         battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
             f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
             f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
-            f"{link.port.rejected + link.stream.impossible}{battery}"
+            f"{link.port.reader.rejected + link.stream.impossible}{battery}"
         )
 
-    return every(_STATUS_PERIOD, show)
+    return show

@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.bench.excitation import excitation_named
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.control_loop import ControlLoop, every
+from motorprior.hardware.control_loop import ControlLoop
 from motorprior.hardware.session import Session
 from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.body import body_of
@@ -100,9 +100,10 @@ def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
     period, rows = session.link.robot.control_dt, iter(targets)
 
     def show(count: int, _: Measurement) -> None:
-        session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
+        if count % _STATUS_PERIOD == 0:
+            session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(lambda _: next(rows, None), Mode.EXCITE, every(_STATUS_PERIOD, show), session.timing)
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, show, session.timing)
 
     session.run(work, crouch=not suspended)

@@ -80,7 +80,8 @@ class RobotLink:
                 if measurement is not None:
                     received.append(measurement)
                     self._unchecked.append(measurement)
-                    self._record(measurement)
+                    if self._recorder is not None:
+                        self._recorder.write(measurement)
             if time.monotonic() >= until:
                 if not messages:
                     break
@@ -172,16 +173,6 @@ class RobotLink:
                     self.port.send(command)
             time.sleep(_IDLE_PAUSE)
 
-    def _record(self, measurement: Measurement) -> None:
-        if self._recorder is None:
-            return
-        try:
-            self._recorder.write(measurement)
-        except ArtifactError:  # ends the motion, and must not prevent the crouch
-            self._recorder.close()
-            self._recorder = None
-            raise
-
 
 class Recorder:
     """Writes the format of `logs.readers.robot_run.read_robot_run`; the file is created at the first measurement.
@@ -196,7 +187,7 @@ class Recorder:
             raise ArtifactError("it exists already", where=path, remedy=remedy)
         self._path, self._joint_names = path, robot.joint_names
         self._file: FileIO | None = None
-        self._format, self._with_current = "", False
+        self._format, self._with_current, self._failed = "", False, False
         self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
 
     def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
@@ -210,14 +201,14 @@ class Recorder:
     def write(self, measurement: Measurement) -> None:
         """Record a measurement made while a target was in force; raises ArtifactError if the disk is full."""
         in_force = next((sent for sent in reversed(self._targets) if sent[0] <= measurement.sampled), None)
-        if in_force is None or (self._with_current and measurement.telemetry.cur is None):
+        if self._failed or in_force is None or (self._with_current and measurement.telemetry.cur is None):
             return
         try:
             if self._file is None:
                 self._create(measurement.telemetry.cur is not None)
             self._append(self._row(measurement, *in_force))
-        except OSError as error:
-            remedy = "free some space, or choose another folder"
+        except OSError as error:  # ends the motion, once: it must not prevent the crouch
+            self._failed, remedy = True, "free some space, or choose another folder"
             raise ArtifactError(f"cannot write ({error.strerror})", where=self._path, remedy=remedy) from error
 
     def close(self) -> None:

@@ -31,18 +31,8 @@ class SerialLink:
         except (serial.SerialException, OSError, ValueError) as error:
             raise _cannot_open(self.port, error) from error
         self._joints = robot.num_joints
-        self._reader = FrameReader(Telemetry, self._joints)
-        self._unsent = bytearray()
-
-    @property
-    def rejected(self) -> int:
-        """Damaged frames."""
-        return self._reader.rejected
-
-    @property
-    def unsent(self) -> int:
-        """Bytes that the port has not accepted yet."""
-        return len(self._unsent)
+        self.reader = FrameReader(Telemetry, self._joints)
+        self.unsent = bytearray()  # what the port has not accepted yet
 
     def fileno(self) -> int:
         """File descriptor of the port, which the watchdog inherits."""
@@ -62,25 +52,25 @@ class SerialLink:
         except (OSError, ValueError, TypeError) as error:  # pyserial's fileno is None once it is closed
             raise self._gone(error) from error
         now = time.monotonic()
-        return [(now, message) for message in self._reader.feed(data)]
+        return [(now, message) for message in self.reader.feed(data)]
 
     def send(self, command: Command) -> float:
         """Write a command; returns the time [s]. Raises RobotFault if the port is gone or the robot stops reading."""
-        self._unsent += framed(command, self._joints)
+        self.unsent += framed(command, self._joints)
         try:
-            sent = os.write(self.fileno(), self._unsent)
-            del self._unsent[:sent]
+            sent = os.write(self.fileno(), self.unsent)
+            del self.unsent[:sent]
         except BlockingIOError:
             pass
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from error
-        if len(self._unsent) > _MAX_UNSENT:
+        if len(self.unsent) > _MAX_UNSENT:
             raise RobotFault("unplugged", f"{self.port}: the robot accepts no more bytes", remedy=_UNPLUGGED)
         return time.monotonic()
 
     def discard_unsent(self) -> None:
         """Empty the send queue, here and in the kernel: the next command is more urgent."""
-        self._unsent.clear()
+        self.unsent.clear()
         with contextlib.suppress(termios.error, ValueError, TypeError):
             termios.tcflush(self.fileno(), termios.TCOFLUSH)
 

@@ -200,7 +200,7 @@ def check_telemetry(link: RobotLink, received: Sequence[Measurement]) -> list[Ch
     if not received:
         found = f"{len(link.text)} lines of text" if link.text else "no frame"
         raise RobotFault("stale telemetry", found, remedy="check power, cable and the firmware's version")
-    damaged, stream = link.port.rejected + link.stream.impossible, link.stream
+    damaged, stream = link.port.reader.rejected + link.stream.impossible, link.stream
     delays = [each.arrival - each.sampled for each in received]
     max_age = max((after.arrival - before.sampled for before, after in pairwise(received)), default=0.0)
     telemetry = [each.telemetry for each in received]

@@ -1,9 +1,8 @@
 """A virtual robot: the firmware's behaviour, bytes in and bytes out in simulated time, and a port for it in real time.
 
-After Nate711/DJIPupperTests (MIT): it homes by itself, then holds its pose; a target starts position mode; ``idle``
-removes the current; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
-switched off. It has no watchdog. Assumptions: it ignores targets while homing; homing ends in the crouch pose. As in
-some versions, it ignores all other keys of a command with ``pos``.
+After Nate711/DJIPupperTests (MIT), once it has homed: it holds its pose; a target starts position mode; ``idle`` takes
+the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
+switched off. It has no watchdog. As in some versions, it ignores all other keys of a command with ``pos``.
 """
 
 from __future__ import annotations
@@ -24,9 +23,8 @@ from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import Drive, SensorReadings
 
-HOMING_CURRENT, HOMING_SPEED = 6.0, 1.5  # [A], [rad/s]
 MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
-HOMING, HOLDING, POSITION, IDLE, ERROR = "homing", "holding", "position", "idle", "error"
+HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"
 _BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
 
@@ -48,7 +46,6 @@ class FirmwareConfig:
     telemetry_period: int = 10  # [ms]; 5 in older versions
     with_currents: bool = False  # it sends ``cur``
     with_imu: bool = True  # otherwise attitude and rates are 0, as in the current version
-    homes: bool = True  # at the start; otherwise it holds its pose at once
 
 
 class Firmware:
@@ -66,8 +63,8 @@ class Firmware:
         self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)  # in force [A/rad], [A·s/rad], [A]
         self._sensors = body.sense()
         self._target = self._sensors.pos.copy()
-        self._text: list[str] = ["LED on", "Homing" if config.homes else "Holding"]
-        self.mode = HOMING if config.homes else HOLDING
+        self._text: list[str] = ["LED on", "Holding"]
+        self.mode = HOLDING
         self.now = 0  # time since the start [ms]
 
     def receive(self, data: bytes) -> None:
@@ -82,11 +79,9 @@ class Firmware:
         while self.now < end:
             out += "".join(f"{line}\r\n" for line in self._text).encode()
             self._text.clear()
-            if self.mode == HOMING:
-                self._home()
-            every_millisecond = self.mode in (HOMING, ERROR)
-            step = 1 if every_millisecond else min(end - self.now, period - self.now % period)
-            self._body.advance(step, self._drive())
+            step = 1 if self.mode == ERROR else min(end - self.now, period - self.now % period)
+            (kp, kd, limit), on = self.gains, np.full(self._joints, float(self.mode in (HOLDING, POSITION)))
+            self._body.advance(step, Drive(self._target, kp * on, kd * on, limit))
             self.now += step
             if self.mode == ERROR:
                 self._text.append("ERROR")
@@ -97,10 +92,9 @@ class Firmware:
 
     def _execute(self, command: Command) -> None:
         if command.pos is not None:  # other keys of that command are ignored
-            if self.mode != HOMING:
-                self._target = command.pos.copy()
-                self._enter(POSITION)
-                self._on_change("target")
+            self._target = command.pos.copy()
+            self._enter(POSITION)
+            self._on_change("target")
             return
         new = command.kp, command.kd, command.max_current
         kp, kd, limit = (old if value is None else value for value, old in zip(new, self.gains, strict=True))
@@ -112,21 +106,6 @@ class Firmware:
         if mode != self.mode:
             self.mode = mode
             self._on_change(mode)
-
-    def _home(self) -> None:
-        """Targets move to the crouch pose at the homing speed; then the robot holds."""
-        step, away = 1e-3 * HOMING_SPEED, self._target - self._wire.joint_signs * self._wire.crouch_pose
-        self._target -= np.clip(away, -step, step)
-        if np.abs(away).max() <= step:
-            self._text.append("Homed")
-            self._enter(HOLDING)
-
-    def _drive(self) -> Drive:
-        kp, kd, limit = self.gains
-        if self.mode == HOMING:
-            kp, kd, limit = self._wire.kp, self._wire.kd, HOMING_CURRENT
-        on = np.full(self._joints, float(self.mode in (HOMING, HOLDING, POSITION)))
-        return Drive(self._target, kp * on, kd * on, limit)
 
     def _read_sensors(self) -> None:
         self._sensors = self._body.sense()

@@ -22,7 +22,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
 from typing import Any, Literal, Protocol, TypeVar
-from unittest import mock
 
 from motorprior.exceptions import ConfigError, SimulationFault
 
@@ -200,18 +199,20 @@ def _init_on_loopback(ray: Any, workers: int, **options: Any) -> None:
     Ray's switch for it is an environment variable, named after the systems where loopback is the default. Its processes
     read it when they start, and this one when it imported Ray (_private/services.py, Ray 2.9 to 2.60).
     """
-    with (
-        mock.patch.dict(os.environ, RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER="0"),
-        mock.patch.object(ray._private.ray_constants, "ENABLE_RAY_CLUSTER", False),
-    ):
+    constants, name = ray._private.ray_constants, "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+    read, before = constants.ENABLE_RAY_CLUSTER, os.environ.get(name)
+    constants.ENABLE_RAY_CLUSTER, os.environ[name] = False, "0"
+    try:
         ray.init(address="local", num_cpus=workers, include_dashboard=False, **options)
+    finally:
+        constants.ENABLE_RAY_CLUSTER = read
+        del os.environ[name]
+        os.environ |= {} if before is None else {name: before}
     host = ray.util.get_node_ip_address()
     if not ipaddress.ip_address(host).is_loopback:
         ray.shutdown()
-        raise ConfigError(
-            f"Ray {ray.__version__} listens on {host}, where other machines reach it",
-            remedy="use the executor threads, or another version of Ray",
-        )
+        problem = f"Ray {ray.__version__} listens on {host}, where other machines reach it"
+        raise ConfigError(problem, remedy="use the executor threads, or another version of Ray")
 
 
 def _require_answer(address: str) -> None:
@@ -220,10 +221,8 @@ def _require_answer(address: str) -> None:
     try:
         socket.create_connection((host, int(port)), timeout=10.0).close()
     except (OSError, ValueError, OverflowError) as error:
-        raise ConfigError(
-            f"no Ray cluster answers at ray_address ({error})", where=address, remedy="give HOST:PORT of its head",
-            argument="ray_address",
-        ) from error  # fmt: skip
+        problem, remedy = f"no Ray cluster answers at ray_address ({error})", "give HOST:PORT of its head"
+        raise ConfigError(problem, where=address, remedy=remedy, argument="ray_address") from error
 
 
 def _import_ray() -> Any:

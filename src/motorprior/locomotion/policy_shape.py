@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import RunningStats
@@ -70,9 +71,10 @@ class PolicyShape:
         """The policy of (size,) parameters, normalised by the statistics of its observations."""
         weights, hidden, readout = self.split(parameters)
         if self.mirror is not None:
-            weights = self.mirror.symmetric(weights)
-            hidden = np.concatenate([hidden, self.mirror.inputs.columns(hidden)])
-            readout = np.concatenate([readout, self.mirror.action.mirrored(readout)])
+            inputs, action = self.mirror
+            weights = 0.5 * (weights + action @ weights @ inputs)  # the nearest symmetric ones
+            hidden = np.concatenate([hidden, hidden @ inputs])
+            readout = np.concatenate([readout, readout @ action])
         stats = self.symmetric_stats(observations)
         return PolicyArrays(np.asfortranarray(weights), hidden, readout, stats.mean, stats.std())
 
@@ -80,9 +82,10 @@ class PolicyShape:
         """Statistics of observations together with their mirror images, if there is a mirror."""
         if self.mirror is None:
             return observations
-        swap = self.mirror.observation
-        mirrored = RunningStats(observations.count, swap.mirrored(observations.mean), observations.m2[swap.index])
-        return observations.merge(mirrored)
+        swap = self.mirror.inputs[:-1, :-1]
+        return observations.merge(
+            RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
+        )
 
     def parameters(self, policy: PolicyArrays) -> np.ndarray:
         """(size,) parameters of a policy; inverse of `policy`.
@@ -107,39 +110,11 @@ class PolicyShape:
 _TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] between their phases
 
 
-class SignedPermutation(NamedTuple):
-    """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
-
-    index: np.ndarray
-    sign: np.ndarray
-
-    def columns(self, matrix: np.ndarray) -> np.ndarray:
-        """M' with M'·x = M·mirrored(x)."""
-        out = np.empty_like(matrix)
-        out[:, self.index] = matrix * self.sign
-        return out
-
-    def mirrored(self, vectors: np.ndarray) -> np.ndarray:
-        """Mirrored (..., n) vectors."""
-        return self.sign * vectors[..., self.index]
-
-
 class Mirror(NamedTuple):
-    """What mirrors observations and actions."""
+    """Mirrors O of inputs and A of actions: symmetric matrices of a permutation with signs, their own inverses."""
 
-    observation: SignedPermutation
-    action: SignedPermutation
-
-    @property
-    def inputs(self) -> SignedPermutation:
-        """Of a policy: the observation, and the bias at its end."""
-        last = len(self.observation.index)
-        return SignedPermutation(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
-
-    def symmetric(self, weights: np.ndarray) -> np.ndarray:
-        """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
-        mirrored = self.inputs.columns(weights)
-        return 0.5 * (weights + self.action.sign[:, None] * mirrored[self.action.index])
+    inputs: np.ndarray  # (inputs, inputs), of an observation and the bias at its end
+    action: np.ndarray  # (actions, actions)
 
 
 def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
@@ -154,15 +129,11 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
         joints[list(leg.joints)] = robot.legs[partner].joints
         sign[leg.joints[0]] = -1.0
     phase = _phase_sign(robot, gait, partners)
-    tilt, modulation = [-1.0, 1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0, -1.0]
-    followed = [-1.0, -1.0, 1.0, -1.0, phase, phase]
-    observed = np.arange(observation_size(robot.num_joints))
-    observed[len(tilt) : len(tilt) + len(joints)] = len(tilt) + joints
-    actions = np.arange(action_size(robot.num_joints))
-    actions[: len(joints)] = joints
+    swap = sign[:, None] * np.eye(robot.num_joints)[joints]
+    tilt, followed = [-1.0, 1.0, -1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, -1.0, phase, phase]
     return Mirror(
-        SignedPermutation(observed, np.concatenate([tilt, sign, followed])),
-        SignedPermutation(actions, np.concatenate([sign, modulation])),
+        block_diag(np.diag(tilt), swap, np.diag([*followed, 1.0])),
+        block_diag(swap, np.diag([1.0, 1.0, 1.0, 1.0, -1.0])),
     )
 
 

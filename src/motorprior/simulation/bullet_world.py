@@ -128,7 +128,7 @@ class BulletWorld:
         return np.array(pos), np.array(vel)
 
     def base(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Chassis frame: position [m], quaternion (w, x, y, z), velocity in world [m/s], angular in body axes [rad/s]."""
+        """Chassis frame: position [m], quaternion (w, x, y, z), velocity in world [m/s], rates in body axes [rad/s]."""
         centre, xyzw = self.call("getBasePositionAndOrientation", self.body)
         lin_vel, ang_vel = (np.array(value) for value in self.call("getBaseVelocity", self.body))
         rotation = np.array(self._bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)

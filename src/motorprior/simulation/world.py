@@ -14,14 +14,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions
-from motorprior.simulation.world_step import (
-    WorldArrays,
-    end_on_fatal_error,
-    hold_target,
-    mj_step_address,
-    read_state,
-    stop_timers,
-)
+from motorprior.simulation.world_step import WorldArrays, hold_target, prepare_mujoco, read_state
 
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
@@ -38,8 +31,7 @@ class World:
     """A simulated robot. Use one per thread.
 
     The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a position target is held
-    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air. The first world changes MuJoCo
-    in the whole process, see `stop_timers` and `end_on_fatal_error`.
+    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air.
 
     Raises:
         ConfigError: a physics step that does not divide the control step; a fixed base cannot be suspended.
@@ -52,9 +44,7 @@ class World:
         self.robot, self.is_fixed = robot, suspended or robot.base == "fixed"
         self.physics_dt, self.control_dt = physics_dt or robot.physics_dt, control_dt or robot.control_dt
         self.substeps = substeps_of(self.control_dt, self.physics_dt)
-        mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes MUJOCO_LOG.TXT; the state shows faults
-        stop_timers()
-        end_on_fatal_error()
+        step = prepare_mujoco()
         self.model = build_model(robot, self.physics_dt, suspended)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
@@ -62,7 +52,7 @@ class World:
         joints = robot.num_joints
         self._nominal_conditions = nominal_conditions(robot)
         self.arrays = WorldArrays(
-            step=mj_step_address(),
+            step=step,
             model=self.model._address,
             data=self.data._address,
             qpos=self.data.qpos,

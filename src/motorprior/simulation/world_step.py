@@ -7,7 +7,6 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-import threading
 from typing import NamedTuple
 
 import mujoco
@@ -166,48 +165,30 @@ def read_state(
     return BackendState(qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault)
 
 
-EXIT_CODE = 2
-_ENDING = threading.Lock()  # held by the first thread with a fatal error until the process ends
+_LIBRARY = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
 
 
-def library() -> ctypes.CDLL:
-    """Libmujoco in this process."""
-    return ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+def prepare_mujoco() -> int:
+    """Address of libmujoco's ``mj_step``; changes MuJoCo in the whole process.
 
-
-def stop_timers() -> None:
-    """Stop MuJoCo's profiling timers (``mjData.timer``) in the whole process.
-
-    The Python bindings give MuJoCo a clock, which every ``mj_step`` reads some twenty times: a tenth of its time
-    (docs/engines.md). ``mujoco.set_mjcb_time`` cannot remove it.
+    Warnings are only counted (``mjData.warning``). Profiling timers stop: the Python bindings set a clock whose
+    readings are a tenth of the time of ``mj_step`` (docs/engines.md), and ``mujoco.set_mjcb_time`` cannot remove it. A
+    fatal error ends the process with one line: called by address, MuJoCo cannot raise an exception, and ``mju_error``
+    must not return, as MuJoCo would continue with an invalid state.
     """
-    ctypes.c_void_p.in_dll(library(), "mjcb_time").value = None
-
-
-def end_on_fatal_error() -> None:
-    """Let a fatal error of MuJoCo end the process with one line.
-
-    Called through its Python bindings MuJoCo raises an exception. Called by address it cannot; ``mju_error`` must not
-    return, as MuJoCo would continue with an invalid state.
-    """
-    pointer = ctypes.c_void_p.in_dll(library(), "mju_user_error")
-    pointer.value = ctypes.cast(_end_process, ctypes.c_void_p).value
+    mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes MUJOCO_LOG.TXT; the state shows faults
+    ctypes.c_void_p.in_dll(_LIBRARY, "mjcb_time").value = None
+    ending = ctypes.cast(_end_process, ctypes.c_void_p).value
+    ctypes.c_void_p.in_dll(_LIBRARY, "mju_user_error").value = ending
+    return ctypes.cast(_LIBRARY.mj_step, ctypes.c_void_p).value or 0
 
 
 @ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 def _end_process(message: bytes) -> None:
-    _ENDING.acquire()  # a second thread waits here until the first has ended the process
     problem = " ".join(message.decode(errors="replace").split())
     sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> run again: a training goes on from its checkpoint\n")
     sys.stderr.flush()
-    os._exit(EXIT_CODE)
-
-
-def mj_step_address() -> int:
-    """Address of libmujoco's ``mj_step`` in this process."""
-    address = ctypes.cast(library().mj_step, ctypes.c_void_p).value
-    assert address is not None
-    return address
+    os._exit(2)
 
 
 @intrinsic
