@@ -3,7 +3,11 @@
 The operating system's part, the port and the watchdog, is in test_watchdog.py.
 """
 
+import os
+import pty
+import select
 import signal
+import tty
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +20,11 @@ from robot_faults import FaultyPort
 from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
-from motorprior.hardware.commands import run_deploy, run_record
+from motorprior.hardware.commands import run_deploy, run_doctor, run_record
 from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import Check, check_before_arming, check_telemetry
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.virtual_robot import ERROR, IDLE
 from motorprior.logs.readers.robot_run import Mode, read_robot_run
@@ -182,24 +187,85 @@ def test_with_three_percent_lost_and_three_damaged_it_walks_on(trot: Path):
     assert walk.fault is None and walk.seconds == pytest.approx(30.0, abs=0.1) and walk.path > 5.0
 
 
-class _Wiretap(SimulatedPort):
-    """Stores the keys that were sent."""
-
-    keys: list[str]
-
-    def send(self, command):
-        self.keys += [name for name, value in vars(command).items() if value is not None]
-        return super().send(command)
-
-
 def test_gains_are_sent_with_the_first_targets_only():
-    port = _Wiretap(PUPPER_V2, 0)
-    port.keys = []
-    with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
+    port = SimulatedPort(PUPPER_V2, 0)
+    with (
+        on_its_clock(port),
+        RobotLink(PUPPER_V2, port) as link,
+        mock.patch.object(port, "send", wraps=port.send) as send,
+    ):
         link.receive(0.1)
         link.arm(Gains.of(PUPPER_V2.require_wire()))
         for _ in range(20):
             link.send(spec.NOMINAL_POSE, Mode.RAMP)
             link.receive(port.now + 0.01)
-        sent = list(port.keys)
-    assert sent == 3 * ["kp", "kd", "max_current", "pos"] + 17 * ["pos"]
+        commands = [call.args[0] for call in send.call_args_list]
+    assert [command.kp is not None for command in commands] == 3 * [True, False] + 17 * [False]
+
+
+def checked(port: FaultyPort, need_imu: bool = True) -> None:
+    with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
+        check_before_arming(link, need_imu)
+        assert not any(what == "target" for _, what in port.events), "nothing was sent"
+
+
+def get_up(port: FaultyPort) -> None:
+    port.firmware._target = spec.JOINT_SIGNS * spec.NOMINAL_POSE
+
+
+REFUSED = {
+    "IMU": lambda port: port.inject("blind"),
+    "fall": lambda port: port.inject("tilted"),
+    "stale telemetry": lambda port: port.inject("mute"),
+    "battery": lambda port: port.inject("flat"),
+    "moving": get_up,
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_robot_with_a_fault_is_not_armed(kind: str):
+    port = FaultyPort(PUPPER_V2)
+    REFUSED[kind](port)
+    with pytest.raises(RobotFault) as caught:
+        checked(port)
+    assert caught.value.kind == kind
+    if kind == "IMU":
+        checked(port, need_imu=False)
+
+
+@pytest.mark.parametrize(("period", "ok"), [(15, False), (10, True), (5, True)])
+def test_telemetry_slower_than_the_control_period_is_rejected(period: int, ok: bool):
+    port = FaultyPort(PUPPER_V2, period=period)
+    if ok:
+        checked(port)
+        return
+    with pytest.raises(RobotFault, match="PRINT_DELAY"):
+        checked(port)
+
+
+def diagnosed(port: FaultyPort) -> dict[str, Check]:
+    with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
+        return {check.name: check for check in check_telemetry(link, link.receive(port.now + 1.0))}
+
+
+def test_the_doctor_finds_faults():
+    healthy = diagnosed(FaultyPort(PUPPER_V2, currents=True))
+    assert all(check.ok for check in healthy.values()) and len(healthy) == 21
+    port = FaultyPort(PUPPER_V2, corrupt=0.2)
+    for fault in ("blind", "flat", "hot_motor"):
+        port.inject(fault, 4)
+    faulty = diagnosed(port)
+    bad = {name for name, check in faulty.items() if not check.ok}
+    assert bad == {"IMU", "damaged frames", "temperature", "battery"}
+    assert all(check.remedy for check in faulty.values() if not check.ok)
+
+
+@pytest.mark.real_time
+def test_an_unknown_device_is_sent_nothing():
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    with pytest.raises(RobotFault, match="stale telemetry"):
+        run_doctor(PUPPER_V2, os.ttyname(slave), 1.0, True, print)
+    assert not select.select([master], [], [], 0.1)[0]
+    os.close(master)
+    os.close(slave)

@@ -45,14 +45,6 @@ def test_what_passes_is_within_every_limit(steps: list[tuple[np.ndarray, float]]
         last = sent
 
 
-def test_clipped_targets_are_counted():
-    gate = started()
-    gate.limited(spec.NOMINAL_POSE + 0.1, 0.0)
-    assert (gate.position_clips, gate.slew_clips) == (0, 12), "no time has passed"
-    gate.limited(np.full(12, 9.0), 0.01)
-    assert gate.position_clips == 12
-
-
 @pytest.mark.parametrize(
     "gains", [{"kp": 61.0}, {"kd": 6.1}, {"max_current": 7.1}, {"kp": float("nan")}, {"kd": -1.0}, {"max_current": 0.0}]
 )

@@ -10,12 +10,7 @@ from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.control_step import (
-    MAX_HEADING_ERROR,
-    MAX_TARGET_SPEED,
-    RAMP,
-    new_gait,
-)
+from motorprior.locomotion.control_step import MAX_HEADING_ERROR, MAX_TARGET_SPEED, RAMP, new_gait
 from motorprior.locomotion.policy import action_to_command, low_pass
 from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
 from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
@@ -69,13 +64,9 @@ def test_gymnasium_contract():
 SPEED, TURN = 0.3, 0.2
 
 
-def steady_env(backend):
-    return WalkEnv(PUPPER_V2, backend, WalkConfig(commands=Commands.steady(SPEED, TURN)))
-
-
 def test_order_of_a_control_step():
-    backend = GlidingBackend()
-    env, weights = steady_env(backend), TaskWeights()
+    backend, weights = GlidingBackend(), TaskWeights()
+    env = WalkEnv(PUPPER_V2, backend, WalkConfig(commands=Commands.steady(SPEED, TURN)))
     observation, info = env.reset(seed=4)
     rng, filtered, command, path = np.random.default_rng(0), np.zeros(17), np.empty(17), np.empty((2, 12))
     phase, target, twist, state = 0.0, NOMINAL_POSE.copy(), np.zeros(2), new_gait(BODY)

@@ -123,13 +123,7 @@ class PlainLoop:
 
 
 def assert_equal(one, other):
-    assert (one.total, one.steps, one.fault, one.speed_error) == (
-        other.total,
-        other.steps,
-        other.fault,
-        other.speed_error,
-    )
-    for name in ("displacement", "mean", "m2"):
+    for name in ("total", "steps", "fault", "speed_error", "displacement", "mean", "m2"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     np.testing.assert_array_equal(one.trace[:, :7], other.trace[:, :7])
 
@@ -178,18 +172,9 @@ def test_the_speed_error_is_that_of_the_filtered_speed_along_the_heading():
     assert short.speed_error == pytest.approx(np.mean(errors), rel=1e-9)
 
 
-def test_motion_goes_with_the_trace():
-    episode = simulator_of("physical", WalkConfig(60, commands=Commands.steady(0.4))).run(POLICY, 0, trace=True)
-    assert episode.trace.shape == (episode.steps, 19) and episode.motion.shape == (episode.steps, 6 + 24)
-    # within a control step of 10 ms the base moves by about its velocity at both ends
-    moved, velocity = np.diff(episode.trace[:, :3], axis=0), episode.motion[:, :3]
-    np.testing.assert_allclose(moved, 0.005 * (velocity[1:] + velocity[:-1]), atol=1.5e-3)
-    assert not episode.motion[0, 18:].any() and np.abs(episode.motion[1:, 18:]).max() > 0.1
-
-
-def test_the_zero_policy_trots_and_stays_up():
-    for kind in KINDS:
-        simulator = simulator_of(kind, WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)))
-        episode = simulator.run(zero_policy(12), 0, trace=True)
-        assert episode.steps == STEPS and episode.fault == 0
-        assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_zero_policy_trots_and_stays_up(kind):
+    simulator = simulator_of(kind, WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)))
+    episode = simulator.run(zero_policy(12), 0, trace=True)
+    assert episode.steps == STEPS and episode.fault == 0 and episode.motion.shape == (STEPS, 6 + 24)
+    assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings
