@@ -33,7 +33,6 @@ FOLDERS = {
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
     "filelock": "stage",
-    "tensorboardX": "simulation/training",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 

@@ -1,18 +1,14 @@
 """Train a walking policy: settings, the loop, its files, and its provenance."""
 
-# pyright: reportMissingImports=false
-# tensorboardX is an extra.
 from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -113,25 +109,22 @@ def train_policy(
     return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
 
 
-CHECKPOINT, METRICS, EVENTS = "search.safetensors", "metrics.jsonl", "tensorboard"
+CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
 
 class TrainingFiles:
-    """Checkpoint, metrics.jsonl with a point of the curve per line, and TensorBoard events of a running training.
+    """Checkpoint of a running training, and metrics.jsonl with a point of the curve per line.
 
     Interrupted at any time, a training continues from its checkpoint to the same bytes, if the `stage.description` in
     it is ``wanted``.
     """
 
-    def __init__(self, folder: Path, wanted: Mapping[str, Any], tensorboard: bool = False):
-        self._folder, self._wanted, self._tensorboard, self._events = folder, wanted, tensorboard, None
-        if tensorboard and find_spec("tensorboardX") is None:
-            remedy = "pip install 'motorprior[tensorboard]'"
-            raise ConfigError("tensorboardX is not installed", remedy=remedy, argument="tensorboard")
+    def __init__(self, folder: Path, wanted: Mapping[str, Any]):
+        self._folder, self._wanted = folder, wanted
 
     def begin(self, search: PolicySearch) -> Curve:
-        """Restore a search from the checkpoint, if there is one; begins the other files. Returns the curve so far.
+        """Restore a search from the checkpoint, if there is one. Returns the curve so far.
 
         Raises:
             ArtifactError: a damaged checkpoint.
@@ -146,33 +139,14 @@ class TrainingFiles:
             except (ArtifactError, KeyError) as error:
                 problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
                 raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-        write_text(self._folder / METRICS, "")
-        if self._tensorboard:
-            import tensorboardX  # here, since it is an extra
-
-            shutil.rmtree(self._folder / EVENTS, ignore_errors=True)
-            self._events = tensorboardX.SummaryWriter(str(self._folder / EVENTS))
-        for point in curve:
-            self._add(point)
+        write_text(self._folder / METRICS, "".join(json.dumps(point) + "\n" for point in curve))
         return curve
 
     def save(self, state: dict[str, np.ndarray], curve: Curve) -> None:
         """Write the checkpoint after the last point of the curve, and add this point to the metrics."""
         write_tensors(self._folder / CHECKPOINT, state, {"wanted": self._wanted, "curve": curve})
-        self._add(curve[-1])
-
-    def close(self) -> None:
-        """Close the events."""
-        if self._events is not None:
-            self._events.close()
-
-    def _add(self, point: Mapping[str, Any]) -> None:
         with (self._folder / METRICS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(point, allow_nan=False) + "\n")
-        if self._events is not None:
-            for name in ("mean_return", "best_return", "mean_steps", "mean_speed_error"):
-                self._events.add_scalar(f"walk/{name}", point[name], point["iteration"])
-            self._events.flush()
+            file.write(json.dumps(curve[-1]) + "\n")
 
 
 class Training:
@@ -236,7 +210,7 @@ class Training:
                 for simulator in self._simulators
             )
             if files is not None:
-                self.curve = stack.enter_context(closing(files)).begin(search)
+                self.curve = files.begin(search)
             if self.curve:
                 progress.note(f"{name}: continues after iteration {search.ars.iteration}")
             total = settings.iterations
