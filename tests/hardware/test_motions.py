@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from policies import as_file_content, random_policy
@@ -12,7 +11,7 @@ from telemetry import telemetry
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.commands import run_record
-from motorprior.hardware.control_loop import Timing, clock_figures, ramp
+from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.excitations import OF_ROBOTS, excitation_targets, joints_of
 from motorprior.hardware.protocol import FrameReader, Telemetry, framed
@@ -137,15 +136,6 @@ def test_a_gyroscope_s_bias_does_not_change_the_heading():
     right, corrected, wrong = (motion.gait.observation for motion in motions)
     np.testing.assert_allclose(corrected, right, atol=1e-12)
     assert not np.allclose(wrong, right, atol=1e-3)
-
-
-def test_figures_of_a_clock_equal_arithmetic():
-    timing = Timing([0.010, 0.020, 0.031, 0.041, 0.061], [0.0, 0.001, 0.006, 0.0, 0.0], [0.002] * 4 + [0.012], 1)
-    figures = clock_figures([timing], 0.01)
-    assert figures["period_jitter_ms/max"] == pytest.approx(10.0)
-    assert figures["period_jitter_ms/p50"] == pytest.approx(0.5)
-    assert figures["missed_share"] == pytest.approx(2 / 6)  # one 6 ms late, one left out, of six
-    assert (figures["telemetry_age_ms/p50"], figures["telemetry_age_ms/max"]) == pytest.approx((2.0, 12.0))
 
 
 class _Witness(SimulatedPort):

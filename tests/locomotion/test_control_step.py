@@ -168,12 +168,6 @@ def test_speeds_of_an_episode_are_one_of_each_part_of_the_range_in_any_order():
     assert np.ptp(first) > 0.5
 
 
-def test_commands_beyond_the_robots_range_widen_it_and_others_leave_it():
-    assert Commands((0.1, 0.3)).extend_range(ROBOT) == Commands().extend_range(ROBOT) == ROBOT
-    assert Commands((-0.5, 0.3)).extend_range(ROBOT).require_legs().forward == (-0.5, GAIT.forward[1])
-    assert Commands((0.1, 0.9)).extend_range(ROBOT).require_legs().forward == (GAIT.forward[0], 0.9)
-
-
 def observed(quaternion, rates, joints) -> np.ndarray:
     out, zero = np.full(23, np.nan), np.zeros(3)
     state = BackendState(zero, np.array(quaternion), zero, np.array(rates), joints, np.zeros((4, 3)), 0.0)

@@ -126,9 +126,3 @@ def test_a_fault_ends_the_episode_with_a_finite_observation():
     np.testing.assert_array_equal(observation, before)
     with pytest.raises(SimulationFault):
         WalkEnv(PUPPER_V2, GlidingBackend(fail_at=0)).reset(seed=0)
-
-
-def test_time_runs_out_as_truncation():
-    env = WalkEnv(PUPPER_V2, GlidingBackend(), WalkConfig(3))
-    env.reset(seed=0)
-    assert [env.step(np.zeros(17))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]

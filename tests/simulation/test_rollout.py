@@ -3,8 +3,6 @@
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 
-import math
-
 import mujoco
 import numpy as np
 import pytest
@@ -20,11 +18,9 @@ from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import GAITS, GaitName
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.control_step import RAMP
 from motorprior.locomotion.policy import PolicyArrays, zero_policy
-from motorprior.locomotion.task import SPEED_FILTER, TaskWeights
+from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkSimulator
@@ -158,18 +154,6 @@ def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait:
         one = compiled.run(policy, seed, trace=True)
         assert_equal(one, python.run(policy, seed, trace=True))
         assert one.m2[19:21].min() > 0.0, "speed and turn were commanded, and changed"
-
-
-def test_the_speed_error_is_that_of_the_filtered_speed_along_the_heading():
-    simulators = [simulator_of("physical", WalkConfig(steps, commands=Commands.steady(0.4))) for steps in (60, 61)]
-    short, whole = (simulator.run(POLICY, 0, trace=True) for simulator in simulators)
-    share, speed, errors = 1.0 - math.exp(-PUPPER_V2.control_dt / SPEED_FILTER), 0.0, []
-    for step, (qpos, qvel) in enumerate(zip(whole.trace[1:], whole.motion[1:], strict=True)):
-        yaw = roll_pitch_yaw(qpos[3:7])[2]
-        speed += share * (math.cos(yaw) * qvel[0] + math.sin(yaw) * qvel[1] - speed)
-        in_force = min(0.4, 0.5 * (step + 1) * PUPPER_V2.control_dt / RAMP)
-        errors.append(abs(speed - in_force))
-    assert short.speed_error == pytest.approx(np.mean(errors), rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)

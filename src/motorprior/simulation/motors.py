@@ -25,7 +25,7 @@ from motorprior.schema import Schema
 from motorprior.stage import digest
 
 MotorSource: TypeAlias = str | MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
-"""A text, a distribution of motors, fixed motors, or a function that draws motors."""
+"""A text; a prior, posterior or fleet, sampled for every episode; fixed motors; or a function of a generator."""
 _PROVENANCE = Schema({"text": TEXT, "files": TABLE}, "train it again", name="its motors")
 _FILE = Schema({"path": TEXT, "sha256": TEXT}, "train it again", name="a file of its motors")
 _PD_BOUNDS = {"delay": 1.0, "spread": 0.9}  # delay [s]: the delay line holds so many physics steps
@@ -44,11 +44,6 @@ class SimulatedMotors(NamedTuple):
 
 def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     """The motors of a robot's episodes, drawn once to find errors and the physics step.
-
-    Args:
-        motors: a text; a prior, a posterior or a fleet, sampled for every episode; fixed motors; or a function of a
-            generator.
-        robot: with these motors.
 
     Raises:
         ConfigError, ArtifactError: an unknown kind or option, a value out of range, a file that cannot be read, or

@@ -243,6 +243,5 @@ class Training:
         """The best policy; ``provenance`` joins the settings."""
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
-        return Policy.of(
-            self.robot, search.best, nominal.kp, nominal.kd, self.settings.gait, settings | found | provenance
-        )
+        gait, provenance = self.settings.gait, settings | found | provenance
+        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, gait, provenance)
