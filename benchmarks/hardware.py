@@ -32,11 +32,11 @@ from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing, clock_figures, real_time
 from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
+from motorprior.hardware.health import Measurement
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import Session
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.robots.load import load_robot

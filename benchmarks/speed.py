@@ -27,8 +27,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import WorldArrays, mj_step, physics_step
+from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
 
 STEPS, REPEATS = 500, 7
 TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that returns their seconds on one core

@@ -14,10 +14,10 @@ from motorprior.hardware.commands import run_record
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.excitations import OF_ROBOTS, excitation_targets, joints_of
+from motorprior.hardware.health import Measurement
 from motorprior.hardware.protocol import FrameReader, Telemetry, framed
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.settings import RecordSettings
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act

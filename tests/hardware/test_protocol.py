@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from telemetry import telemetry
 
 from motorprior.exceptions import ProtocolError
+from motorprior.hardware.health import TelemetryStream
 from motorprior.hardware.protocol import IDLE, IDLE_FRAME, Command, FrameReader, Telemetry, decode, encode, framed
-from motorprior.hardware.telemetry_stream import TelemetryStream
 from motorprior.hardware.virtual_robot import ERROR, POSITION, Firmware, FirmwareConfig
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

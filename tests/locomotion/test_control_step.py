@@ -15,12 +15,17 @@ from motorprior.locomotion.control_step import (
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
+    TaskWeights,
     command_step,
+    fallen,
     follow_command,
+    heading_rate,
     levelling,
     new_gait,
+    observe,
+    reward,
+    sliding,
 )
-from motorprior.locomotion.task import TaskWeights, fallen, heading_rate, observe, reward, sliding
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.robots.pupper_v2.spec import NOMINAL_POSE

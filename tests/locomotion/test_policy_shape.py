@@ -10,11 +10,10 @@ from policies import ACTIONS, OBSERVATIONS, stats_of
 from motorprior.backend import BackendState
 from motorprior.locomotion.ars import ArsConfig, RunningStats
 from motorprior.locomotion.body import GAITS, GaitName, body_of
-from motorprior.locomotion.control_step import command_step, follow_command, new_gait
+from motorprior.locomotion.control_step import command_step, follow_command, new_gait, observe
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
-from motorprior.locomotion.task import observe
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.rollout import Episode
 

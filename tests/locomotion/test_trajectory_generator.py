@@ -11,8 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.body import GAITS, GaitName, body_of, leg_angles, phases_of
-from motorprior.locomotion.trajectory_generator import add_support, foot_path, joint_targets
+from motorprior.locomotion.body import (
+    GAITS,
+    GaitName,
+    add_support,
+    body_of,
+    foot_path,
+    joint_targets,
+    leg_angles,
+    phases_of,
+)
 from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay

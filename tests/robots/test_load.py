@@ -7,10 +7,9 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.locomotion.body import body_of
+from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
-from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

@@ -7,15 +7,13 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.fleet import load_fleet
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import open_loop_gait
+from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import physics_step
+from motorprior.simulation.world import World, physics_step
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 

@@ -8,12 +8,18 @@ from gymnasium.utils.env_checker import check_env
 
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.body import body_of
+from motorprior.locomotion.body import add_support, advance_phase, body_of, gait_share, joint_targets
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.control_step import MAX_HEADING_ERROR, MAX_TARGET_SPEED, RAMP, new_gait
+from motorprior.locomotion.control_step import (
+    MAX_HEADING_ERROR,
+    MAX_TARGET_SPEED,
+    RAMP,
+    SPEED_FILTER,
+    TaskWeights,
+    new_gait,
+    observe,
+)
 from motorprior.locomotion.policy import action_to_command, low_pass
-from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
-from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
 from motorprior.simulation.env import WalkEnv

@@ -12,15 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from motorprior.actuator.actuator import Factors
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.task import SensorErrors, apply_sensor_errors, perfect_sensors
+from motorprior.locomotion.control_step import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import hold_target, physics_step, read_joints
+from motorprior.simulation.world import World, hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,

@@ -18,15 +18,14 @@ from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import GAITS, GaitName
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.policy import PolicyArrays, zero_policy
-from motorprior.locomotion.task import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import find_fault
+from motorprior.simulation.world import World, find_fault
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")

@@ -20,8 +20,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.rollout import WalkSimulator
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import FAULTS, find_fault, physics_step
+from motorprior.simulation.world import FAULTS, World, find_fault, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motorprior.hardware.health import SlowHost
+from motorprior.hardware.health import Measurement, SlowHost
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.wire import SafetyLimits
 

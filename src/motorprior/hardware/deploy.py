@@ -10,15 +10,14 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion
+from motorprior.hardware.health import Measurement
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Session, StopRequest, check_before_arming
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.body import YAW_RATE, action_size, body_of
-from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait
+from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait, write_readings
 from motorprior.locomotion.policy import Policy, act
-from motorprior.locomotion.task import write_readings
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 

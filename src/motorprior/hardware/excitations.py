@@ -9,10 +9,9 @@ import numpy as np
 from motorprior.bench.excitation import excitation_named
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.control_loop import ControlLoop
+from motorprior.hardware.health import Measurement
 from motorprior.hardware.session import Session
-from motorprior.hardware.telemetry_stream import Measurement
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import open_loop_gait
+from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 

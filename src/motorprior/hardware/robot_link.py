@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.health import Sensors, Tracking
+from motorprior.hardware.health import Measurement, Sensors, TelemetryStream, Tracking
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
 from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.robot import Robot

@@ -20,11 +20,10 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, ramp, real_time
-from motorprior.hardware.health import Sensors
+from motorprior.hardware.health import Measurement, Sensors
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.robot import Robot
 

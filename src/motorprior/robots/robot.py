@@ -84,7 +84,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gait:
-    """Size and frequency of a gait, see `locomotion.trajectory_generator`.
+    """Size and frequency of a gait, see `locomotion.body`.
 
     Attributes:
         frequency: of the steps of one leg, before modulation by the policy [Hz].

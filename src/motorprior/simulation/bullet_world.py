@@ -28,8 +28,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Conditions, nominal_conditions
-from motorprior.simulation.world import substeps_of
-from motorprior.simulation.world_step import control_steps_late, has_diverged
+from motorprior.simulation.world import control_steps_late, has_diverged, substeps_of
 
 PHYSICS_DT = 0.001  # [s] as in puppersim
 SOLVER_ITERATIONS = 20  # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
@@ -86,7 +85,7 @@ class BulletWorld:
             self._client = -1
 
     def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
-        """Hold (joints,) targets for one control step; see `world_step.hold_target`."""
+        """Hold (joints,) targets for one control step; see `world.hold_target`."""
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, total = self._conditions.push, 0.0
         push = pushes[self._clock % len(pushes)] if len(pushes) else None
@@ -98,7 +97,7 @@ class BulletWorld:
         return total / self.substeps
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
-        """See `world_step.physics_step`; ``push`` is a (2,) horizontal force on the origin of the chassis [N]."""
+        """See `world.physics_step`; ``push`` is a (2,) horizontal force on the origin of the chassis [N]."""
         q, dq = self._joints if self._joints is not None else self.joints()
         forces = _drive(motors, target, q, dq, self._conditions.strength, self._passive, self.torque).tolist()
         self.call("setJointMotorControlArray", self.body, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)

@@ -20,9 +20,15 @@ from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
-from motorprior.locomotion.control_step import begin_gait, command_step, complete_observation, evaluate_step, new_gait
+from motorprior.locomotion.control_step import (
+    begin_gait,
+    command_step,
+    complete_observation,
+    evaluate_step,
+    new_gait,
+    observe,
+)
 from motorprior.locomotion.policy import PolicyArrays, act
-from motorprior.locomotion.task import observe
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rollout import Episode, WalkSimulator, begin_walk, complete, drawn_walker, walk_step
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig

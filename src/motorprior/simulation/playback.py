@@ -18,8 +18,7 @@ from motorprior.logs.validity import checked
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.motors import MotorSource, simulated_motors
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import FAULTS, find_fault, physics_step, read_joints
+from motorprior.simulation.world import FAULTS, World, find_fault, physics_step, read_joints
 
 
 @dataclass(frozen=True)

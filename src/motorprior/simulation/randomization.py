@@ -13,7 +13,7 @@ import numpy as np
 from motorprior.actuator.actuator import Factors
 from motorprior.bounds import require_number, require_range
 from motorprior.locomotion.body import NUM_IMU_READINGS
-from motorprior.locomotion.task import SensorErrors, perfect_sensors
+from motorprior.locomotion.control_step import SensorErrors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
 
 MAX_DELAY = 0.2  # [s] of sensors and commands

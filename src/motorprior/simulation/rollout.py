@@ -17,17 +17,17 @@ from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import Body, body_of
 from motorprior.locomotion.control_step import (
     GaitState,
+    SensorErrors,
     begin_gait,
     command_step,
     complete_observation,
     evaluate_step,
     new_gait,
+    observe,
 )
 from motorprior.locomotion.policy import PolicyArrays, act
-from motorprior.locomotion.task import SensorErrors, observe
 from motorprior.simulation.scene import Scene
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import WorldArrays, hold_target, read_state
+from motorprior.simulation.world import World, WorldArrays, hold_target, read_state
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Episode:
     steps: int  # control steps until the fall or the time limit
     speed_error: float  # mean over the steps of |filtered forward speed - commanded speed| [m/s]
     displacement: np.ndarray  # (2,) forward and left [m]
-    fault: int  # 0 or a key of `world_step.FAULTS`
+    fault: int  # 0 or a key of `world.FAULTS`
     mean: np.ndarray  # (observations,) mean of the observations, one per step
     m2: np.ndarray  # (observations,) Σ (x - mean)²
     trace: np.ndarray  # (steps, 7 + joints) qpos before every control step; empty if not requested

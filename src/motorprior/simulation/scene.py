@@ -14,7 +14,7 @@ from motorprior.bounds import require_count, require_finite
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GaitName
 from motorprior.locomotion.command import Commands, Timetable
-from motorprior.locomotion.task import SensorErrors, TaskWeights
+from motorprior.locomotion.control_step import SensorErrors, TaskWeights
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.randomization import Randomization

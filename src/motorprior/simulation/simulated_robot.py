@@ -18,8 +18,7 @@ from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import Drive, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints
+from motorprior.simulation.world import World, WorldArrays, physics_step, read_joints
 
 # Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at 100 Hz
 IMU_NOISE = (0.002, 0.01)

@@ -32,7 +32,7 @@ from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.world_step import FAULTS
+from motorprior.simulation.world import FAULTS
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,26 @@
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
-from motorprior.actuator.kernels import reset_actuator
+from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.backend import BackendState
+from motorprior.compiled import njit
+from motorprior.delay_line import row_of_age, write_line
 from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions
-from motorprior.simulation.world_step import WorldArrays, hold_target, prepare_mujoco, read_state
 
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
@@ -122,11 +131,11 @@ class World:
         mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
 
     def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
-        """See `world_step.hold_target`."""
+        """See `hold_target`."""
         return hold_target(self.arrays, motors, target)
 
     def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
-        """State of a free robot, a copy; see `world_step.read_state`."""
+        """State of a free robot, a copy; see `read_state`."""
         measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
         pos, quat, lin_vel, ang_vel, *_, fault = read_state(self.arrays, motors, torque_squared_sum, measured, feet)
         base = pos.copy(), quat.copy(), lin_vel.copy(), ang_vel.copy()
@@ -134,3 +143,189 @@ class World:
 
     def close(self) -> None:
         """Nothing to close."""
+
+
+FAULTS = {
+    1: "a coordinate, speed or acceleration is too large or not finite",
+    2: "MuJoCo ran out of contact or constraint memory",
+    3: "the robot's mass matrix is singular: a link without inertia",
+}  # by fault number of `BackendState`
+# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains exceeds them by far.
+MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
+_WARNING = mujoco.mjtWarning
+_FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
+_SINGULAR = int(_WARNING.mjWARN_INERTIA)
+_BAD = (int(_WARNING.mjWARN_BADQPOS), int(_WARNING.mjWARN_BADQVEL), int(_WARNING.mjWARN_BADQACC))
+
+
+class WorldArrays(NamedTuple):
+    """Addresses and views of one MjModel and MjData, for compiled code."""
+
+    step: int
+    model: int
+    data: int
+    qpos: np.ndarray
+    qvel: np.ndarray
+    applied: np.ndarray  # (nv,) generalized force, the joints last
+    damping: np.ndarray  # (joints,) implicit damping of the joints in the model [N·m·s/rad], a view
+    passive: np.ndarray  # (joints,) damping in addition to that of the motors [N·m·s/rad]
+    strength: np.ndarray  # (joints,) factors on torque and damping of the motors
+    torque: np.ndarray  # (joints,) of the last physics step [N·m]
+    encoder_offset: np.ndarray  # (joints,) reading of the encoders at true zero [rad]
+    commands: np.ndarray  # (rows, joints) delay line of position targets, in true angles [rad]; state
+    clock: np.ndarray  # (1,) int64: control steps since reset; state
+    delays: np.ndarray  # (steps,) or (1,) int64: age of the targets in each control step [physics steps]
+    geoms: np.ndarray  # (geoms, 3) positions at the beginning of the last physics step [m], a view
+    feet: np.ndarray  # (legs,) int64: indices of the feet's geoms
+    warnings: np.ndarray  # (kinds of warning,) int32: number of MuJoCo's warnings since the reset
+    push: np.ndarray  # (steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)
+    physics_dt: float
+    substeps: int
+
+
+@njit(cache=True, nogil=True, inline="always")
+def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
+    """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
+
+    Writes the motors' torque on the joints, including the damping that the engine integrates, to ``world.torque``.
+    """
+    total, n = 0.0, target.shape[0]
+    q, dq = world.qpos[world.qpos.shape[0] - n :], world.qvel[world.qvel.shape[0] - n :]
+    applied = world.applied[world.applied.shape[0] - n :]
+    step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
+    for joint in range(n):
+        world.torque[joint] *= world.strength[joint]
+        applied[joint] = world.torque[joint]
+        world.damping[joint] = world.strength[joint] * motors.damping[joint] + world.passive[joint]
+    mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
+    for joint in range(n):
+        world.torque[joint] -= world.strength[joint] * motors.damping[joint] * dq[joint]
+        total += world.torque[joint] * world.torque[joint]
+    return total
+
+
+@njit(cache=True, nogil=True, inline="always")
+def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: int) -> int:
+    """Age in control steps of the newest target that has arrived, ``substep`` physics steps after step ``step``.
+
+    ``delays`` (steps,) or (1,) is the delay of the target of every control step [physics steps].
+    """
+    late = 0
+    while late <= step and delays[(step - late) % delays.shape[0]] > late * substeps + substep:
+        late += 1
+    return late
+
+
+@njit(cache=True, nogil=True, inline="always")
+def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
+    """Hold (joints,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
+
+    The motors get the targets after ``world.delays``, in the angles of their encoders; a push acts on the origin of the
+    chassis.
+    """
+    step = world.clock[0]
+    newest = write_line(world.commands, 0, step, target)
+    for joint in range(target.shape[0]):
+        world.commands[newest, joint] -= world.encoder_offset[joint]
+    if world.push.shape[0] > 0:
+        here = step % world.push.shape[0]
+        world.applied[0], world.applied[1] = world.push[here, 0], world.push[here, 1]
+    total = 0.0
+    for k in range(world.substeps):
+        late = control_steps_late(world.delays, step, k, world.substeps)
+        total += physics_step(world, motors, world.commands[row_of_age(world.commands, 0, newest, late)])
+    world.clock[0] = step + 1
+    return total / world.substeps
+
+
+@njit(cache=True, nogil=True)
+def has_diverged(qpos: np.ndarray, qvel: np.ndarray) -> bool:
+    """Whether a state (qpos, qvel of MuJoCo) is not finite or beyond the limits: fault 1, in every engine."""
+    free = qpos.shape[0] > qvel.shape[0]
+    for index in range(qpos.shape[0]):
+        if not np.isfinite(qpos[index]) or (free and index < 3 and abs(qpos[index]) > MAX_POSITION):
+            return True
+    for index in range(qvel.shape[0]):
+        largest = MAX_SPEED if free and index < 3 else MAX_ANGULAR_SPEED
+        if not abs(qvel[index]) <= largest:  # true for NaN too
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, inline="always")
+def find_fault(world: WorldArrays) -> int:
+    """Key of FAULTS of the fault since the reset, or 0."""
+    if world.warnings[_FULL[0]] > 0 or world.warnings[_FULL[1]] > 0:
+        return 2
+    for kind in _BAD:
+        if world.warnings[kind] > 0:
+            return 1
+    if has_diverged(world.qpos, world.qvel):
+        return 1
+    return 3 if world.warnings[_SINGULAR] > 0 else 0  # a diverged state makes it singular too
+
+
+@njit(cache=True, nogil=True, inline="always")
+def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> None:
+    """Write (joints,) joint angles [rad] at the encoders."""
+    measure_joint_pos(motors, world.qpos[world.qpos.shape[0] - out.shape[0] :], out)
+    for joint in range(out.shape[0]):
+        out[joint] += world.encoder_offset[joint]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def read_state(
+    world: WorldArrays, motors: ActuatorArrays, torque_squared_sum: float, measured: np.ndarray, feet: np.ndarray
+) -> BackendState:
+    """State of a free robot: views of the engine's memory, and the scratch ``measured`` (joints,), ``feet`` (legs, 3).
+
+    ``torque_squared_sum`` is that of `hold_target`.
+    """
+    qpos, qvel = world.qpos, world.qvel
+    read_joints(world, motors, measured)
+    for leg in range(feet.shape[0]):
+        feet[leg] = world.geoms[world.feet[leg]]
+    fault = find_fault(world)
+    return BackendState(qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault)
+
+
+_LIBRARY = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+
+
+def prepare_mujoco() -> int:
+    """Address of libmujoco's ``mj_step``; changes MuJoCo in the whole process.
+
+    Warnings are only counted (``mjData.warning``). Profiling timers stop: the Python bindings set a clock whose
+    readings are a tenth of the time of ``mj_step`` (docs/engines.md), and ``mujoco.set_mjcb_time`` cannot remove it. A
+    fatal error ends the process with one line: called by address, MuJoCo cannot raise an exception, and ``mju_error``
+    must not return, as MuJoCo would continue with an invalid state.
+    """
+    mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes MUJOCO_LOG.TXT; the state shows faults
+    ctypes.c_void_p.in_dll(_LIBRARY, "mjcb_time").value = None
+    ending = ctypes.cast(_end_process, ctypes.c_void_p).value
+    ctypes.c_void_p.in_dll(_LIBRARY, "mju_user_error").value = ending
+    return ctypes.cast(_LIBRARY.mj_step, ctypes.c_void_p).value or 0
+
+
+@ctypes.CFUNCTYPE(None, ctypes.c_char_p)
+def _end_process(message: bytes) -> None:
+    problem = " ".join(message.decode(errors="replace").split())
+    sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> run again: a training goes on from its checkpoint\n")
+    sys.stderr.flush()
+    os._exit(2)
+
+
+@intrinsic
+def mj_step(typingctx, function, model, data):  # pyright: ignore  # compiled signature below
+    """Advance one physics step; all three arguments are integer addresses."""
+    signature = types.void(types.intp, types.intp, types.intp)
+
+    def codegen(context, builder, signature, arguments):
+        address, *pointers = arguments
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer, pointer])
+        call = builder.inttoptr(address, kind.as_pointer())
+        builder.call(call, [builder.inttoptr(value, pointer) for value in pointers])
+        return context.get_dummy_value()
+
+    return signature, codegen
