@@ -31,8 +31,8 @@ import numpy as np
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing, clock_figures, real_time
-from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
 from motorprior.hardware.health import Measurement
+from motorprior.hardware.motions import PolicyMotion, gains_for, walk
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.serial_link import SerialLink

@@ -5,7 +5,7 @@ import pytest
 
 from motorprior.bench.excitation import EXCITATIONS, Excitation
 from motorprior.bench.recording import PRESETS, trial
-from motorprior.hardware import excitations
+from motorprior.hardware import motions
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation import playback
 
@@ -16,6 +16,6 @@ def test_a_new_excitation_is_one_entry(monkeypatch: pytest.MonkeyPatch):
     on_bench = trial(np.random.default_rng(0), "slow sine", 500, 3, PRESETS["rollout"], hold=False)
     np.testing.assert_allclose(on_bench.position_target[:, 0], np.sin(np.arange(500) * PRESETS["rollout"].period))
     simulated = playback.excitation_targets(PUPPER_V2, "slow sine", 3.0, 0.2, 0)
-    real = excitations.excitation_targets(PUPPER_V2, "slow sine", range(12), 3.0, 0.2, 8.0, 0)
+    real = motions.excitation_targets(PUPPER_V2, "slow sine", range(12), 3.0, 0.2, 8.0, 0)
     for targets in (simulated, real):
         assert targets.shape == (300, 12) and np.abs(targets - PUPPER_V2.nominal_pose).max() == pytest.approx(0.2)

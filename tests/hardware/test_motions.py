@@ -12,9 +12,8 @@ from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.commands import run_record
 from motorprior.hardware.control_loop import ramp
-from motorprior.hardware.deploy import PolicyMotion
-from motorprior.hardware.excitations import OF_ROBOTS, excitation_targets, joints_of
 from motorprior.hardware.health import Measurement
+from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, excitation_targets, joints_of
 from motorprior.hardware.protocol import FrameReader, Telemetry, framed
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.settings import RecordSettings

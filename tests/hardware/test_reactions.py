@@ -21,7 +21,7 @@ from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.commands import run_deploy, run_doctor, run_record
-from motorprior.hardware.deploy import PolicyMotion
+from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Check, check_before_arming, check_telemetry

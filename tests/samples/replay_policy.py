@@ -4,8 +4,8 @@ import json  # noqa: F401  # for the other process
 
 import numpy as np
 
-from motorprior.hardware.deploy import PolicyMotion
 from motorprior.hardware.health import Measurement
+from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2

@@ -18,9 +18,9 @@ from typing import Any
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.hardware import deploy, teleop
+from motorprior.hardware import motions, teleop
 from motorprior.hardware.control_loop import clock_figures
-from motorprior.hardware.excitations import excitation_targets, excite, joints_of
+from motorprior.hardware.motions import excitation_targets, excite, joints_of
 from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
@@ -51,12 +51,12 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     if settings.forward is not None:
         require_number("forward", settings.forward, *gait.forward)
     require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
-    gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
+    gains = motions.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     if settings.dry_run:
         command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             seconds, has_imu = settings.seconds or _DRY_RUN, not settings.without_imu
-            steps = deploy.dry_run(link, policy, stop, seconds, command, has_imu, show)
+            steps = motions.dry_run(link, policy, stop, seconds, command, has_imu, show)
         show(f"dry run: {steps} control steps, nothing was sent")
         return
     randomization = policy.provenance.get("randomization")
@@ -65,7 +65,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     facts = {"command": "deploy", "policy": str(path), "provenance": dict(policy.provenance)}
     with _session(robot, port, settings, gains, teleop.WALKING, show, facts) as (session, out):
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
-        deploy.walk(session, policy, steering, settings.seconds)
+        motions.walk(session, policy, steering, settings.seconds)
     show(f"stopped by {session.outcome}; {out / _LOG}")
     for name, value in clock_figures([session.timing], policy.control_dt).items():
         show(f"{name} {value:.4g}")
