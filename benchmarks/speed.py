@@ -25,8 +25,7 @@ from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
 
 STEPS, REPEATS = 500, 7

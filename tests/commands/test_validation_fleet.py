@@ -14,8 +14,7 @@ from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene
+from motorprior.simulation.scene import Scene, WalkSimulator
 
 
 def walk(folder: Path, **changes) -> Walk:

@@ -167,7 +167,6 @@ def test_an_impossible_frame_is_not_accepted(values: dict):
     assert stream.impossible_in_a_row == 0
 
 
-JOINTS = 12
 NOMINAL = spec.JOINT_SIGNS * spec.NOMINAL_POSE
 
 

@@ -15,7 +15,7 @@ from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import Episode
 
 
 def shape_of(units: int = 0, symmetric: bool = True, gait: str = "trot") -> PolicyShape:

@@ -18,8 +18,7 @@ from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import DrawMotors, Scene, WalkConfig
+from motorprior.simulation.scene import DrawMotors, Scene, WalkConfig, WalkSimulator
 
 # Compiled code is made for the processor; numpy and the C library choose theirs by it: other sums, other bits.
 HOLDS_FOR = {

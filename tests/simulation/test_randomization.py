@@ -17,8 +17,7 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization, nominal_conditions
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(

@@ -23,8 +23,7 @@ from motorprior.locomotion.policy import PolicyArrays, zero_policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, find_fault
 
 STEPS = 120

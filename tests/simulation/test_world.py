@@ -18,8 +18,7 @@ from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
 from motorprior.simulation.world import FAULTS, World, find_fault, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)

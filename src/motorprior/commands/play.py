@@ -23,8 +23,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
-from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import evaluation_seed, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene

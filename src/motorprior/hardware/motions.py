@@ -177,7 +177,6 @@ def _status_line(
 OF_ROBOTS = ("varied", "trot")  # excitations of a whole robot
 _SLOW = 0.5  # frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
 _FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
-_STATUS_PERIOD = 500  # control steps
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
@@ -258,7 +257,7 @@ def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
     period, rows = session.link.robot.control_dt, iter(targets)
 
     def show(count: int, _: Measurement) -> None:
-        if count % _STATUS_PERIOD == 0:
+        if count % (10 * _STATUS_PERIOD) == 0:
             session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:

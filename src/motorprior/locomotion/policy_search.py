@@ -43,7 +43,7 @@ class EpisodeTask(NamedTuple):
 
 
 def run_task(simulator: Any, search: PolicySearch, task: EpisodeTask) -> Any:
-    """Run one episode on a worker's simulator; returns a `simulation.rollout.Episode`."""
+    """Run one episode on a worker's simulator; returns a `simulation.scene.Episode`."""
     return simulator.run(search.policy(task.direction, task.sign), task.seed)
 
 

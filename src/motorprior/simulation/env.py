@@ -30,8 +30,17 @@ from motorprior.locomotion.control_step import (
 )
 from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.robots.robot import Robot
-from motorprior.simulation.rollout import Episode, WalkSimulator, begin_walk, complete, drawn_walker, walk_step
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import (
+    Episode,
+    Scene,
+    SimulatedBackend,
+    WalkConfig,
+    WalkSimulator,
+    begin_walk,
+    complete,
+    drawn_walker,
+    walk_step,
+)
 from motorprior.simulation.world import World
 
 
@@ -128,7 +137,7 @@ def simulator_of(scene: Scene) -> WalkSimulator | BackendSimulator:
 class BackendSimulator:
     """Runs whole episodes on any backend, with the interpreter between control steps; one per thread.
 
-    On MuJoCo the results equal those of the compiled `rollout.WalkSimulator` bit for bit.
+    On MuJoCo the results equal those of the compiled `WalkSimulator` bit for bit.
     """
 
     def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):

@@ -23,8 +23,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Episode, Scene, WalkConfig
 from motorprior.studies.environments import ENCODER_NOISE, twin_scene
 from motorprior.studies.gait_quality import share_upright
 

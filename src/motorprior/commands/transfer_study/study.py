@@ -34,8 +34,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
 from motorprior.studies import summary
 from motorprior.studies.compare import run_walks
