@@ -82,7 +82,8 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
         paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
     steps, world = paths["rollout"][0], World(robot)
     drive = np.zeros((2, steps * world.substeps, robot.num_joints))
-    recorded(world.arrays, world.reset(learned), zero_policy_targets(robot, steps), drive)
+    motors = world.reset(learned)
+    recorded(world.arrays, motors, zero_policy_targets(robot, steps), drive)
 
     def engine_alone() -> float:
         world.reset(learned)

@@ -10,7 +10,7 @@ from policies import ACTIONS, OBSERVATIONS, as_file_content, random_policy
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.policy import Policy, act, action_to_command, low_pass
+from motorprior.locomotion.policy import Policy, act, low_pass
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BODY = body_of(PUPPER_V2)
@@ -21,12 +21,6 @@ def a_policy(units=3, **changes: Any):
     arrays = random_policy(1.0, seed=3, units=units)
     arrays = arrays._replace(mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.1, 2.0, OBSERVATIONS))
     return as_file_content(arrays, provenance={"seed": 3, "prior": "abc"}, **changes)
-
-
-def command_of(action, body=BODY):
-    out = np.full(ACTIONS, np.nan)
-    action_to_command(body, np.asarray(action, dtype=float), out)
-    return out
 
 
 def acted(policy, observation):
@@ -52,14 +46,6 @@ def test_low_pass_is_the_sampled_first_order_step_response():
     for _ in range(7):
         low_pass(np.full(ACTIONS, 0.8), 0.01, state)
     np.testing.assert_allclose(state, 0.8 * (1.0 - math.exp(-2.0 * math.pi * 3.0 * 0.07)), rtol=1e-12)
-
-
-def test_zero_action_is_the_usual_gait_and_the_whole_stride():
-    command = command_of(np.zeros(ACTIONS))
-    np.testing.assert_array_equal(command[:12], 0.0)
-    assert command[12:] == pytest.approx([BODY.frequency, 1.0, 0.0, 1.0, 0.0])
-    walk = body_of(PUPPER_V2, "walk")
-    assert command_of(np.zeros(ACTIONS), walk)[15] == pytest.approx(1.0 / 3.0), "the gait's own swing/stance ratio"
 
 
 @pytest.mark.parametrize("units", [0, 3])

@@ -11,6 +11,7 @@ from motorprior.backend import BackendState
 from motorprior.locomotion.ars import ArsConfig, RunningStats
 from motorprior.locomotion.body import GAITS, GaitName, body_of
 from motorprior.locomotion.control_step import command_step, follow_command, new_gait, observe
+from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
@@ -48,10 +49,10 @@ def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
     assert merged.count == 60 and shape_of(symmetric=False).symmetric_stats(seen) is seen
 
 
-class Constant:
+class Constant(ThreadExecutor):
     """An executor whose episodes all have the same return; it records policies and tasks."""
 
-    def __init__(self, total: float):
+    def __init__(self, total: float):  # pyright: ignore[reportMissingSuperCall]
         self.total, self.walked, self.tasks = total, [], []
 
     def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:

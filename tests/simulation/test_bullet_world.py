@@ -17,7 +17,6 @@ from motorprior.simulation.world import World, physics_step
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 
-SUSPENDED, STANDING = True, False
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
 PHYSICAL = load_fleet("pupper_v2").sample(12, np.random.default_rng(0)).actuator()
 KNEE_INERTIA = 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
@@ -34,11 +33,11 @@ def motors(request, grey_box) -> tuple[str, Actuator]:
 
 @pytest.fixture
 def make():
-    """Makes a world and closes it after the test."""
+    """Makes a suspended robot and closes its world after the test."""
     worlds = []
 
-    def world(suspended: bool) -> BulletWorld:
-        worlds.append(BulletWorld(PUPPER_V2, suspended))
+    def world() -> BulletWorld:
+        worlds.append(BulletWorld(PUPPER_V2, suspended=True))
         return worlds[-1]
 
     yield world
@@ -52,15 +51,14 @@ def trot(steps):
 
 
 def played(world, motors, targets):
-    """(physics steps, 12) joint angles and torques, and (control steps, 3) base positions, as `replay` records them."""
-    arrays, joint_pos, joint_torque, base = world.reset(motors), [], [], []
+    """(physics steps, 12) joint angles and torques, as `replay` records them."""
+    arrays, joint_pos, joint_torque = world.reset(motors), [], []
     for target in targets:
-        base.append(world.base()[0])
         for _ in range(world.substeps):
             world.physics_step(arrays, target)
             joint_torque.append(world.torque.copy())
             joint_pos.append(world.joints()[0])
-    return np.array(joint_pos), np.array(joint_torque), np.array(base)
+    return np.array(joint_pos), np.array(joint_torque)
 
 
 def moved(world, motors, pose, steps):
@@ -83,7 +81,7 @@ def test_a_limp_shank_is_a_pendulum(make, engine, armature):
     mass, x, z, amplitude = 0.0381, -0.00075, -0.0658, 0.1
     rest = -np.arctan2(-x, -z)
     held = IdealPd(np.zeros(12), np.zeros(12), np.ones(12), np.array([1e3, 1e3, armature] * 4), np.zeros(12))
-    world = make(SUSPENDED) if engine == "pybullet" else World(PUPPER_V2, 0.001, SUSPENDED)
+    world = make() if engine == "pybullet" else World(PUPPER_V2, 0.001, suspended=True)
     angles = moved(world, held, np.tile([0.0, 0.0, rest + amplitude], 4), 1000)
     wave = np.sqrt(mass * GRAVITY * np.hypot(x, z) / (KNEE_INERTIA + armature))
     t = 0.001 * np.arange(1, 1001)
@@ -95,7 +93,7 @@ def test_a_limp_shank_is_a_pendulum(make, engine, armature):
 @pytest.mark.parametrize(("armature", "damping"), [(0.003, 0.0), (0.0008, 0.05)])
 def test_a_knee_with_reflected_inertia_is_a_damped_oscillator(make, armature, damping):
     # all but the knees held by rotors of 1e3 kg·m²; gravity off; (KNEE_INERTIA + armature)·ddq = -kp·q - damping·dq
-    world, kp = make(SUSPENDED), 2.0
+    world, kp = make(), 2.0
     rotors = np.array([1e3, 1e3, armature] * 4)
     motors = IdealPd(np.tile([0, 0, kp], 4), np.tile([0, 0, damping], 4), np.full(12, 1e9), rotors, np.zeros(12))
     arrays = world.reset(motors)
@@ -128,8 +126,8 @@ def test_a_suspended_robot_trots_as_in_mujoco(make, motors):
     # without contacts both integrate the same equations
     name, actuator = motors
     targets = trot(100)
-    there = replay(World(PUPPER_V2, 0.001, SUSPENDED), actuator, targets)
-    joint_pos, joint_torque, _ = played(make(SUSPENDED), actuator, targets)
+    there = replay(World(PUPPER_V2, 0.001, suspended=True), actuator, targets)
+    joint_pos, joint_torque = played(make(), actuator, targets)
     angle, torque = TOLERANCE[name]
     np.testing.assert_allclose(joint_pos, there.joint_pos, atol=angle)
     assert np.abs(joint_torque - there.joint_torque).max() < torque

@@ -55,8 +55,8 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     if settings.dry_run:
         command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
-            seconds, has_imu = settings.seconds or _DRY_RUN, not settings.without_imu
-            steps = motions.dry_run(link, policy, stop, seconds, command, has_imu, show)
+            session = Session(link, gains, stop, not settings.without_imu, status=show)
+            steps = motions.dry_run(session, policy, command, settings.seconds or _DRY_RUN)
         show(f"dry run: {steps} control steps, nothing was sent")
         return
     randomization = policy.provenance.get("randomization")
@@ -134,7 +134,7 @@ def _session(
             begun.update(
                 port=port,
                 robot=robot.name,
-                started=_now(),
+                started=datetime.now().astimezone().isoformat(timespec="seconds"),
                 settings={name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
                 gains=asdict(gains),
                 safety={name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
@@ -147,7 +147,7 @@ def _session(
                 stream = link.stream
                 frames = {name: getattr(stream, name) for name in ("accepted", "repeated", "impossible")}
                 ending = {
-                    "ended": _now(),
+                    "ended": datetime.now().astimezone().isoformat(timespec="seconds"),
                     "outcome": outcome,
                     "message": message,
                     "position_clips": link.gate.position_clips,
@@ -169,16 +169,10 @@ def _session(
         end(session.outcome, None)
 
 
-def _now() -> str:
-    return datetime.now().astimezone().isoformat(timespec="seconds")
-
-
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:
     """Check the telemetry of a robot and show every finding; sends nothing, or only idle.
 
-    Raises:
-        ConfigError: settings out of range.
-        RobotFault: no telemetry comes, or the first check that failed.
+    Raises ConfigError for settings out of range, RobotFault if no telemetry comes and for the first failed check.
     """
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:

@@ -74,10 +74,7 @@ def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot; raises if the host is too slow.
-
-    ``stop`` is called before every step; True ends the motion.
-    """
+    """Plays motions on an armed robot, until ``stop`` returns True before a step; raises if the host is too slow."""
 
     def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Callable[[], bool]):
         self._link, self._period, self._stop = link, link.robot.control_dt, stop

@@ -91,10 +91,7 @@ class Tracking:
         self._window: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def restart_window(self, now: float) -> None:
-        """Detect stuck joints only from ``now`` [s] on: the host paused, and no target moved meanwhile.
-
-        At most once a second, so that many pauses cannot hide a stuck joint.
-        """
+        """After a pause of the host, detect stuck joints from ``now`` [s] on; once a second, so as to hide none."""
         if now - self._restart >= 1.0:
             self._window, self._restart = [], now
 
@@ -139,10 +136,7 @@ class SlowHost:
         self._late = deque([0.0] * 100, maxlen=100)
 
     def check(self, late: float) -> None:
-        """Add the lateness [s] of a step: of its command, or of its end if that missed the next deadline.
-
-        Raise if one step is far too late, too many steps are late, or the sum is too large.
-        """
+        """Add the lateness [s] of a command, or of a step that missed the next deadline; raise if it is too much."""
         limits = self._limits
         self._late.append(late if late > 0.5 * self._period else 0.0)
         num_late, total = len(self._late) - self._late.count(0.0), sum(self._late)

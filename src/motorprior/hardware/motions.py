@@ -14,8 +14,8 @@ from motorprior.hardware.control_loop import ControlLoop, Motion
 from motorprior.hardware.health import Measurement
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.session import Session, StopRequest, check_before_arming
-from motorprior.hardware.teleop import Teleop
+from motorprior.hardware.session import Session, check_before_arming
+from motorprior.hardware.teleop import Print, Teleop
 from motorprior.locomotion.body import YAW_RATE, action_size, body_of, open_loop_gait
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait, write_readings
 from motorprior.locomotion.policy import Policy, act
@@ -98,10 +98,8 @@ def walk(
 ) -> None:
     """Check an idle robot, arm it, stand up, walk as ``steering`` commands, crouch.
 
-    It walks for ``seconds`` [s] or until the session is stopped. The status is a line twice a second.
-
-    Raises:
-        RobotFault: a fault ended the walk early; the robot is idle.
+    It walks for ``seconds`` [s] or until the session is stopped. The status is a line twice a second. Raises RobotFault
+    if a fault ended the walk early; the robot is idle.
     """
     motion = PolicyMotion(session.link.robot, policy, session.need_imu)
     motion.gyro_bias = session.check(motion.warm_up)
@@ -123,26 +121,18 @@ def walk(
     session.run(work, stopping=motion.stopping)
 
 
-def dry_run(
-    link: RobotLink,
-    policy: Policy,
-    stop: StopRequest,
-    seconds: float,
-    command: tuple[float, float],
-    has_imu: bool,
-    status: Callable[[str], None],
-) -> int:
+def dry_run(session: Session, policy: Policy, command: tuple[float, float], seconds: float) -> int:
     """Number of control steps of a walk that is computed from an idle robot's telemetry; nothing is sent.
 
     ``command`` is speed [m/s] and yaw rate [rad/s]. Other arguments and errors are those of `walk`.
     """
-    motion = PolicyMotion(link.robot, policy, has_imu)
+    link, motion = session.link, PolicyMotion(session.link.robot, policy, session.need_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
     motion.warm_up(measurement)
     motion.forward, motion.yaw_rate = command
-    show, steps, deadline = _status_line(link, motion, status), 0, time.monotonic()
+    show, steps, deadline = _status_line(link, motion, session.status), 0, time.monotonic()
     end = deadline + seconds
-    while deadline < end and not stop():
+    while deadline < end and not session.stop():
         deadline += policy.control_dt
         link.receive(deadline)
         measurement = link.check()
@@ -154,10 +144,8 @@ def dry_run(
     return steps
 
 
-def _status_line(
-    link: RobotLink, motion: PolicyMotion, status: Callable[[str], None]
-) -> Callable[[int, Measurement], None]:
-    """Calls ``status`` with a line now and then."""
+def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> Callable[[int, Measurement], None]:
+    """A function of the number of steps that calls ``status`` with a line now and then."""
 
     def show(count: int, measurement: Measurement) -> None:
         if count % _STATUS_PERIOD:
@@ -182,9 +170,7 @@ _FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
     """Indices of all joints (``all``), of one (FR_knee), or of a leg or kind of joint (FR, knee)."""
     names = robot.joint_names
-    if name in names:
-        return (names.index(name),)
-    indices = tuple(index for index, joint in enumerate(names) if name == "all" or name in joint.split("_"))
+    indices = tuple(index for index, joint in enumerate(names) if name in ("all", joint, *joint.split("_")))
     if not indices:
         parts = dict.fromkeys(part for joint in names for part in joint.split("_"))
         valid = f"all, {', '.join((*parts, names[0]))}, ..."

@@ -169,10 +169,7 @@ IDLE_FRAME = framed(IDLE, 0)  # the same for every robot: it holds no array
 
 
 class FrameReader(Generic[Message]):
-    """Reads messages of a kind and lines of text from bytes: telemetry on the host, commands on the robot.
-
-    It buffers at most one frame and one line.
-    """
+    """Reads messages of a kind and lines of text from bytes; it buffers at most one frame and one line."""
 
     def __init__(self, kind: type[Message], joints: int):
         self._kind, self._joints, self._format = kind, joints, _FORMATS[kind]

@@ -118,9 +118,7 @@ class RobotLink:
     def arm(self, gains: Gains) -> None:
         """Start the watchdog, and hold the joints at their present positions with the first command.
 
-        Raises:
-            ConfigError: gains out of range.
-            RobotFault: a fault of the robot or the watchdog.
+        Raises ConfigError for gains out of range, RobotFault for a fault of the robot or the watchdog.
         """
         self._ignored.clear()
         self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog)

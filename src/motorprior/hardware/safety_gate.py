@@ -42,14 +42,7 @@ class Gains:
 
 
 class SafetyGate:
-    """Limits of position, slew rate, gains and current.
-
-    Attributes:
-        slow: limit targets to ``slow_speed``: while standing up and crouching.
-        position_clips: joint targets clipped to the joint limits.
-        slew_clips: joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves.
-        gains: the command with gains and current limit; some firmwares ignore them in a command with ``pos``.
-    """
+    """Limits of position, slew rate, gains and current."""
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._signs, self._lower, self._upper = robot.require_wire().joint_signs, robot.lower, robot.upper
@@ -57,9 +50,11 @@ class SafetyGate:
         self._limits, self._max_step = limits, 2.0 * robot.control_dt
         self._target: np.ndarray | None = None
         self._fault: RobotFault | None = None
-        self._time, self._crouching, self.slow = 0.0, False, False
-        self.position_clips = self.slew_clips = 0
-        self.gains = Command()
+        self._time, self._crouching = 0.0, False
+        self.slow = False  # limit targets to ``slow_speed``: while standing up and crouching
+        self.position_clips = 0  # joint targets clipped to the joint limits
+        self.slew_clips = 0  # joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves
+        self.gains = Command()  # with the current limit; some firmwares ignore them in a command with ``pos``
 
     @property
     def target(self) -> np.ndarray | None:
@@ -69,9 +64,7 @@ class SafetyGate:
     def arm(self, gains: Gains, joint_pos: np.ndarray, now: float) -> None:
         """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump.
 
-        Raises:
-            ConfigError: gains out of range.
-            RobotFault: after a fault.
+        Raises ConfigError for gains out of range, RobotFault after a fault.
         """
         gains.check(self._limits)
         if self._fault is not None:

@@ -47,10 +47,7 @@ class Teleop:
         self._forward, self._yaw_rate = command
 
     def command(self) -> tuple[float, float] | None:
-        """Speed [m/s], reduced in turns, and yaw rate [rad/s].
-
-        None to stop: at q, at a gamepad button, and if the terminal or the gamepad is lost.
-        """
+        """Speed [m/s], reduced in turns, and yaw rate [rad/s]; None at q, at a gamepad button, or if either is lost."""
         for file, handle in ((self._keyboard, self._on_keys), (self._gamepad, self._on_events)):
             if file is None or not select.select([file], [], [], 0.0)[0]:
                 continue

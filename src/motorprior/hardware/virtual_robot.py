@@ -124,10 +124,7 @@ class Firmware:
 
 
 class VirtualRobot:
-    """A virtual robot at a pseudo-terminal, in real time, in a thread or a process of its own.
-
-    A host that opens ``port`` communicates as with a Teensy on /dev/ttyACM0, over the same kind of serial port.
-    """
+    """A virtual robot in real time: a host opens the pseudo-terminal ``port`` like the port of a Teensy."""
 
     def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
         self.events: list[tuple[float, str]] = []  # time on the monotonic clock [s], mode or "target"

@@ -61,10 +61,7 @@ class Watchdog:
             raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
 
     def end(self, idle_sent: bool, patience: float = 2.0) -> None:
-        """End the process, by force after ``patience`` [s].
-
-        Without ``idle_sent`` it first sends idle for a second, as after the host's death.
-        """
+        """End the process, by force after ``patience`` [s]; without ``idle_sent`` it first sends idle for a second."""
         if idle_sent:
             with contextlib.suppress(OSError):
                 os.write(self._heartbeats, b"q")

@@ -50,11 +50,7 @@ class Commands:
         return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
 
     def extend_range(self, robot: Robot) -> Robot:
-        """The robot with its speed range extended by that of these commands.
-
-        Raises:
-            ConfigError: a yaw rate outside the robot's range.
-        """
+        """The robot with its speed range extended by theirs; ConfigError for a yaw rate outside its range."""
         limit, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
         if self.yaw_rate is not None:
             require_range("commands.yaw_rate", self.yaw_rate, -limit, limit)
@@ -78,10 +74,7 @@ class Commands:
 
 @dataclass(frozen=True)
 class Timetable:
-    """Commands at given times, the same in every episode.
-
-    The rows are time [s], speed [m/s] and yaw rate [rad/s], held until the next; times increase.
-    """
+    """Rows of time [s], speed [m/s] and yaw rate [rad/s], each held until the next; the same in every episode."""
 
     rows: tuple[tuple[float, float, float], ...]
 

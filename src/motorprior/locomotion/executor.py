@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, TypeVar
 
 from motorprior.exceptions import ConfigError, SimulationFault
 
@@ -33,18 +33,6 @@ MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the b
 _REMEDY = "read Ray's logs; finished iterations are kept"
 _SIMULATORS: dict[str, Any] = {}  # in a worker process: of the latest two executors, training and evaluation
 _NUMBERS = itertools.count()
-
-
-class Executor(Protocol):
-    """Maps a function of (simulator, shared, task) over tasks."""
-
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``; the function may depend on its arguments only."""
-        ...
-
-    def close(self) -> None:
-        """Wait for running tasks, stop the workers."""
-        ...
 
 
 def make_executor(
@@ -88,7 +76,7 @@ class ThreadExecutor:
         self._pool = ThreadPoolExecutor(workers)
 
     def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """See `Executor.map`."""
+        """Results in the order of ``tasks``; the function may depend on its arguments only."""
 
         def run(task: Any) -> Result:
             simulator = self._idle.get()
@@ -100,7 +88,7 @@ class ThreadExecutor:
         return list(self._pool.map(run, tasks))
 
     def close(self) -> None:
-        """See `Executor.close`."""
+        """Wait for running tasks, stop the workers."""
         self._pool.shutdown(cancel_futures=True)
         for simulator in self._simulators:
             simulator.close()
@@ -118,7 +106,7 @@ class RayExecutor:
         self._run = self._ray.remote(_run_chunk).options(**options)
 
     def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``.
+        """See `ThreadExecutor.map`.
 
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
@@ -149,6 +137,9 @@ class RayExecutor:
     def close(self) -> None:
         """Stop the cluster, or leave it, if this executor joined it."""
         self._cluster.close()
+
+
+Executor = ThreadExecutor | RayExecutor  # maps a function of (simulator, shared, task) over tasks
 
 
 def chunk_size(tasks: int, workers: int) -> int:

@@ -25,8 +25,7 @@ Range = tuple[float, float]
 class Randomization:
     """Ranges of uniform distributions, sampled in every episode; the defaults change nothing.
 
-    Raises:
-        ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
+    ConfigError for a range whose first number is larger, or a value out of bounds or of another type.
     """
 
     armature: Range = (0.0, 0.0)  # range of the reflected inertia added to each joint [kg·m²]

@@ -29,9 +29,7 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, for the calling thread only.
 
     The environment variable MUJOCO_GL (egl, osmesa, glfw) selects the OpenGL library; EGL on Linux if not set.
-
-    Raises:
-        ConfigError: OpenGL does not work.
+    ConfigError if OpenGL does not work.
     """
     model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
     set_view_and_light(model, option)
@@ -119,8 +117,7 @@ def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
     """Play walks (F, 7 + joints), with ``control_dt`` [s] between frames, repeatedly until the window is closed.
 
-    Raises:
-        ConfigError: no window can be opened.
+    ConfigError if no window can be opened.
     """
     import mujoco.viewer  # here, since it needs a screen
 

@@ -14,7 +14,7 @@ from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.actuator.registry import DrawMotors
 from motorprior.backend import BackendState
-from motorprior.bounds import require_count, require_finite
+from motorprior.bounds import require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import update_stats
@@ -104,7 +104,6 @@ class SimulatedBackend:
 
     def __init__(self, scene: Scene):
         self._scene, self.world = scene, scene.world()
-        self._motors: ActuatorArrays | None = None
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose; ``seed`` determines everything random."""
@@ -112,15 +111,8 @@ class SimulatedBackend:
         return self.world.state(self._motors, 0.0)
 
     def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (joints,) targets [rad] for one control step.
-
-        Raises:
-            ConfigError: no reset before; another shape, or a target that is not finite.
-        """
-        if self._motors is None:
-            raise ConfigError("step() outside an episode", remedy="call reset() first")
-        target = require_finite("position_target", position_target, (self._scene.robot.num_joints,))
-        return self.world.state(self._motors, self.world.hold(self._motors, target))
+        """Hold (joints,) targets [rad], finite float64, for one control step."""
+        return self.world.state(self._motors, self.world.hold(self._motors, position_target))
 
     def close(self) -> None:
         """Close the engine."""

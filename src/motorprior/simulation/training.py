@@ -116,19 +116,14 @@ Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Ite
 class TrainingFiles:
     """Checkpoint of a running training, and metrics.jsonl with a point of the curve per line.
 
-    Interrupted at any time, a training continues from its checkpoint to the same bytes, if the `stage.description` in
-    it is ``wanted``.
+    An interrupted training continues to the same bytes if the `stage.description` in its checkpoint is ``wanted``.
     """
 
     def __init__(self, folder: Path, wanted: Mapping[str, Any]):
         self._folder, self._wanted = folder, wanted
 
     def begin(self, search: PolicySearch) -> Curve:
-        """Restore a search from the checkpoint, if there is one. Returns the curve so far.
-
-        Raises:
-            ArtifactError: a damaged checkpoint.
-        """
+        """Restore a search from the checkpoint, if any; returns the curve so far. ArtifactError if it is damaged."""
         curve, path = [], self._folder / CHECKPOINT
         if path.is_file():
             try:
@@ -150,10 +145,7 @@ class TrainingFiles:
 
 
 class Training:
-    """A training: call `run`, then `policy`. See `train_policy` for the arguments; ``where`` names ``start`` in errors.
-
-    The robot gets the speed range of the training; the curve has a point per iteration.
-    """
+    """A training: call `run`, then `policy`. See `train_policy` for arguments and errors; ``where`` names ``start``."""
 
     def __init__(
         self,
@@ -196,11 +188,7 @@ class Training:
         ray_address: str | None = None,
         files: TrainingFiles | None = None,
     ) -> None:
-        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one.
-
-        Raises:
-            SimulationFault: every episode had one.
-        """
+        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one."""
         require_count("workers", workers)
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search, settings = self.search, self.settings

@@ -53,35 +53,13 @@ class World:
         self.robot, self.is_fixed = robot, suspended or robot.base == "fixed"
         self.physics_dt, self.control_dt = physics_dt or robot.physics_dt, control_dt or robot.control_dt
         self.substeps = substeps_of(self.control_dt, self.physics_dt)
-        step = prepare_mujoco()
+        self._step = prepare_mujoco()
         self.model = build_model(robot, self.physics_dt, suspended)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
         self.first_joint, self.first_dof = (0, 0) if self.is_fixed else (7, 6)
-        joints = robot.num_joints
         self._nominal_conditions = nominal_conditions(robot)
-        self.arrays = WorldArrays(
-            step=step,
-            model=self.model._address,
-            data=self.data._address,
-            qpos=self.data.qpos,
-            qvel=self.data.qvel,
-            applied=self.data.qfrc_applied,
-            damping=self.model.dof_damping[self.first_dof :],
-            passive=np.zeros(joints),
-            strength=np.ones(joints),
-            torque=np.zeros(joints),
-            encoder_offset=np.zeros(joints),
-            commands=np.zeros((int(np.ceil(2.0 * MAX_DELAY / self.control_dt)) + 1, joints)),  # delay and jitter
-            clock=np.zeros(1, np.int64),
-            delays=np.zeros(1, np.int64),
-            geoms=self.data.geom_xpos,
-            feet=np.array([self.model.geom(leg.foot).id for leg in robot.legs], np.int64),
-            warnings=self.data.warning.number,
-            push=np.zeros((0, 2)),
-            physics_dt=self.physics_dt,
-            substeps=self.substeps,
-        )
+        self._feet = np.array([self.model.geom(leg.foot).id for leg in robot.legs], np.int64)
         self._applied = self._nominal_conditions
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
@@ -99,15 +77,31 @@ class World:
         self._apply(conditions)
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_armature[self.first_dof :] = actuator.armature + conditions.armature
-        arrays = self.arrays
-        arrays.passive[:] = conditions.damping
-        arrays.strength[:] = conditions.strength
-        arrays.damping[:] = conditions.strength * actuator.damping + conditions.damping
-        arrays.encoder_offset[:] = conditions.encoder_offset
-        arrays.commands[:] = joint_pos
-        arrays.clock[:] = 0
-        arrays.torque[:] = 0.0  # or a trace would begin with the previous episode's
-        self.arrays = arrays._replace(push=conditions.push, delays=conditions.delay_steps(self.physics_dt))
+        damping = self.model.dof_damping[self.first_dof :]
+        damping[:] = conditions.strength * actuator.damping + conditions.damping
+        rows = int(np.ceil(2.0 * MAX_DELAY / self.control_dt)) + 1  # delay and jitter
+        self.arrays = WorldArrays(
+            step=self._step,
+            model=self.model._address,
+            data=self.data._address,
+            qpos=self.data.qpos,
+            qvel=self.data.qvel,
+            applied=self.data.qfrc_applied,
+            damping=damping,
+            passive=conditions.damping,
+            strength=conditions.strength,
+            torque=np.zeros(self.robot.num_joints),
+            encoder_offset=conditions.encoder_offset,
+            commands=np.tile(joint_pos, (rows, 1)),
+            clock=np.zeros(1, np.int64),
+            delays=conditions.delay_steps(self.physics_dt),
+            geoms=self.data.geom_xpos,
+            feet=self._feet,
+            warnings=self.data.warning.number,
+            push=conditions.push,
+            physics_dt=self.physics_dt,
+            substeps=self.substeps,
+        )
         self.data.qpos[self.first_joint :] = joint_pos
         motors = actuator.arrays(self.physics_dt)
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
