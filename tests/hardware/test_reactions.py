@@ -138,8 +138,7 @@ def test_a_fault_is_reported_and_ends_in_its_safe_state(walk_into: Callable[...,
 def test_an_error_of_the_firmware_is_reported(walk_into: Callable[..., Incident]):
     """12 A, which a host without currents cannot detect; the firmware removes the current by itself."""
     incident = walk_into(inject("surge"))
-    assert isinstance(incident.error, RobotFault) and incident.error.kind == "firmware"
-    assert incident.port.firmware.mode == ERROR
+    assert getattr(incident.error, "kind", "") == "firmware" and incident.port.firmware.mode == ERROR
 
 
 def test_after_a_pause_within_the_limit_the_robot_walks_on(walk_into: Callable[..., Incident], tmp_path: Path):

@@ -32,11 +32,10 @@ class GlidingBackend:
     """Joints follow at once, the base glides forward by 3 mm per step; falls or fails on request."""
 
     def __init__(self, fall_at=10**9, fail_at=10**9):
-        self.fall_at, self.fail_at, self.targets, self.seeds, self.closed = fall_at, fail_at, [], [], False
+        self.fall_at, self.fail_at, self.targets = fall_at, fail_at, []
 
     def reset(self, seed):
         rng = np.random.default_rng(seed)
-        self.seeds.append(seed)
         self.start, self.count, self.joints = rng.normal(0.0, 0.01, 2), 0, NOMINAL_POSE.copy()
         return self._state()
 
@@ -47,7 +46,7 @@ class GlidingBackend:
         return self._state()
 
     def close(self):
-        self.closed = True
+        pass
 
     def _state(self):
         return BackendState(

@@ -72,11 +72,6 @@ KINDS = {  # motors, physics step [s]
 }
 
 
-def simulator_of(kind, walk):
-    draw, physics_dt = KINDS[kind]
-    return WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt))
-
-
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 CLUMSY = random_policy(3.0, seed=4, std=0.5)
 
@@ -156,7 +151,7 @@ def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_zero_policy_trots_and_stays_up(kind):
-    simulator = simulator_of(kind, WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)))
-    episode = simulator.run(zero_policy(12), 0, trace=True)
+    walk, (draw, physics_dt) = WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)), KINDS[kind]
+    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(zero_policy(12), 0, trace=True)
     assert episode.steps == STEPS and episode.fault == 0 and episode.motion.shape == (STEPS, 6 + 24)
     assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings

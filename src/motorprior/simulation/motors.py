@@ -45,9 +45,8 @@ class SimulatedMotors(NamedTuple):
 def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     """The motors of a robot's episodes, drawn once to find errors and the physics step.
 
-    Raises:
-        ConfigError, ArtifactError: an unknown kind or option, a value out of range, a file that cannot be read, or
-            motors of another robot, of another number or of an unknown type.
+    ConfigError or ArtifactError for an unknown kind or option, a value out of range, a file that cannot be read, or
+    motors of another robot or number.
     """
     options, fleet = {}, motors if isinstance(motors, Fleet) else None
     if isinstance(motors, str):
@@ -184,9 +183,7 @@ def motors_as_json(text: str, folder: Path) -> dict[str, Any]:
 def motors_from_json(data: Any, policy: Path) -> str:
     """The text from `motors_as_json`, stored in the file ``policy``, with the paths of the files.
 
-    Raises:
-        ArtifactError: unknown or missing keys, or a value of another type.
-        ConfigError: a file is missing or has changed, or the text chooses no motors.
+    ArtifactError for other keys or types, ConfigError if a file is missing or has changed, or for a wrong text.
     """
     if not isinstance(data, dict):
         problem, remedy = "its provenance does not record the motors of its training", "evaluate it on a twin"

@@ -94,10 +94,7 @@ def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -
 
 
 def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
-    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m] in the world frame.
-
-    Lines from each body's parent to the body, then from the last body of each leg to its foot.
-    """
+    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m]: between bodies, then to the feet."""
     model = build_model(robot)
     data = mujoco.MjData(model)
     bodies = np.array([body for body in range(1, model.nbody) if model.body_parentid[body]])

@@ -97,7 +97,6 @@ def train_policy(
             or symmetry of a robot or a gait that has none.
         ArtifactError: a robot or a validation fleet that cannot be read.
         SimulationFault: every episode had one.
-        TypeError: an unknown field.
     """
     robot, settings, seed = as_robot(robot), settings or WalkSettings(), changes.pop("seed", None)
     settings = replace(settings, **changes)
@@ -176,8 +175,7 @@ class Training:
         for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
             progress.note(line)
         if self.robot.fleets and self._validation == self.robot.default_fleet:
-            biased = "note: validation uses the fleet of the twin, so results on this twin are biased"
-            progress.note(f"{biased}: evaluate the policy on another fleet, or validate on another")
+            progress.note("note: results on the twin are biased: validation uses its fleet; evaluate on another fleet")
 
     def run(
         self,
