@@ -1,6 +1,6 @@
 """Run a module as on the robot's own computer: only the standard library and four packages can be imported.
 
-python bare_environment.py MODULE ARGS... or python bare_environment.py -c CODE; with wide limits of lateness, for a busy computer
+python bare_environment.py MODULE ARGS... or -c CODE; the limits of lateness are wide, for a busy computer.
 """
 
 import dataclasses

@@ -155,7 +155,7 @@ class _Witness(SimulatedPort):
 def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     port = _Witness()
     with on_its_clock(port):
-        settings = RecordSettings(tmp_path, excitation="sine", seconds=2.0, yes=True)
+        settings = RecordSettings(tmp_path, excitation="sine", seconds=4.0, yes=True)
         run_record(PUPPER_V2, port.port, settings, lambda _: None)
     log = read_robot_run(tmp_path / "run.csv", PUPPER_V2, period=0.001)
     first, count, acted = round(1e3 * log.time[0]), log.num_rows - 20, np.array(port.targets)
