@@ -10,7 +10,7 @@ import re
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from motorprior.exceptions import MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
@@ -43,7 +43,7 @@ def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
     for field in fields(settings):
         hint, option = get_type_hints(settings)[field.name], f"--{field.name.replace('_', '-')}"
         kind = (get_args(hint) or (hint,))[0]  # of an optional setting, that of its value
-        how = {"action": "store_true"} if kind is bool else {"type": kind, "default": field.default}
+        how: dict[str, Any] = {"action": "store_true"} if kind is bool else {"type": kind, "default": field.default}
         command.add_argument(option, help=" ".join(texts[field.name].split()).replace("%", "%%"), **how)
 
 

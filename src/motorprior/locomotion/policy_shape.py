@@ -132,8 +132,8 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
     swap = sign[:, None] * np.eye(robot.num_joints)[joints]
     tilt, followed = [-1.0, 1.0, -1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, -1.0, phase, phase]
     return Mirror(
-        block_diag(np.diag(tilt), swap, np.diag([*followed, 1.0])),
-        block_diag(swap, np.diag([1.0, 1.0, 1.0, 1.0, -1.0])),
+        np.asarray(block_diag(np.diag(tilt), swap, np.diag([*followed, 1.0]))),
+        np.asarray(block_diag(swap, np.diag([1.0, 1.0, 1.0, 1.0, -1.0]))),
     )
 
 

@@ -88,8 +88,8 @@ def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -
     for line in range(middle - count, middle + count + 1):
         shade, width = (0.45, 0.04) if line % 5 == 0 else (0.75, 0.02)
         size, center = [width * gap, reach, 0.01 * gap], [line * gap, y, 0.0]
-        geom, box, color = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_BOX, np.float32([shade, shade, shade, 1.0])
-        mujoco.mjv_initGeom(geom, box, size, center, np.eye(3).ravel(), color)
+        color, box = np.array([shade, shade, shade, 1.0], np.float32), mujoco.mjtGeom.mjGEOM_BOX
+        mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, center, np.eye(3).ravel(), color)
         scene.ngeom += 1
 
 
