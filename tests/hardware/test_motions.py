@@ -30,7 +30,6 @@ from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 from simulated_port import SimulatedPort, on_its_clock
 
 WIRE = PUPPER_V2.require_wire()
-JOINTS = 12
 
 
 class CopiedBody:
@@ -71,7 +70,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = CopiedBody(spy.state)
-    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig()), FrameReader(Telemetry, JOINTS)
+    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig()), FrameReader(Telemetry, 12)
     gate = SafetyGate(PUPPER_V2, WIRE.safety)
     gate.arm(Gains.of(WIRE), spec.NOMINAL_POSE, 0.0)
     for step in range(200):
@@ -83,7 +82,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         act(policy.arrays, observation, action)
         observation, _, terminated, _, info = env.step(action)
         np.testing.assert_allclose(target, info["position_target"], rtol=0, atol=2e-6)
-        firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), JOINTS))
+        firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), 12))
         firmware.advance(0)
         assert not terminated
         np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)

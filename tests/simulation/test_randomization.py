@@ -29,7 +29,6 @@ EVERYTHING = Randomization(
 )  # fmt: skip
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 WITH_FRICTION = replace(PD, coulomb=np.full(12, 0.05))
-LIMP = IdealPd.uniform(12, kp=0.0, kd=0.0, torque_limit=1.0)
 POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 STEPS = 100
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
