@@ -38,7 +38,7 @@ from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.exceptions import LogError, RobotFault
 from motorprior.hardware import commands
-from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings
+from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.identification.adapt import advice_on_weak_motors
 from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.ars import ArsConfig
@@ -76,7 +76,7 @@ class RobotCase:
         return out / (f"robot_{self.number}" if self.wear == "none" else f"robot_{self.number}_{self.wear}")
 
 
-def record(robot: RobotCase, folder: Path, seconds: float, excitation: Excitation) -> Path:
+def record(robot: RobotCase, folder: Path, seconds: float, excitation: str) -> Path:
     """Recording of the suspended robot, as a motor log."""
     log = folder / f"log_{excitation}_{seconds:g}" / "run.parquet"
     if not log.is_file():
@@ -92,14 +92,14 @@ def record(robot: RobotCase, folder: Path, seconds: float, excitation: Excitatio
 def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> Outcome:
     """One walk on the ground, straight at this speed [m/s]."""
     port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=WEAR[robot.wear]), None
-    start = port.body.simulated.position()
+    start = port.body.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
             settings = DeploySettings(Path(out), seconds=SECONDS, forward=speed, yes=True)
             commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault as error:
             fault = error.kind
-    return Outcome(port.path, float(np.hypot(*(port.body.simulated.position() - start))), fault)
+    return Outcome(port.path, float(np.hypot(*(port.body.position() - start))), fault)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Training:
 
 
 def posterior_of(
-    robot: RobotCase, folder: Path, prior: Path, seconds: float, excitation: Excitation = "varied"
+    robot: RobotCase, folder: Path, prior: Path, seconds: float, excitation: str = "varied"
 ) -> tuple[Path, bool]:
     """The posterior of the robot's motors from a recording, and whether a motor is an outlier."""
     posterior = folder / f"posterior_{excitation}_{seconds:g}" / POSTERIOR

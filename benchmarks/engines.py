@@ -27,6 +27,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
 from motorprior.simulation import bullet_world
 from motorprior.simulation.bullet_world import BulletWorld
+from motorprior.simulation.env import simulator_of
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import ENGINES, Scene, WalkConfig
 from motorprior.simulation.world import World
@@ -128,7 +129,7 @@ def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
     for kind in KINDS[:-1]:
         for engine in ENGINES:
             scene = Scene(PUPPER_V2, partial(motors_of, kind, prior), WalkConfig(engine=engine), 0.001)
-            search, executor = PolicySearch(ArsConfig(), SHAPE), make_executor(scene.simulator, 1)
+            search, executor = PolicySearch(ArsConfig(), SHAPE), make_executor(partial(simulator_of, scene), 1)
             search.advance(executor)
             started = time.perf_counter()
             steps = search.advance(executor).mean_steps

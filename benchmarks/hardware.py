@@ -30,15 +30,13 @@ import numpy as np
 
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.control_loop import Timing, clock_figures
-from motorprior.hardware.deploy import PolicyMotion, gains_for, walk
+from motorprior.hardware.control_loop import Timing, clock_figures, real_time
+from motorprior.hardware.health import Measurement
+from motorprior.hardware.motions import PolicyMotion, gains_for, walk
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.real_time import real_time
-from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.session import Session
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.hardware.teleop import Teleop
 from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.robots.load import load_robot
@@ -52,25 +50,13 @@ MAX_FAULTS, NUM_KILLS = 5, 5
 def trot_policy(robot: Robot, folder: Path) -> Path:
     """Save a policy of zero weights, the robot's own trot; returns its path."""
     path, wire, ones = folder / "trot.safetensors", robot.require_wire(), np.ones(robot.num_joints)
-    zero = zero_policy(robot.num_joints)
-    Policy(
-        weights=zero.weights,
-        hidden=zero.hidden,
-        readout=zero.readout,
-        observation_mean=zero.mean,
-        observation_std=zero.std,
-        kp=wire.kp * wire.torque_constant * ones,
-        kd=wire.kd * wire.torque_constant * ones,
-        control_dt=robot.control_dt,
-        robot=robot.name,
-        joint_names=robot.joint_names,
-        forward=robot.require_legs().forward,
-    ).save(path)
+    kp, kd = wire.kp * wire.torque_constant * ones, wire.kd * wire.torque_constant * ones
+    Policy.of(robot, zero_policy(robot.num_joints), kp, kd).save(path)
     return path
 
 
 def _run_robot(robot_name: str, connection: Connection) -> None:
-    robot, _ = make_virtual_robot(load_robot(robot_name), VirtualRobotSettings(homing=False))
+    robot, _ = make_virtual_robot(load_robot(robot_name), VirtualRobotSettings())
     connection.send(robot.port)
     with real_time():
         robot.run(connection.poll)

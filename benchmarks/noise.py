@@ -32,7 +32,7 @@ import numpy as np
 from hardware import SPEED, trot_policy
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
-from motorprior.hardware.deploy import gains_for, walk
+from motorprior.hardware.motions import gains_for, walk
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Session
 from motorprior.hardware.teleop import Teleop

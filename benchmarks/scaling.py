@@ -22,8 +22,7 @@ from motorprior.locomotion.executor import Executor, chunk_size, make_executor
 from motorprior.locomotion.policy_search import EpisodeTask, PolicySearch, episode_seed, run_task
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 EPISODE_STEPS, REPEATS = 250, 9

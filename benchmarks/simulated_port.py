@@ -16,13 +16,12 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.commands.twin_body import TwinBody, draw_motors
 from motorprior.hardware import commands, robot_link, session
-from motorprior.hardware.framing import FrameReader, framed
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual.firmware import Firmware, FirmwareConfig, RobotBody
+from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig, RobotBody
 from motorprior.robots.robot import Robot
+from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
 DELAY = 1e-4  # transmission delay from host to robot [s]
 _ROUNDING = 1e-6  # [ms]
@@ -101,28 +100,23 @@ class SimulatedPort(SerialLink):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
-        self.body = TwinBody(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
+        self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
-        config = FirmwareConfig(self._period, with_currents=currents, homes=False)
+        config = FirmwareConfig(self._period, with_currents=currents)
         self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
-        self._reader = FrameReader(Telemetry, self._joints)
-        self.path, self._last_position = 0.0, self.body.simulated.position()
+        self.reader, self.unsent = FrameReader(Telemetry, self._joints), bytearray()
+        self.path, self._last_position = 0.0, self.body.position()
 
-    def firmware_body(self, body: TwinBody) -> RobotBody:
+    def firmware_body(self, body: SimulatedRobot) -> RobotBody:
         """The body that the firmware moves; tests override it with a faulty one."""
         return body
 
     def on_change(self, what: str) -> None:
         """See `Firmware`."""
-
-    @property
-    def unsent(self) -> int:
-        """The robot reads every byte at once."""
-        return 0
 
     def fileno(self) -> int:
         """No file: the watchdog is replaced, too."""
@@ -133,7 +127,7 @@ class SimulatedPort(SerialLink):
         next_frame = 1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + DELAY
         self.now = max(self.now, min(until, next_frame))
         self._advance()
-        return [(self.now, message) for message in self._reader.feed(self._to_host.take(self.now))]
+        return [(self.now, message) for message in self.reader.feed(self._to_host.take(self.now))]
 
     def send(self, command: Command) -> float:
         """See `SerialLink.send`."""
@@ -160,10 +154,11 @@ class SimulatedPort(SerialLink):
         self._advance_to(end)
 
     def _advance_to(self, milliseconds: int) -> None:
-        for frame in self.firmware.frames(milliseconds - self.firmware.now):
+        while (now := self.firmware.now) < milliseconds:  # a telemetry period at a time
+            frame = self.firmware.advance(min(milliseconds, now + self._period - now % self._period) - now)
             self._to_host.put(frame, self.now)
             if self.firmware.now % 1000 == 0:
-                position = self.body.simulated.position()
+                position = self.body.position()
                 self.path += float(np.hypot(*(position - self._last_position)))
                 self._last_position = position
 

@@ -25,11 +25,8 @@ from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.mj_call import mj_step
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import WorldArrays, physics_step
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
+from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
 
 STEPS, REPEATS = 500, 7
 TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that returns their seconds on one core
@@ -85,7 +82,8 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
         paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
     steps, world = paths["rollout"][0], World(robot)
     drive = np.zeros((2, steps * world.substeps, robot.num_joints))
-    recorded(world.arrays, world.reset(learned), zero_policy_targets(robot, steps), drive)
+    motors = world.reset(learned)
+    recorded(world.arrays, motors, zero_policy_targets(robot, steps), drive)
 
     def engine_alone() -> float:
         world.reset(learned)

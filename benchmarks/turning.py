@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.results import Result
 from motorprior.robots.robot import Robot
-from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import Episode
 from motorprior.studies.gait_quality import WARM_UP, completed, distance_along_heading, headings
 
 TURNS = "commanded/"  # prefix of the names of these quantities

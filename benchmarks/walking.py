@@ -46,10 +46,9 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motors import motor_sampler
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
-from motorprior.simulation.rollout import Episode, WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
 from motorprior.studies.compare import EVALUATION_SEED
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import gait_quality, quality_results
@@ -103,8 +102,8 @@ class Environments:
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
         """Simulator of one environment, or of the twin's motors as in training ("oracle")."""
         if place == "sampled":
-            draw, physics_dt = motor_sampler(MotorPrior.load(self.prior), self.robot)
-            return WalkSimulator(Scene(self.robot, draw, walk, physics_dt))
+            motors = simulated_motors(MotorPrior.load(self.prior), self.robot)
+            return WalkSimulator(Scene(self.robot, motors.draw, walk, motors.physics_dt))
         if place != "oracle":
             walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
         return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
@@ -182,11 +181,13 @@ def seconds_to_goal(environments: Environments, seed: int) -> tuple[float, float
 
     The second number is the time until it also walks straight: mean heading error <= 3 °/m, lateral share <= 5 %.
     """
-    draw, physics_dt = motor_sampler(MotorPrior.load(environments.prior), environments.robot)
+    motors = simulated_motors(MotorPrior.load(environments.prior), environments.robot)
     shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
-    scene = Scene(environments.robot, draw, WalkConfig(Walk.episode_steps, randomization=ROBUST), physics_dt)
+    scene = Scene(
+        environments.robot, motors.draw, WalkConfig(Walk.episode_steps, randomization=ROBUST), motors.physics_dt
+    )
     search = PolicySearch(ArsConfig(seed=seed), shape)
-    executor, seconds, walking = make_executor(scene.simulator, environments.workers), 0.0, float("inf")
+    executor, seconds, walking = make_executor(partial(WalkSimulator, scene), environments.workers), 0.0, float("inf")
     for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
         began = time.monotonic()
         search.train(executor, iterations)
@@ -262,7 +263,7 @@ def measure(settings: Settings) -> Results:
     for place in PLACES:
         found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):
-        policy = Policy.load(trained(settings, prior, seed)).arrays()
+        policy = Policy.load(trained(settings, prior, seed)).arrays
         for place in PLACES:
             evaluated = environments.evaluate(place, policy, settings).having(seed=seed)
             found += evaluated.rows

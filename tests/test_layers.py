@@ -33,7 +33,6 @@ FOLDERS = {
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),
     "filelock": "stage",
-    "tensorboardX": "simulation/training_files",
 }
 EMPTY_NAMES = {"utils", "common", "helpers", "core", "base"}
 
@@ -128,11 +127,11 @@ def test_modules_of_a_folder_import_one_way(name: str, least: int):
 
 
 def test_the_host_never_imports_the_virtual_robot():
-    files = list((SOURCE / "hardware").glob("*.py"))
-    assert (SOURCE / "hardware" / "virtual" / "virtual_robot.py").is_file() and len(files) > 20
+    files = set((SOURCE / "hardware").glob("*.py"))
+    files.remove(SOURCE / "hardware" / "virtual_robot.py")
     for file in files:
         found = [what for _, what in imported(ast.parse(file.read_text("utf-8")), ["motorprior", "hardware"])]
-        assert "virtual" not in {part for what in found for part in what.split(".")}, file.name
+        assert "virtual_robot" not in {part for what in found for part in what.split(".")}, file.name
 
 
 def test_only_tests_of_the_command_line_import_it():

@@ -108,7 +108,7 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
         mp.train_policy(ROBOT, motors, iterations=1, seed=0, workers=1, episode_steps=5) for motors in (prior, fleet)
     ]
     again = mp.train_policy("pupper_v2", prior, iterations=1, seed=0, workers=2, episode_steps=5)
-    np.testing.assert_array_equal(again.weights, policies[0].weights)
+    np.testing.assert_array_equal(again.arrays.weights, policies[0].arrays.weights)
     further = mp.train_policy(ROBOT, prior, iterations=1, workers=1, episode_steps=5, start=again)
     assert further.provenance["own_return"] >= again.provenance["own_return"]
     rows = mp.compare(ROBOT, {"prior": policies[0], "oracle": policies}, {"twin": fleet})

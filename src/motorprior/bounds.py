@@ -110,6 +110,12 @@ def require_count(name: str, value: Any, minimum: int = 1, maximum: float = MAX_
     require_argument(name, value, integer(minimum, maximum))
 
 
+def require_range(name: str, value: Any, minimum: float, maximum: float) -> None:
+    """`require_argument` for a pair (low, high) of numbers in [minimum, maximum], low <= high."""
+    meaning = f"a range within {minimum:g}..{maximum:g}, the smaller number first"
+    require_argument(name, value, Field(meaning, lambda pair: is_range(pair, minimum, maximum)))
+
+
 def require_seed(seed: Any) -> None:
     """`require_argument` for a seed, an integer from 0 to 2³¹ - 1."""
     require_argument("seed", seed, integer(0, MAX_SEED))

@@ -19,10 +19,9 @@ from motorprior.locomotion.command import Timetable
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.env import WalkEnv
-from motorprior.simulation.motors import MotorSource, motor_sampler
-from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.vector_env import WalkVectorEnv
+from motorprior.simulation.env import WalkEnv, WalkVectorEnv
+from motorprior.simulation.motors import MotorSource, simulated_motors
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 
 ENV_ID = "motorprior/Walk-v0"
 
@@ -31,8 +30,8 @@ def _scene(robot: str | Path | Robot, motors: MotorSource, options: dict[str, An
     walk, robot = WalkConfig(**options), as_robot(robot)
     if not isinstance(walk.commands, Timetable):
         robot = walk.commands.extend_range(robot)
-    draw_motors, physics_dt = motor_sampler(motors, robot)
-    return Scene(robot, draw_motors, walk, physics_dt)
+    found = simulated_motors(motors, robot)
+    return Scene(robot, found.draw, walk, found.physics_dt)
 
 
 def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any) -> WalkEnv:
@@ -50,7 +49,7 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "f
         TypeError: an unknown option.
     """
     scene = _scene(robot, motors, options)
-    return WalkEnv(scene.robot, scene.backend(), scene.walk)
+    return WalkEnv(scene.robot, SimulatedBackend(scene), scene.walk)
 
 
 def make_vector_env(

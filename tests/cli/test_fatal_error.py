@@ -12,8 +12,8 @@ import mujoco, sys
 from numba import njit
 from motorprior.cli.main import main
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.mj_call import mj_step, mj_step_address
 from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.world_step import mj_step, prepare_mujoco
 
 FLOOR = '<size memory="2K"/><worldbody><geom type="plane" size="9 9 1"/>'
 XML = PUPPER_V2.model.mjcf().replace("<worldbody>", FLOOR, 1).replace('contype="0" conaffinity="0"', "")
@@ -30,7 +30,7 @@ LIMIT = int(sys.argv.pop())
 def limited(self, *args, **options):
     episodes[0] += 1
     if episodes[0] == LIMIT:
-        step(mj_step_address(), model._address, data._address)
+        step(prepare_mujoco(), model._address, data._address)
     return healthy(self, *args, **options)
 
 WalkSimulator.run = limited

@@ -39,7 +39,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.real_time
 def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorprior: Callable, tmp_path: Path):
     walk, policy = tmp_path / "walk", policy_file(tmp_path / "policy.safetensors")
-    robot = ("--virtual", "--robot.no-homing", "--robot.currents")
+    robot = ("--virtual", "--robot.currents")
     done = motorprior("deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk)
     assert done.code == 0 and "period_jitter_ms/p99" in done.err and "stopped by time" in done.err, done.err
     facts = json.loads((walk / "run.json").read_text())
@@ -57,7 +57,7 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorpr
 @pytest.mark.real_time
 def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Path):
     out = tmp_path / "rec"
-    settings = ("--robot.no-homing", "--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
+    settings = ("--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
     done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
     assert done.code == 0, done.err
     assert motorprior("logs", "check", out / "run.csv").code == 0
@@ -105,7 +105,7 @@ def test_a_virtual_robot_ends_with_the_process_that_started_it():
     """Also if that is killed."""
     code = (
         "import time\nfrom motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot\n"
-        "with running_virtual_robot('pupper_v2', VirtualRobotSettings(homing=False)) as port:\n"
+        "with running_virtual_robot('pupper_v2', VirtualRobotSettings()) as port:\n"
         "    print(port, flush=True)\n    time.sleep(60.0)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

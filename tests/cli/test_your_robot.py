@@ -59,7 +59,7 @@ def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_dr
     for words in commands("A legged robot"):
         run(words)
     policy = Policy.load(folder / "runs" / "walk" / "rollout_0" / "policy.safetensors")
-    assert policy.robot == "go2" and policy.weights.shape == (17, 24)
+    assert policy.robot == "go2" and policy.arrays.weights.shape == (17, 24)
     page = (folder / "runs" / "walk" / "report.html").read_text("utf-8")
     assert "Robot go2" in page and "data:image/gif" in page
     assert (folder / "runs" / "transfer" / "figures.json").is_file()

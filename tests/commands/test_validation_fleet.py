@@ -13,8 +13,8 @@ from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.motors import motor_sampler
-from motorprior.simulation.scene import Scene
+from motorprior.simulation.motors import simulated_motors
+from motorprior.simulation.scene import Scene, WalkSimulator
 
 
 def walk(folder: Path, **changes) -> Walk:
@@ -27,10 +27,10 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     run_walk(config)
     policy = Policy.load(tmp_path / POLICY)
     robot = PUPPER_V2.with_speed_range(policy.forward)
-    draw, physics_dt = motor_sampler("fleet:mixed", robot)
-    there = Scene(robot, draw, config, physics_dt).simulator()
+    found = simulated_motors("fleet:mixed", robot)
+    there = WalkSimulator(Scene(robot, found.draw, config, found.physics_dt))
     seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
-    score = np.mean([there.run(policy.arrays(), seed).total for seed in seeds])
+    score = np.mean([there.run(policy.arrays, seed).total for seed in seeds])
     assert policy.provenance["own_return"] == score
     assert policy.provenance["validation"] == "mixed"
 

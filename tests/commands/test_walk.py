@@ -12,7 +12,7 @@ from motorprior.commands.walk_seeds import PICTURE, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy_search import PolicySearch
-from motorprior.simulation.training_files import CHECKPOINT, METRICS
+from motorprior.simulation.training import CHECKPOINT, METRICS
 from motorprior.stage import MARKER
 
 

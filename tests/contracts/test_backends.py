@@ -12,7 +12,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 
 BULLET = WalkConfig(engine="pybullet")
 
@@ -21,7 +21,7 @@ def backend_of(draw_motors, walk: WalkConfig | None = None) -> Backend:
     walk = walk or WalkConfig()
     if walk.engine == "pybullet":
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    return Scene(PUPPER_V2, draw_motors, walk, spec.TWIN_PHYSICS_DT).backend()
+    return SimulatedBackend(Scene(PUPPER_V2, draw_motors, walk, spec.TWIN_PHYSICS_DT))
 
 
 def of_fleet(name: str):

@@ -18,9 +18,8 @@ from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
-from motorprior.simulation import rollout
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation import scene
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
 KP, KD = 9.0, 0.8
 ENCODER_ZERO = 0.01  # [rad]
@@ -82,9 +81,9 @@ def same_pd(n: int) -> IdealPd:
 def test_it_walks_in_the_compiled_rollout_that_was_compiled_before_it():
     policy = random_policy(0.05, seed=1)
     known = WalkSimulator(Scene(PUPPER_V2, lambda rng: same_pd(12), WalkConfig(50))).run(policy, seed=3, trace=True)
-    before = len(rollout._episode.signatures)  # pyright: ignore[reportFunctionMemberAccess]
+    before = len(scene._episode.signatures)  # pyright: ignore[reportFunctionMemberAccess]
     new = WalkSimulator(Scene(PUPPER_V2, lambda rng: Spring(12), WalkConfig(50))).run(policy, seed=3, trace=True)
-    assert len(rollout._episode.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
+    assert len(scene._episode.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
     assert new.steps == known.steps == 50 and new.fault == 0
     # the policy sees other encoders; the first command is the same
     np.testing.assert_allclose(new.trace[:2], known.trace[:2], atol=0.02)
@@ -109,5 +108,5 @@ def test_it_is_chosen_by_its_text_in_walk_and_study(tmp_path: Path):
     assert provenance["motors"] == {"text": "spring", "files": {}}
     results = run_transfer(Transfer((tmp_path / "walk",), tmp_path / "transfer"))
     assert results.distinct("model") == ["spring"]
-    source = Path(rollout.__file__).parents[1]
+    source = Path(scene.__file__).parents[1]
     assert not [file for file in source.rglob("*.py") if "spring_motors" in file.read_text("utf-8")]

@@ -1,8 +1,6 @@
 """Run a module as on the robot's own computer: only the standard library and four packages can be imported.
 
-python bare_environment.py MODULE ARGS... or python bare_environment.py -c CODE
-
-The limits of lateness are wide, for a busy computer.
+python bare_environment.py MODULE ARGS... or -c CODE; the limits of lateness are wide, for a busy computer.
 """
 
 import dataclasses
@@ -28,12 +26,10 @@ if __name__ == "__main__":
     from motorprior.robots import shipped
 
     late = {"tick_delay": 100.0, "late_ticks": 100, "stalled_time": 100.0, "telemetry_age": 0.5, "watchdog": 0.5}
-    patient = []
-    for robot in shipped.SHIPPED:
-        wire = robot.require_wire()
-        wire = dataclasses.replace(wire, safety=dataclasses.replace(wire.safety, **late))
-        patient.append(dataclasses.replace(robot, wire=wire))
-    shipped.SHIPPED = tuple(patient)  # before it is imported from there
+    (robot,) = shipped.SHIPPED
+    wire = robot.require_wire()
+    wire = dataclasses.replace(wire, safety=dataclasses.replace(wire.safety, **late))
+    shipped.SHIPPED = (dataclasses.replace(robot, wire=wire),)  # before it is imported from there
     if sys.argv[0] == "-c":
         exec(sys.argv[1])
     else:

@@ -14,7 +14,7 @@ from threads import in_thread
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+from motorprior.hardware.virtual_robot import VirtualRobot
 from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -39,8 +39,8 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
     with ExitStack() as stack:
 
         def start(**settings) -> VirtualRobot:
-            robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**{"homing": False, **settings}))
-            stack.callback(in_thread(robot))
+            robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**settings))
+            robot.unplug = stack.callback(in_thread(robot))  # pyright: ignore[reportAttributeAccessIssue]
             return robot
 
         yield start

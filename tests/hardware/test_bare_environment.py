@@ -13,8 +13,6 @@ import replay_policy
 from policies import as_file_content, random_policy
 
 from motorprior import hardware
-from motorprior.logs.readers.robot_run import read_robot_run
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 BARE = Path(__file__).with_name("bare_environment.py")
 
@@ -24,18 +22,12 @@ def in_bare_environment(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
-def test_the_bare_environment_is_bare():
-    assert "No module named 'numba'" in in_bare_environment("numba").stderr
-
-
-def test_every_module_of_hardware_can_be_imported():
-    folder = Path(hardware.__file__).parent
-    files = [file.relative_to(folder).with_suffix("") for file in sorted(folder.rglob("*.py"))]
-    modules = ["motorprior.hardware." + ".".join(file.parts) for file in files if file.stem != "__init__"]
-    assert len(modules) > 15
-    code = f"import importlib\nfor name in {modules}: importlib.import_module(name)\nprint('all')"
+def test_every_module_of_hardware_can_be_imported_without_numba():
+    modules = [f"motorprior.hardware.{file.stem}" for file in Path(hardware.__file__).parent.glob("[a-z]*.py")]
+    assert len(modules) > 10
+    code = f"import importlib\nfor name in {modules}: importlib.import_module(name)\nprint('all')\nimport numba"
     done = in_bare_environment("-c", code)
-    assert done.stdout == "all\n", done.stderr
+    assert done.stdout == "all\n" and "No module named 'numba'" in done.stderr
 
 
 def test_the_command_states_what_a_robot_s_computer_can_do():
@@ -57,16 +49,6 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
     assert doctor.returncode == 0 and "ok  IMU" in doctor.stderr and "ok  joint RL_knee" in doctor.stderr, doctor.stderr
     assert pupper.received == 0
-
-
-@pytest.mark.real_time
-def test_a_recording_is_made_to_its_end(virtual: Callable, tmp_path: Path):
-    pupper, out = virtual(suspended=True, currents=True), tmp_path / "run"
-    settings = ("--excitation", "chirp", "--joint", "FR_knee", "--seconds", 1, "--yes", "--out", out)
-    done = in_bare_environment("motorprior.hardware", "record", "--port", pupper.port, *settings)
-    assert done.returncode == 0 and f"recorded {out / 'run.csv'}" in done.stderr, done.stderr
-    log = read_robot_run(out / "run.csv", PUPPER_V2)
-    assert 0.9 < log.duration < 1.1 and log.joint_torque is not None and (out / "run.json").is_file()
 
 
 def test_interpreted_and_compiled_formulas_agree(tmp_path: Path):

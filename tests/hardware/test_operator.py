@@ -6,7 +6,8 @@ import select
 import struct
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -14,11 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.hardware.teleop import Teleop
-from motorprior.hardware.virtual.firmware import IDLE
+from motorprior.hardware.virtual_robot import IDLE
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-GAIT = PUPPER_V2.require_legs()
-VERTICAL, HORIZONTAL = 1, 0
+GAIT, VERTICAL, HORIZONTAL = PUPPER_V2.require_legs(), 1, 0
 
 
 class Terminal:
@@ -73,41 +73,30 @@ def event(value: int, kind: int, number: int) -> bytes:
     return struct.pack("<IhBB", 0, value, kind, number)
 
 
-@pytest.fixture
-def steering() -> Iterator[tuple[Teleop, int, int]]:
-    """Steering of a standing robot, and the files of keyboard and gamepad to write to."""
-    (keys, typed), (stick, pushed) = os.pipe(), os.pipe()
-    yield Teleop(keys, stick, GAIT, (0.0, 0.0)), typed, pushed
-    for file in (keys, typed, stick, pushed):
-        os.close(file)
+def commanded(typed: bytes, pushed: bytes = b"", lost: bool = False) -> tuple[float, float] | None:
+    """Command after these bytes of keyboard and gamepad."""
+    with ExitStack() as stack:
+        (keys, to_keys), (stick, to_stick) = os.pipe(), os.pipe()
+        for file in (keys, stick, to_stick):
+            stack.callback(os.close, file)
+        os.write(to_stick, pushed)
+        os.write(to_keys, typed)
+        if lost:
+            os.close(to_keys)
+        else:
+            stack.callback(os.close, to_keys)
+        return Teleop(keys, stick, GAIT, (0.3, 0.0)).command()
 
 
-def test_q_and_a_gamepad_button_stop(steering: tuple[Teleop, int, int]):
-    teleop, typed, pushed = steering
-    os.write(pushed, event(0, 1, 1))
-    assert teleop.command() == (0.0, 0.0), "a button that is released"
-    os.write(pushed, event(1, 1, 1))
-    assert teleop.command() is None
-    os.write(typed, b"wq")
-    assert teleop.command() is None
-
-
-def test_a_lost_terminal_stops():
-    keys, typed = os.pipe()
-    os.close(typed)
-    assert Teleop(keys, None, GAIT, (0.3, 0.0)).command() is None
-    os.close(keys)
+def test_q_a_gamepad_button_and_a_lost_terminal_stop():
+    assert commanded(b"", event(0, 1, 1)) == (0.3, 0.0), "a button that is released"
+    assert commanded(b"", event(1, 1, 1)) is None and commanded(b"wq") is None and commanded(b"", lost=True) is None
 
 
 @given(keys=st.binary(min_size=1, max_size=60), stick=st.integers(-32767, 32767), turn=st.integers(-32767, 32767))
 @settings(max_examples=60, deadline=None)
 def test_the_command_stays_within_its_limits(keys: bytes, stick: int, turn: int):
-    ends = os.pipe(), os.pipe()
-    teleop = Teleop(ends[0][0], ends[1][0], GAIT, (0.3, 0.0))
-    os.write(ends[0][1], keys.lower().replace(b"q", b"w"))
-    os.write(ends[1][1], event(stick, 2, VERTICAL) + event(turn, 2, HORIZONTAL))
-    command = teleop.command()
-    for file in (*ends[0], *ends[1]):
-        os.close(file)
+    typed = keys.lower().replace(b"q", b"w")
+    command = commanded(typed, event(stick, 2, VERTICAL) + event(turn, 2, HORIZONTAL))
     assert command is not None
     assert GAIT.forward[0] <= command[0] <= GAIT.forward[1] and abs(command[1]) <= GAIT.yaw_rate

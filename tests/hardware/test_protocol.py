@@ -1,16 +1,22 @@
-"""Messages survive the wire, and invalid ones are rejected at both ends."""
+"""Messages survive the wire, invalid ones are rejected; any bytes, however they are cut, give only frames and lines."""
 
 import struct
+from itertools import pairwise
 
 import msgpack
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from telemetry import telemetry
 
 from motorprior.exceptions import ProtocolError
-from motorprior.hardware.framing import framed
-from motorprior.hardware.protocol import Command, Telemetry, decode, encode
+from motorprior.hardware.health import TelemetryStream
+from motorprior.hardware.protocol import IDLE, IDLE_FRAME, Command, FrameReader, Telemetry, decode, encode, framed
+from motorprior.hardware.virtual_robot import ERROR, POSITION, Firmware, FirmwareConfig
+from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.robots.wire import Drive, SensorReadings
 
 JOINTS = 12
 number = st.floats(-(2.0**100), 2.0**100, width=32)
@@ -22,15 +28,14 @@ telemetries = st.builds(
     Telemetry,
     ts=st.integers(0, 2**32 - 1).map(float),
     **dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), number),
-    pos=array,
-    vel=array,
+    **dict.fromkeys(("pos", "vel"), array),
     **dict.fromkeys(("cur", "temp"), st.none() | array),
     bat=st.none() | number,
 )
 
 
 @given(st.one_of(commands, telemetries))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_message_is_decoded_as_it_was_sent(message: Command | Telemetry):
     received = decode(encode(message, JOINTS), type(message), JOINTS)
     assert type(received) is type(message)
@@ -44,39 +49,195 @@ def test_the_bytes_of_a_command_are_those_of_the_wire():
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        Command(pos=np.zeros(11)),
-        Command(pos=np.full(12, np.nan)),
-        Command(kp=float("inf")),
-        Command(kd=1e39),
-        Command(),
-    ],
+    "command", [Command(pos=np.zeros(11)), Command(pos=np.full(12, np.nan)), Command(kd=1e39), Command()], ids=repr
 )
 def test_an_invalid_command_is_not_encoded(command: Command):
     with pytest.raises(ProtocolError):
         encode(command, JOINTS)
 
 
-@pytest.mark.parametrize(
-    "payload",
-    [
-        b"",
-        b"\x80",
-        b"\xc1",
-        b"\x91\x01",
-        msgpack.packb({"kp": "much"}),
-        msgpack.packb({"speed": 1.0}),
-        msgpack.packb({"kp": float("nan")}),
-        msgpack.packb({"pos": [0.0] * 13}),
-        msgpack.packb({"pos": [True] * 12}),
-        b"\x81\xa4idle\xc3\x00",
-        b"\x81" + b"\x91" * 200,
-        b"\xdf\xff\xff\xff\xff",
-    ],
-    ids=repr,
-)
+NO_MAPS = [b"", b"\x80", b"\xc1", b"\x91\x01", b"\x81\xa4idle\xc3\x00", b"\x81" + b"\x91" * 200, b"\xdf" + b"\xff" * 4]
+MAPS = [{"kp": "much"}, {"speed": 1.0}, {"kp": float("nan")}, {"pos": [0.0] * 13}, {"pos": [True] * 12}]
+
+
+@pytest.mark.parametrize("payload", [*NO_MAPS, *map(msgpack.packb, MAPS)], ids=repr)
 def test_an_invalid_payload_is_a_protocol_error(payload: bytes):
     for kind in (Command, Telemetry):
         with pytest.raises(ProtocolError):
             decode(payload, kind, JOINTS)
+
+
+def measured(ts: int) -> bytes:
+    return framed(telemetry(ts=ts, yaw=0.1, pos=np.linspace(-1.0, 1.0, 12) + 0.01 * ts), JOINTS)
+
+
+def target(step: int) -> bytes:
+    return framed(Command(pos=np.linspace(-1.0, 1.0, 12) + 0.01 * step, kp=50.0), JOINTS)
+
+
+def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
+    """Lines, and payloads of messages."""
+    messages = [message for piece in pieces for message in reader.feed(piece)]
+    return [message if isinstance(message, str) else encode(message, JOINTS) for message in messages]
+
+
+good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([measured(n), target(n), IDLE_FRAME]))
+noise = st.binary(max_size=40) | st.sampled_from([b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"EE\x00\x10\x8f"])
+damaged = st.tuples(good, st.integers(0, 400), st.integers(0, 255)).map(
+    lambda parts: parts[0][: parts[1]] + bytes([parts[2]]) + parts[0][parts[1] + 1 :]
+)
+streams = st.lists(st.one_of(good, noise, damaged, st.just(b"long " * 70)), max_size=12).map(b"".join)
+
+
+@pytest.mark.parametrize("kind", [Command, Telemetry])
+@given(data=streams, at=st.lists(st.integers(0, 10**6), max_size=12))
+@settings(max_examples=100, deadline=None)
+def test_the_same_messages_however_the_stream_is_cut(kind: type, data: bytes, at: list[int]):
+    whole, bounds = read(FrameReader(kind, JOINTS), [data]), sorted({0, len(data), *(n % (len(data) + 1) for n in at)})
+    assert read(FrameReader(kind, JOINTS), [data[a:b] for a, b in pairwise(bounds)]) == whole
+    assert read(FrameReader(kind, JOINTS), [bytes([byte]) for byte in data]) == whole
+
+
+def test_text_between_frames_is_read_and_a_damaged_head_costs_one_frame_only():
+    one, two, *more = (read(FrameReader(Telemetry, JOINTS), [measured(n)])[0] for n in range(1, 8))
+    stream = b"Homing\r\n" + measured(1) + b"ERROR\r\n" + b"FEET OK\r\n" + measured(2)
+    assert read(FrameReader(Telemetry, JOINTS), [stream]) == ["Homing", one, "ERROR", "FEET OK", two]
+    for place in range(4):  # also a length that became longer: the frames it would swallow are found again
+        broken = bytearray(measured(0))
+        broken[place] ^= 0x03
+        pieces = [bytes(broken), *map(measured, range(1, 8))]
+        assert read(FrameReader(Telemetry, JOINTS), pieces)[-7:] == [one, two, *more]
+
+
+def test_a_robot_receives_idle_after_half_a_command():
+    """What a host leaves when it is killed within a write, and then the watchdog's idle frames."""
+    frame = target(0)
+    for length in range(len(frame)):
+        received = FrameReader(Command, JOINTS).feed(frame[:length] + 40 * framed(IDLE, JOINTS))
+        assert any(isinstance(message, Command) and message.idle for message in received), length
+
+
+LIMITS = PUPPER_V2.require_wire().safety
+
+
+def running() -> TelemetryStream:
+    """100 frames at 100 Hz, 3 ms of transmission."""
+    stream = TelemetryStream(LIMITS)
+    for n in range(100):
+        assert stream.accept(telemetry(ts=10.0 * n), 5.0 + 0.01 * n + 0.003) is not None
+    return stream
+
+
+def test_age_is_the_delay_beyond_the_shortest_transmission():
+    late = running().accept(telemetry(ts=1000.0), 6.0 + 0.003 + 0.04)
+    assert late is not None and late.arrival - late.sampled == pytest.approx(0.04)
+
+
+def test_a_damaged_time_stamp_does_not_make_later_frames_look_old():
+    """25 ms ahead, which a real frame could be; the next two look overtaken."""
+    stream = running()
+    assert stream.accept(telemetry(ts=1025.0), 6.003) is not None
+    dropped = [stream.accept(telemetry(ts=1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)]
+    assert dropped == [True, True, False] and stream.repeated == 2
+    later = stream.accept(telemetry(ts=1040.0), 6.043)
+    assert later is not None and later.arrival - later.sampled == pytest.approx(0.0)
+
+
+def test_a_drifting_clock_is_followed():
+    """300 ppm for 100 s are 30 ms."""
+    stream, ages = TelemetryStream(LIMITS), []
+    for n in range(10_000):
+        measurement = stream.accept(telemetry(ts=round(10.0 * n * (1 - 3e-4))), 0.01 * n)
+        if measurement is not None:
+            ages.append(measurement.arrival - measurement.sampled)
+    assert max(ages) < 0.006 and stream.impossible == 0
+
+
+IMPOSSIBLE = [
+    *({"pos": np.eye(12)[3]}, {"pos": np.full(12, 7.0)}, {"vel": np.full(12, 1e6)}, {"roll": 1.0}),
+    *({"pitch_rate": 1e3}, {"yaw": 1e9}, {"ts": 1200.0}, {"ts": 4e9}),
+]
+
+
+@pytest.mark.parametrize("values", IMPOSSIBLE, ids=str)
+def test_an_impossible_frame_is_not_accepted(values: dict):
+    stream = running()
+    assert stream.accept(telemetry(**{"ts": 1000.0, **values}), 6.003) is None and stream.impossible == 1
+    after = stream.accept(telemetry(ts=1010.0), 6.013)
+    assert after is not None and after.arrival - after.sampled == pytest.approx(0.0), "the clock offset is unchanged"
+    assert stream.impossible_in_a_row == 0
+
+
+NOMINAL = spec.JOINT_SIGNS * spec.NOMINAL_POSE
+
+
+class StillBody:
+    """Joints that follow their targets like a first-order low-pass of kd/kp; no ground, no weight."""
+
+    def __init__(self):
+        self.pos, self.vel, self.drive = NOMINAL, np.zeros(12), Drive(NOMINAL, np.zeros(12), np.zeros(12), 0.0)
+        self.offset = self.extra_current = 0.0
+
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        self.drive, before = drive, self.pos
+        rate = drive.kp / np.where(drive.kd > 0.0, drive.kd, 1.0)
+        self.pos = before + (1.0 - np.exp(-1e-3 * milliseconds * rate)) * (drive.target - before)
+        self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
+
+    def sense(self) -> SensorReadings:
+        current = self.drive.current(self.pos, self.vel) + self.extra_current
+        return SensorReadings(self.pos + self.offset, self.vel, current, np.full(3, 1e-3), np.zeros(3))
+
+
+@pytest.fixture
+def still_body() -> StillBody:
+    return StillBody()
+
+
+def started(body, **config) -> Firmware:
+    return Firmware(PUPPER_V2, body, FirmwareConfig(**config))
+
+
+def sent_by(firmware: Firmware, milliseconds: int) -> tuple[list[Telemetry], list[str]]:
+    messages = FrameReader(Telemetry, JOINTS).feed(firmware.advance(milliseconds))
+    frames = [message for message in messages if isinstance(message, Telemetry)]
+    return frames, [message for message in messages if isinstance(message, str)]
+
+
+def send(firmware: Firmware, pos=None, **command) -> None:
+    """Gains first, in a command of their own, as a host must."""
+    for each in (command, {} if pos is None else {"pos": pos}):
+        if each:
+            firmware.receive(framed(Command(**each), JOINTS))
+
+
+def test_it_holds_its_pose_and_sends_telemetry_in_its_own_time(still_body):
+    frames, lines = sent_by(started(still_body, telemetry_period=5), 150)
+    assert [frame.ts for frame in frames] == list(range(5, 151, 5)) and frames[0].cur is None
+    assert lines == ["LED on", "Holding"]
+    np.testing.assert_array_equal(still_body.pos, NOMINAL)
+
+
+def test_currents_follow_the_gains_that_were_sent_until_idle(still_body):
+    firmware = started(still_body, with_currents=True)
+    send(firmware, pos=NOMINAL + 0.02, kp=30.0, kd=0.5, max_current=2.0)
+    ((frame,), _) = sent_by(firmware, 10)
+    assert frame.cur is not None and firmware.mode == POSITION
+    np.testing.assert_allclose(frame.cur, 30.0 * (NOMINAL + 0.02 - frame.pos) - 0.5 * frame.vel, atol=1e-5)
+    send(firmware, pos=NOMINAL + 3.0)
+    ((frame,), _) = sent_by(firmware, 10)
+    assert frame.cur is not None and np.abs(frame.cur).max() == 2.0
+    send(firmware, idle=True)
+    sent_by(firmware, 10)
+    assert firmware.mode == "idle" and not still_body.drive.kp.any() and not still_body.drive.kd.any()
+
+
+@pytest.mark.parametrize("value", ["offset", "extra_current"])
+def test_beyond_its_limits_it_removes_the_current_and_reports_every_millisecond(still_body, value: str):
+    firmware = started(still_body)
+    setattr(still_body, value, 11.0)
+    sent_by(firmware, 10)
+    assert firmware.mode == ERROR and sent_by(firmware, 100)[1].count("ERROR") >= 90
+    assert not still_body.drive.kp.any()
+    send(firmware, pos=NOMINAL)
+    assert firmware.mode == ERROR, "until it is switched off"

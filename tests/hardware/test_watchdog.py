@@ -14,8 +14,7 @@ import pytest
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.virtual.firmware import IDLE
-from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+from motorprior.hardware.virtual_robot import IDLE, VirtualRobot
 from motorprior.logs.readers.robot_run import Mode, read_robot_run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -25,9 +24,9 @@ WATCHDOG_TIME = 0.5  # [s], see conftest.PATIENT
 
 def hold(link: RobotLink, steps: int) -> None:
     """Arm, if it is not, and hold the present pose."""
-    if link.target is None:
+    if link.gate.target is None:
         link.arm(Gains.of(PUPPER_V2.require_wire()))
-    target = link.target
+    target = link.gate.target
     assert target is not None
     for _ in range(steps):
         link.send(target, Mode.RAMP)
@@ -46,7 +45,7 @@ FAULTS = {
     "host hangs": (lambda *_: time.sleep(WATCHDOG_TIME + 0.2), "watchdog", "idle"),
     "watchdog killed": (signal_watchdog(signal.SIGKILL), "watchdog", "crouch"),
     "watchdog stopped": (signal_watchdog(signal.SIGSTOP), "watchdog", "crouch"),
-    "unplugged": (lambda robot, _: robot.stop(), "unplugged", "idle"),
+    "unplugged": (lambda robot, _: robot.unplug(), "unplugged", "idle"),
 }
 
 
@@ -105,7 +104,7 @@ def test_a_robot_that_reads_nothing_is_idle_when_it_reads_again(
             stack.enter_context(mock.patch("motorprior.hardware.serial_link.termios.tcflush"))
         stack.enter_context(mock.patch.object(robot, "_read", lambda: time.sleep(0.002) or b""))
         with pytest.raises(RobotFault, match="accepts no more bytes"):
-            while (target := link.target) is not None:
+            while (target := link.gate.target) is not None:
                 link.send(target, Mode.RAMP)
         link.idle()
     when(robot, IDLE)

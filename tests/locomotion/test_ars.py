@@ -21,10 +21,6 @@ def iterate(search, score=quadratic):
     search.tell(returns, [stats_of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried])
 
 
-def as_bytes(search):
-    return {name: value.tobytes() for name, value in search.state().items()}
-
-
 def test_update_by_hand():
     search = Ars(ArsConfig(num_directions=3, num_top_directions=2, step_size=0.1, delta_std=0.5), 2, 1)
     d = [search.direction(k) for k in range(3)]
@@ -35,42 +31,18 @@ def test_update_by_hand():
     assert search.iteration == 1
 
 
-def test_candidates_are_mirrored_pairs_drawn_from_their_seed():
-    search = Ars(ArsConfig(num_directions=4, num_top_directions=4, delta_std=0.3, seed=9), 5, 1)
-    search.parameters = np.arange(5.0)
-    search.iteration = 6
-    candidates = search.ask()
-    assert candidates == [(k, s) for k in range(4) for s in (1, -1)]
-    for direction, sign in candidates:
-        noise = np.random.default_rng([9, 6, direction]).standard_normal(5)
-        np.testing.assert_allclose(search.candidate(direction, sign), np.arange(5.0) + sign * 0.3 * noise)
-
-
-def test_climbs_a_quadratic_to_its_top():
-    search = Ars(ArsConfig(step_size=0.05, delta_std=0.05, seed=1), 5, 2)
-    for _ in range(300):
-        iterate(search)
-    np.testing.assert_allclose(search.parameters, TARGET, atol=0.1)
-
-
-def test_resumed_search_gives_the_bytes_of_one_never_stopped():
-    config = ArsConfig(seed=4)
-    through, stopped = Ars(config, 5, 2), Ars(config, 5, 2)
-    for _ in range(8):
+def test_climbs_a_quadratic_to_its_top_also_when_resumed():
+    config = ArsConfig(step_size=0.05, delta_std=0.05, seed=1)
+    through, resumed = Ars(config, 5, 2), Ars(config, 5, 2)
+    for iteration in range(300):
         iterate(through)
-    for _ in range(3):
-        iterate(stopped)
-    resumed = Ars(config, 5, 2)
-    resumed.restore(stopped.state())
-    for _ in range(5):
-        iterate(resumed)
-    assert as_bytes(resumed) == as_bytes(through)
-
-
-def test_equal_returns_leave_the_parameters_alone():
-    search = Ars(ArsConfig(), 5, 2)
-    search.tell(np.full((16, 2), 3.0), [])
-    assert not search.parameters.any() and search.iteration == 1
+        if iteration == 289:
+            resumed.restore(through.state())
+        elif iteration > 289:
+            iterate(resumed)
+    np.testing.assert_allclose(through.parameters, TARGET, atol=0.1)
+    for one, other in zip(resumed.state().values(), through.state().values(), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_merged_statistics_equal_numpy_over_everything():

@@ -7,21 +7,28 @@ import pytest
 from policies import ACTIONS, OBSERVATIONS
 
 from motorprior.backend import BackendState
-from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import GAITS, MAX_COMMAND, body_of
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
     MAX_DRIFT,
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
+    TaskWeights,
     command_step,
+    fallen,
     follow_command,
+    heading_rate,
     levelling,
     new_gait,
+    observe,
+    reward,
+    sliding,
 )
-from motorprior.locomotion.task import sliding
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
+from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 
 BODY, DT = body_of(PUPPER_V2), PUPPER_V2.control_dt
 NOTHING = np.zeros(ACTIONS)
@@ -140,10 +147,74 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
     assert slid(np.full((4, 3), np.nan)) == 0.0 and slid(feet_at(0.5)) == 0.0
 
 
-def test_statistics_of_an_episode_equal_numpy():
-    observations = np.random.default_rng(0).normal(3.0, 2.0, (50, OBSERVATIONS))
-    mean, m2 = np.zeros((2, OBSERVATIONS))
-    for count, observation in enumerate(observations):
-        update_stats(observation, count, mean, m2)
-    np.testing.assert_allclose(mean, observations.mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(m2 / 50, observations.var(axis=0), rtol=1e-12)
+GAIT = ROBOT.require_legs()
+
+
+def test_a_schedule_fills_what_the_robot_is_built_for_and_a_little_more():
+    rows = np.concatenate([Commands().schedule(ROBOT, seed, 500) for seed in range(400)])
+    assert GAIT.forward[0] <= rows[:, 0].min() < -0.18 and 0.58 < rows[:, 0].max() <= MAX_COMMAND * GAIT.forward[1]
+    assert -GAIT.yaw_rate <= rows[:, 1].min() < -0.58 and 0.58 < rows[:, 1].max() <= GAIT.yaw_rate
+    assert rows.shape == (200_000, 2) and rows.flags.c_contiguous
+
+
+def test_a_command_is_held_and_the_last_one_may_be_cut_short():
+    rows = Commands(hold=0.3, still=0.0).schedule(ROBOT, 4, 100)
+    assert np.flatnonzero(np.diff(rows[:, 0])).tolist() == [29, 59, 89]
+    assert len(Commands(hold=5.0).schedule(ROBOT, 4, 100)) == 100
+
+
+def test_speeds_of_an_episode_are_one_of_each_part_of_the_range_in_any_order():
+    first = []
+    for seed in range(30):
+        speeds = np.unique(Commands(hold=0.5, still=0.0).schedule(ROBOT, seed, 500)[:, 0])
+        parts = (speeds - GAIT.forward[0]) / (MAX_COMMAND * GAIT.forward[1] - GAIT.forward[0]) * 10
+        np.testing.assert_array_equal(np.floor(parts), np.arange(10))
+        first.append(Commands(hold=0.5, still=0.0).schedule(ROBOT, seed, 500)[0, 0])
+    assert np.ptp(first) > 0.5
+
+
+def observed(quaternion, rates, joints) -> np.ndarray:
+    out, zero = np.full(23, np.nan), np.zeros(3)
+    state = BackendState(zero, np.array(quaternion), zero, np.array(rates), joints, np.zeros((4, 3)), 0.0)
+    observe(body_of(PUPPER_V2), state, out)
+    assert np.isnan(out[17:]).all(), "what the gait follows is not the sensors'"
+    return out
+
+
+def test_observation_layout_and_signs():
+    roll, pitch = 0.2, -0.1
+    # Quaternion of R_y(pitch) R_x(roll), yaw 0.
+    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    quaternion = np.array([cp * cr, cp * sr, sp * cr, -sp * sr])
+    joints = NOMINAL_POSE + np.arange(12) * 0.01
+    out = observed(quaternion, [1.0, 2.0, 3.0], joints)
+    assert out[:5] == pytest.approx([roll, pitch, 1.0, 2.0, 3.0])
+    np.testing.assert_allclose(out[5:17], np.arange(12) * 0.01, atol=1e-15)
+
+
+def test_the_rate_of_the_heading_is_the_gyroscopes_about_the_vertical():
+    seen = np.zeros(23)
+    seen[:5] = 0.0, 0.0, 5.0, 7.0, 0.3
+    assert heading_rate(seen) == pytest.approx(0.3)
+    # a body that turns at 0.5 rad/s about the vertical while rolled by 0.2 and pitched by -0.1 rad
+    roll, pitch, rate = 0.2, -0.1, 0.5
+    up = np.array([-math.sin(pitch), math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)])
+    seen[:5] = roll, pitch, *(rate * up)
+    assert heading_rate(seen) == pytest.approx(rate)
+
+
+def test_reward_by_hand():
+    weights = TaskWeights(
+        alive=0.5, speed=1.0, lateral=0.8, heading=0.6, yaw_rate=0.1, tilt=0.2, torque=0.003, slip=0.4
+    )
+    wrong = -0.2, 0.1, -0.05, 0.3, 0.07, 5.0, 0.1
+    # 0.5 - 0.2 - 0.08 - 0.03 - 0.03 - 0.014 - 0.015 - 0.04 = 0.091
+    assert reward(*wrong, True, 0.01, weights.array()) == pytest.approx(0.01 * 0.091)
+    assert reward(*wrong, False, 0.01, weights.array()) == pytest.approx(0.01 * -0.409)
+
+
+def test_a_robot_has_fallen_beyond_its_limits_and_when_its_state_is_unknown():
+    assert not any(fallen(*state, 0.05, 0.6) for state in ((0.0, 0.0, 0.17), (0.39, -0.39, 0.06)))
+    tilted, out_of_range = ((0.41, 0.0, 0.17), (0.0, -0.41, 0.17)), ((0.0, 0.0, 0.04), (0.0, 0.0, 0.61))
+    unknown = ((math.nan, 0.0, 0.17), (0.0, 0.0, math.nan))
+    assert all(fallen(*state, 0.05, 0.6) for state in (*tilted, *out_of_range, *unknown))

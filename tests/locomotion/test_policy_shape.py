@@ -5,13 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from policies import OBSERVATIONS, as_file_content, stats_of
+from policies import ACTIONS, OBSERVATIONS, stats_of
 
+from motorprior.backend import BackendState
 from motorprior.locomotion.ars import ArsConfig, RunningStats
+from motorprior.locomotion.body import GAITS, GaitName, body_of
+from motorprior.locomotion.control_step import command_step, follow_command, new_gait, observe
+from motorprior.locomotion.executor import ThreadExecutor
+from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
-from motorprior.locomotion.policy_shape import PolicyShape
+from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import Episode
+from motorprior.simulation.scene import Episode
 
 
 def shape_of(units: int = 0, symmetric: bool = True, gait: str = "trot") -> PolicyShape:
@@ -29,27 +34,25 @@ def seen() -> RunningStats:
 def test_a_search_that_starts_from_a_policy_begins_with_that_very_policy(units, symmetric, seen):
     shape = shape_of(units, symmetric)
     arrays = shape.policy(0.2 * np.random.default_rng(1).standard_normal(shape.size), seen)
-    again = PolicySearch(ArsConfig(), shape, as_file_content(arrays)).policy(0, 0)
+    again = PolicySearch(ArsConfig(), shape, arrays).policy(0, 0)
     for one, other in zip(arrays, again, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
 def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
-    shape = shape_of()
-    both, swap = shape.symmetric_stats(seen), shape_of().mirror.observation  # pyright: ignore[reportOptionalMemberAccess]
+    swap = mirror_of(PUPPER_V2).inputs[:-1, :-1]
     observations = np.random.default_rng(3).normal(0.4, 1.0, (30, OBSERVATIONS))
-    together = stats_of(np.concatenate([observations, swap.mirrored(observations)]))
-    merged = shape.symmetric_stats(stats_of(observations))
+    together = stats_of(np.concatenate([observations, observations @ swap]))
+    merged = shape_of().symmetric_stats(stats_of(observations))
     np.testing.assert_allclose(merged.mean, together.mean, atol=1e-13)
     np.testing.assert_allclose(merged.std(), together.std(), rtol=1e-12)
-    np.testing.assert_allclose(swap.mirrored(both.mean), both.mean, atol=1e-15)
-    assert both.count == 2 * seen.count and shape_of(symmetric=False).symmetric_stats(seen) is seen
+    assert merged.count == 60 and shape_of(symmetric=False).symmetric_stats(seen) is seen
 
 
-class Constant:
+class Constant(ThreadExecutor):
     """An executor whose episodes all have the same return; it records policies and tasks."""
 
-    def __init__(self, total: float):
+    def __init__(self, total: float):  # pyright: ignore[reportMissingSuperCall]
         self.total, self.walked, self.tasks = total, [], []
 
     def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:
@@ -97,3 +100,73 @@ def test_a_training_ends_after_enough_evaluations_without_a_better_policy(patien
     search.train(candidates, 45, evaluator, patience)
     assert search.best_iteration == 0 and search.ars.iteration == ends
     assert len(evaluator.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
+
+
+RIGHT_TO_LEFT = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+ABDUCTIONS = np.tile([-1.0, 1.0, 1.0], 4)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_a_mirror_image_of_a_mirror_image_is_the_original(gait: GaitName):
+    for swap in mirror_of(PUPPER_V2, gait):
+        np.testing.assert_array_equal(swap @ swap, np.eye(len(swap)))
+        np.testing.assert_array_equal(swap, swap.T)
+
+
+def test_the_joints_of_a_mirrored_robot_are_its_partners_with_abduction_turned(rng):
+    joints = rng.standard_normal(12)
+    inputs, actions = mirror_of(PUPPER_V2)
+    seen = np.concatenate([np.zeros(5), joints, np.zeros(6), [1.0]])
+    np.testing.assert_array_equal((inputs @ seen)[5:17], ABDUCTIONS * joints[RIGHT_TO_LEFT])
+    action = np.concatenate([joints, [0.1, 0.2, 0.3, 0.4, 0.5]])
+    expected = [*(ABDUCTIONS * joints[RIGHT_TO_LEFT]), 0.1, 0.2, 0.3, 0.4, -0.5]
+    np.testing.assert_array_equal(actions @ action, expected)
+
+
+@pytest.mark.parametrize(("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)])
+@pytest.mark.parametrize("gait", GAITS)
+def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forward: float, yaw_rate: float, rng):
+    """Both gaits run from the same phase, the mirrored one half a cycle later where the legs of a pair alternate."""
+    (inputs, actions), body = mirror_of(PUPPER_V2, gait), body_of(PUPPER_V2, gait)._replace(levelling_gain=0.2)
+    one, other = new_gait(body), new_gait(body)
+    other.scalars[0] = 0.0 if gait in ("bound", "pronk") else 0.5
+
+    def seen(state, quat, rates, joints, yaw_rate):
+        nothing = np.zeros(3)
+        at = BackendState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
+        observe(body, at, state.observation)
+        follow_command(body, state, forward, yaw_rate)
+        return state.observation
+
+    for _ in range(60):
+        w, x, y, z = np.array([1.0, 0.0, 0.0, 0.0]) + rng.uniform(0.1, 0.2, 4)
+        rates, joints, length = rng.standard_normal(3), rng.standard_normal(12), np.sqrt(w * w + x * x + y * y + z * z)
+        straight = seen(one, np.array([w, x, y, z]) / length, rates, joints, yaw_rate)
+        turned = rates * [-1.0, 1.0, -1.0], ABDUCTIONS * joints[RIGHT_TO_LEFT]
+        reflected = seen(other, np.array([w, -x, y, -z]) / length, *turned, -yaw_rate)
+        np.testing.assert_allclose(inputs[:-1, :-1] @ straight, reflected, atol=1e-12)
+        action = rng.uniform(-1.0, 1.0, ACTIONS)
+        command_step(body, one, action)
+        command_step(body, other, actions @ action)
+        np.testing.assert_allclose(ABDUCTIONS * one.target[RIGHT_TO_LEFT], other.target, atol=1e-12)
+
+
+@pytest.mark.parametrize("gait", GAITS)
+@pytest.mark.parametrize("units", [0, 5])
+def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_action(gait: GaitName, units, rng):
+    shape = PolicyShape.of(PUPPER_V2, gait, 2 * units, symmetric=True)
+    seen = stats_of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
+    policy, (inputs, actions) = shape.policy(0.15 * rng.standard_normal(shape.size), seen), mirror_of(PUPPER_V2, gait)
+    assert len(policy.hidden) == 2 * units
+    one, other, clipped = np.zeros(ACTIONS), np.zeros(ACTIONS), 0
+    for observation in rng.normal(0.0, 1.0, (50, OBSERVATIONS)):
+        act(policy, observation, one)
+        act(policy, inputs[:-1, :-1] @ observation, other)
+        np.testing.assert_allclose(other, actions @ one, atol=1e-12)
+        clipped += int(np.all(np.abs(one) == 1.0))
+    assert clipped == 0, "a policy at its limits answers nothing"

@@ -2,13 +2,25 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
+import math
+
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.body import GAITS, body_of
-from motorprior.locomotion.trajectory_generator import add_support, foot_path, joint_targets
+from motorprior.locomotion.body import (
+    GAITS,
+    GaitName,
+    add_support,
+    body_of,
+    foot_path,
+    joint_targets,
+    leg_angles,
+    phases_of,
+)
 from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
@@ -131,10 +143,60 @@ def test_with_support_a_pd_stands_in_the_pose_it_is_told_and_without_it_sags():
     assert abs(sag[0]) < 0.3 * sag[1] and sag[1] > 0.003
 
 
-def test_fastest_walks_and_turns_stay_inside_the_joint_limits():
-    for body in (body_of(PUPPER_V2, gait) for gait in GAITS):
-        for phase in np.linspace(0, 0.99, 40):
-            for speed, turn in ((0.5, 0.6), (-0.2, 0.6), (0.5, -0.6)):
-                for height in (-0.5 * LIFT, 0.5 * LIFT):
-                    out = targets(phase, speed, turn, height, 1.0, body=body)
-                    assert np.all(out >= PUPPER_V2.lower) and np.all(out <= PUPPER_V2.upper)
+TOUCH_DOWNS = {
+    "trot": [{"FR", "RL"}, {"FL", "RR"}],
+    "walk": [{"RL"}, {"FL"}, {"RR"}, {"FR"}],
+    "pace": [{"FR", "RR"}, {"FL", "RL"}],
+    "bound": [{"FR", "FL"}, {"RR", "RL"}],
+    "pronk": [{"FR", "FL", "RR", "RL"}],
+}
+"""In the order of time, from phase 0."""
+
+
+def stance_and_touch_downs(gait: GaitName) -> tuple[np.ndarray, list[set[str]]]:
+    """(steps, legs) whether each foot is down, over a cycle of 400 steps from phase 0, and who comes down when."""
+    phases, ratio = phases_of(PUPPER_V2, gait)
+    names, share = [leg.name for leg in PUPPER_V2.legs], 1.0 / (1.0 + ratio)
+    cycle = (np.arange(400) + 0.5) / 400
+    down = np.array([[foot_path(float((phase + own) % 1.0), share)[1] == 0.0 for own in phases] for phase in cycle])
+    touched = down & ~np.roll(down, 1, axis=0)
+    order = [{names[leg] for leg in np.flatnonzero(row)} for row in touched if row.any()]
+    return down, order
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_feet_touch_down_in_the_order_of_the_gait(gait: GaitName):
+    down, order = stance_and_touch_downs(gait)
+    assert order == TOUCH_DOWNS[gait]
+    np.testing.assert_allclose(down.mean(axis=0), 0.75 if gait == "walk" else 0.5, atol=0.005)
+
+
+def foot(thigh: float, shank: float, hip: float, knee: float) -> tuple[float, float]:
+    """Forward of and below the hip axis: two links that turn about +y, hanging down at zero."""
+    forward = -(thigh * math.sin(hip) + shank * math.sin(hip + knee))
+    return forward, thigh * math.cos(hip) + shank * math.cos(hip + knee)
+
+
+@given(
+    thigh=st.floats(0.05, 0.5),
+    ratio=st.floats(0.5, 2.0),
+    hip=st.floats(-3.1, 3.1),
+    knee=st.floats(0.06, 3.08),
+    side=st.sampled_from([-1.0, 1.0]),
+)
+@settings(deadline=None)  # the first call compiles
+def test_inverse_of_forward_kinematics_for_both_sides_of_the_knee(thigh, ratio, hip, knee, side):
+    shank = ratio * thigh
+    found = leg_angles(thigh, shank, *foot(thigh, shank, hip, side * knee), side)
+    assert found[1] == pytest.approx(side * knee, abs=1e-9)
+    assert math.remainder(found[0] - hip, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("forward", "below"), [(0.0, 1.0), (0.3, 0.4), (-2.0, 0.1)])
+def test_a_place_too_far_away_is_reached_for_with_a_nearly_straight_leg(forward, below, side):
+    hip, knee = leg_angles(0.1, 0.12, forward, below, side)
+    assert knee == pytest.approx(side * math.acos(0.999))
+    there, distance = foot(0.1, 0.12, hip, knee), math.hypot(forward, below)
+    assert math.hypot(*there) == pytest.approx(0.22, rel=1e-3)
+    assert there[0] * forward + there[1] * below == pytest.approx(math.hypot(*there) * distance), "in its direction"

@@ -15,8 +15,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.playback import replay
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"

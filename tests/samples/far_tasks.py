@@ -10,8 +10,7 @@ import numpy as np
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
 
 def draw_pd(rng: np.random.Generator) -> IdealPd:

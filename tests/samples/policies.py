@@ -1,5 +1,6 @@
 """Policies that nobody trained."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,10 +36,5 @@ def stats_of(observations: np.ndarray) -> RunningStats:
 def as_file_content(arrays: PolicyArrays, **changes: Any) -> Policy:
     """The policy, for motors with the gains that the wire sends."""
     kp, kd = spec.WIRE_KP * spec.TORQUE_CONSTANT, spec.WIRE_KD * spec.TORQUE_CONSTANT
-    parts: dict[str, Any] = {
-        "weights": arrays.weights, "hidden": arrays.hidden, "readout": arrays.readout, "observation_mean": arrays.mean,
-        "observation_std": arrays.std, "kp": np.full(ROBOT.num_joints, kp), "kd": np.full(ROBOT.num_joints, kd),
-        "control_dt": ROBOT.control_dt, "robot": ROBOT.name, "joint_names": ROBOT.joint_names,
-        "forward": ROBOT.require_legs().forward,
-    }  # fmt: skip
-    return Policy(**parts | changes)
+    of_joints = np.ones(ROBOT.num_joints)
+    return replace(Policy.of(ROBOT, arrays, kp * of_joints, kd * of_joints), **changes)

@@ -4,9 +4,9 @@ import json  # noqa: F401  # for the other process
 
 import numpy as np
 
-from motorprior.hardware.deploy import PolicyMotion
+from motorprior.hardware.health import Measurement
+from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.commands.twin_body import TwinBody
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual.firmware import IDLE, MAX_CURRENT, Drive, SensorReadings
+from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT
 from motorprior.robots.robot import Robot
+from motorprior.robots.wire import Drive, SensorReadings
+from motorprior.simulation.simulated_robot import SimulatedRobot
 from simulated_port import SimulatedPort
 
 
@@ -23,6 +24,7 @@ class FaultyPort(SimulatedPort):
         self, robot: Robot, currents: bool = False, suspended: bool = False, period: int = 10, corrupt: float = 0.0
     ):
         self.events: list[tuple[float, str]] = []
+        self._signs = robot.require_wire().joint_signs
         self.pose_at_idle = np.full(robot.num_joints, np.nan)
         self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
         self.faults: dict[str, tuple[float, int]] = {}
@@ -39,9 +41,9 @@ class FaultyPort(SimulatedPort):
     def on_change(self, what: str) -> None:
         self.events.append((self.now, what))
         if what == IDLE:
-            self.pose_at_idle = self.body.simulated.state().joint_pos
+            self.pose_at_idle = self._signs * self.body.sense().pos
 
-    def firmware_body(self, body: TwinBody) -> "FaultyBody":
+    def firmware_body(self, body: SimulatedRobot) -> "FaultyBody":
         return FaultyBody(body, self)
 
     def send(self, command: Command) -> float:
@@ -72,7 +74,7 @@ class FaultyBody:
     is tilted (1 rad), numb (constant) or blind (zeros).
     """
 
-    def __init__(self, body: TwinBody, port: FaultyPort):
+    def __init__(self, body: SimulatedRobot, port: FaultyPort):
         self._body, self._port = body, port
         self._frozen: dict[str, float] = {}
 

@@ -8,17 +8,18 @@ from gymnasium.utils.env_checker import check_env
 
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.body import body_of
+from motorprior.locomotion.body import add_support, advance_phase, body_of, gait_share, joint_targets
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
+    SPEED_FILTER,
+    TaskWeights,
     new_gait,
+    observe,
 )
 from motorprior.locomotion.policy import action_to_command, low_pass
-from motorprior.locomotion.task import SPEED_FILTER, TaskWeights, observe
-from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.spec import JOINT_LOWER, JOINT_UPPER, NOMINAL_POSE
 from motorprior.simulation.env import WalkEnv
@@ -31,11 +32,10 @@ class GlidingBackend:
     """Joints follow at once, the base glides forward by 3 mm per step; falls or fails on request."""
 
     def __init__(self, fall_at=10**9, fail_at=10**9):
-        self.fall_at, self.fail_at, self.targets, self.seeds, self.closed = fall_at, fail_at, [], [], False
+        self.fall_at, self.fail_at, self.targets = fall_at, fail_at, []
 
     def reset(self, seed):
         rng = np.random.default_rng(seed)
-        self.seeds.append(seed)
         self.start, self.count, self.joints = rng.normal(0.0, 0.01, 2), 0, NOMINAL_POSE.copy()
         return self._state()
 
@@ -46,7 +46,7 @@ class GlidingBackend:
         return self._state()
 
     def close(self):
-        self.closed = True
+        pass
 
     def _state(self):
         return BackendState(
@@ -69,13 +69,9 @@ def test_gymnasium_contract():
 SPEED, TURN = 0.3, 0.2
 
 
-def steady_env(backend):
-    return WalkEnv(PUPPER_V2, backend, WalkConfig(commands=Commands.steady(SPEED, TURN)))
-
-
 def test_order_of_a_control_step():
-    backend = GlidingBackend()
-    env, weights = steady_env(backend), TaskWeights()
+    backend, weights = GlidingBackend(), TaskWeights()
+    env = WalkEnv(PUPPER_V2, backend, WalkConfig(commands=Commands.steady(SPEED, TURN)))
     observation, info = env.reset(seed=4)
     rng, filtered, command, path = np.random.default_rng(0), np.zeros(17), np.empty(17), np.empty((2, 12))
     phase, target, twist, state = 0.0, NOMINAL_POSE.copy(), np.zeros(2), new_gait(BODY)
@@ -135,9 +131,3 @@ def test_a_fault_ends_the_episode_with_a_finite_observation():
     np.testing.assert_array_equal(observation, before)
     with pytest.raises(SimulationFault):
         WalkEnv(PUPPER_V2, GlidingBackend(fail_at=0)).reset(seed=0)
-
-
-def test_time_runs_out_as_truncation():
-    env = WalkEnv(PUPPER_V2, GlidingBackend(), WalkConfig(3))
-    env.reset(seed=0)
-    assert [env.step(np.zeros(17))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]

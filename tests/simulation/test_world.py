@@ -18,61 +18,10 @@ from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
-from motorprior.simulation.rollout import WalkSimulator
-from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import FAULTS, hold_target, physics_step
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
+from motorprior.simulation.world import FAULTS, World, find_fault, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
-
-
-@pytest.mark.parametrize("physics_dt", [0.001, 0.002])
-def test_free_fall(physics_dt):
-    world = World(PUPPER_V2, physics_dt=physics_dt)
-    motors = world.reset(PD)
-    world.data.qpos[2] = 10.0
-    for _ in range(20):
-        hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
-    # semi-implicit Euler over m steps h: v = -g·m·h, z = z0 - g·h²·m·(m+1)/2; the legs fall alike
-    m, h = round(0.2 / physics_dt), physics_dt
-    assert world.data.qvel[2] == pytest.approx(-9.81 * 0.2)
-    assert world.data.qpos[2] == pytest.approx(10.0 - 9.81 * h**2 * m * (m + 1) / 2)
-    np.testing.assert_allclose(world.data.qpos[7:], spec.NOMINAL_POSE, atol=1e-9)
-    np.testing.assert_allclose(world.data.qvel[3:], 0.0, atol=1e-9)
-
-
-def test_a_suspended_knee_is_a_second_order_system():
-    # shank about the knee 3.450e-4 kg·m² (see the robot's tests) plus armature; gravity off, other joints held
-    world = World(PUPPER_V2, suspended=True, physics_dt=0.0005)
-    world.model.opt.gravity[:] = 0.0
-    kp, kd, armature = 2.0, 0.02, 0.003
-    stiff = np.array([1e4, 1e4, kp] * 4)
-    damping, rotor = np.array([10.0, 10.0, kd] * 4), np.array([1e3, 1e3, armature] * 4)
-    motors = world.reset(IdealPd(stiff, damping, np.full(12, 1e9), rotor, np.zeros(12)))
-    target = spec.NOMINAL_POSE + np.tile([0.0, 0.0, 0.2], 4)
-    inertia = armature + 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
-    decay = kd / (2 * inertia)
-    wave = np.sqrt(kp / inertia - decay**2)
-    for step in range(1, 21):
-        hold_target(world.arrays, motors, target)
-        t = step * world.control_dt
-        ringing = np.exp(-decay * t) * (np.cos(wave * t) + decay / wave * np.sin(wave * t))
-        # Euler errs by dt·wave/2 of the amplitude: 0.0005·24/2·0.2 = 1.2e-3 rad
-        np.testing.assert_allclose(world.data.qpos[2::3] - spec.NOMINAL_POSE[2], 0.2 * (1 - ringing), atol=2.5e-3)
-
-
-def test_the_standing_robot_carries_its_weight_on_four_feet():
-    world = World(PUPPER_V2)
-    motors = world.reset(PD)
-    for _ in range(100):
-        hold_target(world.arrays, motors, spec.NOMINAL_POSE.copy())
-    mujoco.mj_forward(world.model, world.data)
-    pushes = np.zeros((world.data.ncon, 6))
-    for contact, push in enumerate(pushes):
-        mujoco.mj_contactForce(world.model, world.data, contact, push)
-    assert len(pushes) == 4
-    # still swaying a little: within 2 % of 2.1354 kg · 9.81 m/s²
-    assert pushes[:, 0].sum() == pytest.approx(2.1354 * 9.81, rel=0.02)
 
 
 def test_the_reported_torque_is_the_motors_with_the_engines_share():
@@ -124,7 +73,7 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
     episode = simulator.run(random_policy(1.0, seed=0), seed=0)
     assert episode.fault == 1 and episode.steps < 250
     assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
-    backend = Scene(PUPPER_V2, lambda rng: motors).backend()
+    backend = SimulatedBackend(Scene(PUPPER_V2, lambda rng: motors))
     backend.reset(0)
     states = [backend.step(spec.NOMINAL_POSE + 0.1) for _ in range(5)]
     assert states[-1].fault == 1
@@ -149,6 +98,6 @@ def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
     for kind in set(map(int, kinds.__members__.values())) - of_no_concern:
         world = World(PUPPER_V2)
         world.reset(PD)
-        assert world.fault() == 0
+        assert find_fault(world.arrays) == 0
         world.data.warning.number[kind] = 1
-        assert world.fault() in FAULTS
+        assert find_fault(world.arrays) in FAULTS

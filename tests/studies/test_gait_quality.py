@@ -8,8 +8,8 @@ import pytest
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import follow_command, new_gait
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.simulation.foot_motion import FootMotion
-from motorprior.simulation.rollout import Episode
+from motorprior.simulation.rendering import FootMotion
+from motorprior.simulation.scene import Episode
 from motorprior.studies import gait_quality as module
 from motorprior.studies.gait_quality import gait_quality, quality_results, walk_measures
 

@@ -23,8 +23,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
-from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import evaluation_seed, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
@@ -169,7 +168,7 @@ def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
         randomization = {"twin": NOISY, "hard": HARD}[config.environment]
         walk = replace(walk, randomization=randomization, gait=trained.policy.gait)
         scene = twin_scene(trained.robot, load_robot_fleet(robot, config.fleet), walk)
-    return run_walks(scene, trained.policy.arrays(), [config.seed])[0]
+    return run_walks(scene, trained.policy.arrays, [config.seed])[0]
 
 
 def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded: np.ndarray) -> Results:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,12 +18,11 @@ from motorprior.hardware.settings import require_robot_extra
 from motorprior.robots.load import load_robot
 
 if TYPE_CHECKING:
-    from motorprior.commands.twin_body import TwinBody
-    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+    from motorprior.hardware.virtual_robot import VirtualRobot
     from motorprior.robots.robot import Robot
+    from motorprior.simulation.simulated_robot import SimulatedRobot
 
 _MAX_START = 60.0  # [s]
-_HOMING_TIME = 1.0  # [s], a little more than homing takes
 
 
 @dataclass(frozen=True)
@@ -43,20 +41,17 @@ class VirtualRobotSettings:
     """The firmware sends motor currents."""
     imu: bool = True
     """The firmware reads the IMU; without, it sends zeros like the present firmware."""
-    homing: bool = True
-    """Home at the start."""
 
 
-def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, TwinBody]:
+def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, SimulatedRobot]:
     """A virtual robot and its body, not yet running.
 
     Raises:
         ConfigError, ArtifactError: settings out of range, or an unknown fleet.
     """
     require_robot_extra()
-    from motorprior.commands.twin_body import TwinBody, draw_motors
-    from motorprior.hardware.virtual.firmware import FirmwareConfig
-    from motorprior.hardware.virtual.virtual_robot import VirtualRobot
+    from motorprior.hardware.virtual_robot import FirmwareConfig, VirtualRobot
+    from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
     if settings.rate not in (100, 200):
@@ -64,8 +59,8 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
             f"robot.rate {settings.rate} is not a rate of the firmware", remedy="give 100 or 200", argument="robot.rate"
         )
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
-    body = TwinBody(robot, motors, settings.suspended, settings.seed)
-    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
+    body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
+    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu)
     return VirtualRobot(robot, body, config), body
 
 
@@ -90,8 +85,6 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
             raise answer
         if answer is None:
             raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above")
-        if settings.homing:
-            time.sleep(_HOMING_TIME)
         yield answer
     finally:
         connection.close()  # ends the robot, also if this process is killed
@@ -101,7 +94,7 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
 
 def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection) -> None:
     """Send the port, or an error, and run until the other end of the connection is closed."""
-    from motorprior.hardware.real_time import real_time
+    from motorprior.hardware.control_loop import real_time
 
     os.setsid()  # the terminal's signals go to the host, which must crouch the robot
     try:
@@ -109,9 +102,9 @@ def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection
     except MotorPriorError as error:
         connection.send(error)
         return
-    start = body.simulated.position()
+    start = body.position()
     connection.send(virtual.port)
     with real_time():
         virtual.run(connection.poll)
-    forward, left = body.simulated.position() - start
+    forward, left = body.position() - start
     print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)

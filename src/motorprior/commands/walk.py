@@ -15,12 +15,11 @@ from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import motors_as_json
-from motorprior.simulation.training import Training, WalkSettings
-from motorprior.simulation.training_files import CHECKPOINT, TrainingFiles
+from motorprior.simulation.training import CHECKPOINT, Training, TrainingFiles, WalkSettings
 from motorprior.stage import description, digest, is_finished, working
 
 POLICY, CURVE = "policy.safetensors", "curve.json"
-_WITHOUT_EFFECT = ("workers", "executor", "ray_address", "tensorboard")  # on the result
+_WITHOUT_EFFECT = ("workers", "executor", "ray_address")  # on the result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +40,6 @@ class Walk(WalkSettings):
     """Threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""
-    tensorboard: bool = False
-    """Also write the learning curve for TensorBoard, into the folder tensorboard; needs the extra tensorboard."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
@@ -75,7 +72,7 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
     if is_finished(config.out, wanted):
         return False
     require_executor(config.executor, config.ray_address)
-    files = TrainingFiles(config.out, wanted, config.tensorboard)
+    files = TrainingFiles(config.out, wanted)
     training.note(progress)
     with working(config.out, wanted):
         training.run(config.workers, progress, name, config.executor, config.ray_address, files)

@@ -50,7 +50,7 @@ def build_walk_report(
         trained = TrainedPolicy.load(seeds[0] / POLICY, robot)
         commands = straight_ahead(trained.robot)
         walk = WalkConfig(DURATION_STEPS, randomization=trained.randomization, commands=commands)
-        traces[name] = run_walks(trained.scene(walk), trained.policy.arrays(), [0])[0].trace
+        traces[name] = run_walks(trained.scene(walk), trained.policy.arrays, [0])[0].trace
         if with_robustness:
             maps[name] = robustness(seeds[0] / POLICY, robot, min(2, os.cpu_count() or 1), progress)
         if with_curve := [folder for folder in seeds if (folder / CURVE).is_file()]:

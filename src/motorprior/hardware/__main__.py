@@ -10,7 +10,7 @@ import re
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from motorprior.exceptions import MotorPriorError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
@@ -32,8 +32,7 @@ def parser() -> argparse.ArgumentParser:
     _add_options(deploy, DeploySettings)
     _add_options(record, RecordSettings)
     doctor.add_argument("--seconds", type=float, default=3.0, help="duration of the check [s]")
-    idle = "remove the current from the motors first, so that legs move by hand; a standing robot sinks"
-    doctor.add_argument("--idle", action="store_true", help=idle)
+    doctor.add_argument("--idle", action="store_true", help="first remove the current: legs move, the robot sinks")
     return top
 
 
@@ -41,17 +40,11 @@ def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
     """One option per field of a settings dataclass; the help is its line in the docstrings' Attributes."""
     docs = "\n".join((each.__doc__ or "").partition("Attributes:")[2] for each in settings.__mro__[:-1])
     texts = dict(re.findall(r"\n {8}(\w+): ((?:.|\n {9,})*)", docs))
-    hints = get_type_hints(settings)
     for field in fields(settings):
-        option, text = f"--{field.name.replace('_', '-')}", " ".join(texts[field.name].split()).replace("%", "%%")
-        if hints[field.name] is bool:
-            command.add_argument(option, action="store_true", help=text)
-            continue
-        kind = (get_args(hints[field.name]) or (hints[field.name],))[0]  # of an optional setting, the kind of its value
-        choices = get_args(kind)  # of a Literal
-        command.add_argument(
-            option, type=str if choices else kind, choices=choices or None, default=field.default, help=text
-        )
+        hint, option = get_type_hints(settings)[field.name], f"--{field.name.replace('_', '-')}"
+        kind = (get_args(hint) or (hint,))[0]  # of an optional setting, that of its value
+        how: dict[str, Any] = {"action": "store_true"} if kind is bool else {"type": kind, "default": field.default}
+        command.add_argument(option, help=" ".join(texts[field.name].split()).replace("%", "%%"), **how)
 
 
 def main() -> None:

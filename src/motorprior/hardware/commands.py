@@ -6,6 +6,8 @@ The command line `motorprior` and, on the robot's own computer, `python -m motor
 from __future__ import annotations
 
 import math
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
@@ -15,17 +17,15 @@ from typing import Any
 
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_number, require_seed
-from motorprior.exceptions import ArtifactError
-from motorprior.hardware import deploy, teleop
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.hardware import motions, teleop
 from motorprior.hardware.control_loop import clock_figures
-from motorprior.hardware.doctor import check_telemetry, require_ok
-from motorprior.hardware.excitations import excitation_targets, excite, joints_of
-from motorprior.hardware.recorder import Recorder
-from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.motions import excitation_targets, excite, joints_of
+from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import Session, fault_of, stop_on_signals
-from motorprior.hardware.settings import DeploySettings, Excitation, RecordSettings, RunSettings
+from motorprior.hardware.session import Session, check_telemetry, fault_of, require_ok, stop_on_signals
+from motorprior.hardware.settings import DeploySettings, RecordSettings, RunSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot
@@ -46,34 +46,26 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     if settings.seconds is not None:
         require_number("seconds", settings.seconds, 0.0, 1e6, positive=True)
     policy = Policy.load(path)
-    policy.check()
     policy.require_robot(robot)
     gait = robot.with_speed_range(policy.forward).require_legs()
     if settings.forward is not None:
         require_number("forward", settings.forward, *gait.forward)
     require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
-    gains = deploy.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
-    has_imu = not settings.without_imu
+    gains = motions.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     if settings.dry_run:
         command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
-            steps = deploy.dry_run(link, policy, stop, settings.seconds or _DRY_RUN, command, has_imu, show)
+            session = Session(link, gains, stop, not settings.without_imu, status=show)
+            steps = motions.dry_run(session, policy, command, settings.seconds or _DRY_RUN)
         show(f"dry run: {steps} control steps, nothing was sent")
         return
-    teleop.require_terminal(settings.yes)
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
-    out = settings.out or _dated_folder("deploy")
-    with _session(robot, port, out, gains, show) as (session, files):
-
-        def confirm() -> None:
-            teleop.confirm_arming(session.stop, settings.yes, teleop.WALKING, show)
-            files.begin("deploy", port, settings, policy=str(path), provenance=dict(policy.provenance))
-
-        session.need_imu, session.confirm = has_imu, confirm
+    facts = {"command": "deploy", "policy": str(path), "provenance": dict(policy.provenance)}
+    with _session(robot, port, settings, gains, teleop.WALKING, show, facts) as (session, out):
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
-        deploy.walk(session, policy, steering, settings.seconds)
+        motions.walk(session, policy, steering, settings.seconds)
     show(f"stopped by {session.outcome}; {out / _LOG}")
     for name, value in clock_figures([session.timing], policy.control_dt).items():
         show(f"{name} {value:.4g}")
@@ -88,7 +80,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     """
     safety, standing = robot.require_wire().safety, settings.standing
     # Steps of a leg that carries weight would tip a standing robot.
-    excitation: Excitation = settings.excitation or ("multisine" if standing else "varied")
+    excitation = settings.excitation or ("multisine" if standing else "varied")
     amplitude, speed = settings.amplitude, settings.speed
     if amplitude is None:  # small on the ground: feet that push into it look blocked
         amplitude = 0.1 if standing else 0.4
@@ -103,113 +95,91 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
     joints = joints_of(robot, settings.joint)
     targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
-    teleop.require_terminal(settings.yes)
-    out = settings.out or _dated_folder("record")
+    how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
     # A suspended robot may hang tilted.
-    limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else float("inf"))
-    with _session(robot, port, out, gains, show, limits) as (session, files):
-
-        def confirm() -> None:
-            how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
-            teleop.confirm_arming(session.stop, settings.yes, how_to_stop, show)
-            files.begin("record", port, settings)
-
-        session.need_imu, session.confirm = standing and not settings.without_imu, confirm
+    limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else math.inf)
+    with _session(robot, port, settings, gains, how_to_stop, show, {"command": "record"}, limits) as (session, out):
+        session.need_imu = standing and session.need_imu
         excite(session, targets, suspended=not standing)
     show(f"recorded {out / _LOG}")
     return out / _LOG
 
 
-class RunFiles:
-    """Settings, gains, limits, outcome and timing of a session.
+@contextmanager
+def _session(
+    robot: Robot,
+    port: str,
+    settings: RunSettings,
+    gains: Gains,
+    how_to_stop: str,
+    show: Print,
+    facts: dict[str, Any],
+    limits: SafetyLimits | None = None,
+) -> Iterator[tuple[Session, Path]]:
+    """A session that the operator confirms, and the folder of its files.
 
-    run.json is written when the robot is armed, and again when the run has ended, with its outcome: "time", "operator",
-    the name of a signal, or the kind of a fault and its message. Infinite limits are null.
+    run.json contains ``facts``, settings, gains and limits (an infinite one is null). It is written when the robot is
+    armed, and again when it is idle, with the outcome: "time", "operator", the name of a signal, or the kind of a fault
+    and its message.
     """
+    if not settings.yes and (sys.stdin is None or not sys.stdin.isatty()):
+        raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
+    command = facts["command"]
+    out = settings.out or Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
+    recorder, begun = Recorder(robot, out / _LOG), dict[str, Any]()
+    with RobotLink(robot, SerialLink(robot, port), limits, recorder) as link, stop_on_signals() as stop:
 
-    def __init__(self, folder: Path, session: Session):
-        self._folder, self._session = folder, session
-        self._record: dict[str, Any] = {}
+        def confirm() -> None:
+            teleop.confirm_arming(stop, settings.yes, how_to_stop, show)
+            begun.update(
+                port=port,
+                robot=robot.name,
+                started=datetime.now().astimezone().isoformat(timespec="seconds"),
+                settings={name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
+                gains=asdict(gains),
+                safety={name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
+                **facts,
+            )
+            write_json(out / "run.json", begun)
 
-    def begin(self, command: str, port: str, settings: RunSettings, **more: Any) -> None:
-        """Before the first command, write the settings, gains, limits and ``more``."""
-        link = self._session.link
-        self._record = {
-            "command": command,
-            "port": port,
-            "robot": link.robot.name,
-            "started": _now(),
-            "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
-            "gains": asdict(self._session.gains),
-            "safety": {name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
-            **more,
-        }
-        write_json(self._folder / "run.json", self._record)
+        def end(outcome: str, message: str | None) -> None:
+            if begun:
+                stream = link.stream
+                frames = {name: getattr(stream, name) for name in ("accepted", "repeated", "impossible")}
+                ending = {
+                    "ended": datetime.now().astimezone().isoformat(timespec="seconds"),
+                    "outcome": outcome,
+                    "message": message,
+                    "position_clips": link.gate.position_clips,
+                    "slew_clips": link.gate.slew_clips,
+                    "commands": link.sent,
+                    "frames": frames | {"damaged": link.port.reader.rejected},
+                }
+                write_json(out / "run.json", begun | ending)
+                write_json(out / "figures.json", clock_figures([session.timing], robot.control_dt))
 
-    @contextmanager
-    def written_at_end(self) -> Iterator[None]:
-        """On exit, when the robot is idle, write how the run ended, if it had begun."""
+        session = Session(link, gains, stop, not settings.without_imu, confirm, show)
         try:
-            yield
+            yield session, out
         except BaseException as error:
             kind = fault_of(error).kind if isinstance(error, Exception) else type(error).__name__
             with suppress(ArtifactError):  # the error that ended the run is more important
-                self._end(kind, str(error))
+                end(kind, str(error))
             raise
-        self._end(self._session.outcome, None)
-
-    def _end(self, outcome: str, message: str | None) -> None:
-        if not self._record:
-            return
-        link = self._session.link
-        frames = {name: getattr(link.stream, name) for name in ("accepted", "repeated", "impossible")}
-        ending = {
-            "ended": _now(),
-            "outcome": outcome,
-            "message": message,
-            "position_clips": link.position_clips,
-            "slew_clips": link.slew_clips,
-            "commands": link.sent,
-            "frames": frames | {"damaged": link.rejected},
-        }
-        write_json(self._folder / "run.json", self._record | ending)
-        write_json(self._folder / "figures.json", clock_figures([self._session.timing], link.robot.control_dt))
-
-
-def _now() -> str:
-    return datetime.now().astimezone().isoformat(timespec="seconds")
-
-
-@contextmanager
-def _session(
-    robot: Robot, port: str, out: Path, gains: Gains, show: Print, limits: SafetyLimits | None = None
-) -> Iterator[tuple[Session, RunFiles]]:
-    """A session that is recorded to ``out``; at the end the robot is idle and the files of the run are written."""
-    recorder = Recorder(robot, out / _LOG)
-    with RobotLink(robot, SerialLink(robot, port), limits, recorder) as link, stop_on_signals() as stop:
-        session = Session(link, gains, stop, status=show)
-        files = RunFiles(out, session)
-        with files.written_at_end():
-            yield session, files
+        end(session.outcome, None)
 
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:
     """Check the telemetry of a robot and show every finding; sends nothing, or only idle.
 
-    Raises:
-        ConfigError: settings out of range.
-        RobotFault: no telemetry comes, or the first check that failed.
+    Raises ConfigError for settings out of range, RobotFault if no telemetry comes and for the first failed check.
     """
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
-            check_telemetry(link, 0.3)  # an error for a device that is not a robot, before anything is sent
+            check_telemetry(link, link.receive(time.monotonic() + 0.3))  # nothing is sent to a device that is no robot
             link.relax()
-        checks = check_telemetry(link, seconds)
+        checks = check_telemetry(link, link.receive(time.monotonic() + seconds))
     for check in checks:
         show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{'' if check.ok else f' -> {check.remedy}'}")
     require_ok(checks)
-
-
-def _dated_folder(command: str) -> Path:
-    return Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")

@@ -1,17 +1,22 @@
-"""Motions, control steps at absolute times on the monotonic clock, and statistics of their timing."""
+"""Motions, control steps at absolute times on the monotonic clock, their timing and protection from other processes."""
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
+import os
+import resource
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from motorprior.hardware.health import SlowHost
+from motorprior.hardware.health import Measurement, SlowHost
 from motorprior.hardware.robot_link import RobotLink
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.readers.robot_run import Mode
 from motorprior.robots.wire import SafetyLimits
 
@@ -37,19 +42,6 @@ def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, h
     return lambda _: next(targets, None)
 
 
-def every(steps: int, act: Callable[[int, Measurement], None]) -> Callable[[Measurement], None]:
-    """A function of the measurement that calls ``act`` with the count of calls every so many of them."""
-    count = 0
-
-    def after_step(measurement: Measurement) -> None:
-        nonlocal count
-        count += 1
-        if count % steps == 0:
-            act(count, measurement)
-
-    return after_step
-
-
 @dataclass
 class Timing:
     """Timing of every control step, in seconds."""
@@ -58,22 +50,19 @@ class Timing:
     late: list[float] = field(default_factory=list)  # time after the deadline
     age: list[float] = field(default_factory=list)  # of the measurement used, when the command was sent
     skipped: int = 0  # steps skipped because the previous one took too long
-    aborted: float | None = None  # lateness of the step in which a fault prevented the command
 
 
 def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
     """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
 
     period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
-    more than half a period late. telemetry_age_ms: age of the measurement used. An aborted step counts in the first
-    two as if its command had been sent when the fault was found. Empty if no run has two steps.
+    more than half a period late. telemetry_age_ms: age of the measurement used. Empty if no run has two steps.
     """
     runs = [run for run in runs if len(run.sent) >= 2]
     if not runs:
         return {}
-    aborted = [run.aborted for run in runs if run.aborted is not None]
-    jitter = np.concatenate([*(np.diff(run.sent) - period for run in runs), aborted])
-    late, age = np.concatenate([*(run.late for run in runs), aborted]), np.concatenate([run.age for run in runs])
+    jitter = np.concatenate([np.diff(run.sent) - period for run in runs])
+    late, age = np.concatenate([run.late for run in runs]), np.concatenate([run.age for run in runs])
     skipped = sum(run.skipped for run in runs)
     figures = {
         f"{name}/{quantile}": 1e3 * float(np.percentile(seconds, percent))
@@ -85,10 +74,7 @@ def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot; raises if the host is too slow.
-
-    ``stop`` is called before every step; True ends the motion.
-    """
+    """Plays motions on an armed robot, until ``stop`` returns True before a step; raises if the host is too slow."""
 
     def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Callable[[], bool]):
         self._link, self._period, self._stop = link, link.robot.control_dt, stop
@@ -99,13 +85,13 @@ class ControlLoop:
         self,
         motion: Motion,
         mode: Mode,
-        after_step: Callable[[Measurement], None] = lambda _: None,
+        after_step: Callable[[int, Measurement], None] = lambda *_: None,
         timing: Timing | None = None,
     ) -> None:
         """Play ``motion`` until it ends or ``stop`` returns True.
 
-        ``after_step`` is called after each command, in the rest of the period, and must be fast. ``timing`` is filled
-        also if a fault ends the motion.
+        ``after_step`` is called with the number of steps after each command, in the rest of the period, and must be
+        fast. ``timing`` is filled also if a fault ends the motion.
 
         Raises:
             RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
@@ -113,19 +99,15 @@ class ControlLoop:
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
         while not self._stop():
-            try:
-                measurement = self._next_measurement()
-                target = motion(measurement)
-                if target is None:
-                    return
-                sent = self._link.send(target, mode)
-            except Exception:
-                timing.aborted = max(0.0, time.monotonic() - self._deadline)
-                raise
+            measurement = self._next_measurement()
+            target = motion(measurement)
+            if target is None:
+                return
+            sent = self._link.send(target, mode)
             timing.sent.append(sent)
             timing.late.append(sent - self._deadline)
             timing.age.append(sent - measurement.sampled)
-            after_step(measurement)
+            after_step(len(timing.sent), measurement)
             self._next_deadline(measurement, sent, timing)
 
     def _next_measurement(self) -> Measurement:
@@ -149,3 +131,38 @@ class ControlLoop:
             self._deadline += skipped * self._period
             timing.skipped += skipped
             self._paused = True
+
+
+_SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
+
+
+@contextmanager
+def real_time() -> Iterator[None]:
+    """Real-time priority, locked memory and no garbage collection within this context."""
+    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
+    # With a limit of locked memory, a later allocation would fail in the middle of a motion.
+    unlimited = sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    libc = ctypes.CDLL(None) if unlimited else None
+    if libc is not None:
+        libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        if libc is not None:
+            libc.munlockall()
+        if normal is not None:
+            _set_scheduler(*normal)
+
+
+def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:
+    """Set scheduling policy and priority of this thread; returns the earlier ones, None if not permitted."""
+    try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except (OSError, AttributeError):  # not permitted, or not Linux
+        return None
+    return before

@@ -1,4 +1,4 @@
-"""Fault detection in telemetry, sent targets and the host's timing.
+"""Acceptance and age of telemetry, and fault detection in telemetry, sent targets and the host's timing.
 
 Each check is called once per measurement or control step and yields or raises a `RobotFault` when a limit of
 `robots.wire.SafetyLimits` has been exceeded for the given time. Angles have the library's signs.
@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import Telemetry
-from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
@@ -39,23 +39,20 @@ class Sensors:
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._names, self._limits = robot.joint_names, limits
-        self._tilted, self._imu_works = _Debounce(limits.tilt_time), _Debounce(limits.imu_time)
-        self._overcurrent = _Debounce(limits.current_time)
-        self._hot, self._empty = _Debounce(limits.warning_time), _Debounce(limits.warning_time)
-        self._imu_has_worked = False
-        self._last: tuple[float, ...] = ()
-        self._since = 0.0
+        times = limits.tilt_time, limits.imu_time, limits.current_time, limits.warning_time, limits.warning_time
+        self._tilted, self._imu_works, self._overcurrent, self._hot, self._empty = map(_Debounce, times)
+        self._imu_has_worked, self._last, self._since = False, tuple[float, ...](), 0.0
 
     def faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
         """The faults in a measurement at ``now`` [s] on the robot's clock."""
         limits = self._limits
-        joint, current = _largest(None if telemetry.cur is None else np.abs(telemetry.cur))
+        name, current = self._largest(None if telemetry.cur is None else np.abs(telemetry.cur))
         if self._overcurrent(current > limits.measured_current, now):
-            yield RobotFault("current", f"{self._names[joint]} draws {current:.1f} A")
-        joint, temperature = _largest(telemetry.temp)
+            yield RobotFault("current", f"{name} draws {current:.1f} A")
+        name, temperature = self._largest(telemetry.temp)
         if self._hot(temperature > limits.temperature, now):
-            problem = f"{self._names[joint]} is at {temperature:.0f} °C"
-            yield RobotFault("temperature", problem, safe_state="crouch", remedy="let the motors cool down")
+            problem, remedy = f"{name} is at {temperature:.0f} °C", "let the motors cool down"
+            yield RobotFault("temperature", problem, safe_state="crouch", remedy=remedy)
         if self._empty(telemetry.bat is not None and telemetry.bat < limits.battery, now):
             yield RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
         values = (*telemetry.attitude, *telemetry.rates)
@@ -69,13 +66,10 @@ class Sensors:
         if self._tilted(max(abs(telemetry.roll), abs(telemetry.pitch)) > limits.max_tilt, now):
             yield RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
 
-
-def _largest(values: np.ndarray | None) -> tuple[int, float]:
-    """Joint and value of the largest of (joints,) values."""
-    if values is None:
-        return 0, -math.inf
-    joint = int(np.argmax(values))
-    return joint, float(values[joint])
+    def _largest(self, values: np.ndarray | None) -> tuple[str, float]:
+        """Joint and value of the largest of (joints,) values."""
+        joint = 0 if values is None else int(np.argmax(values))
+        return self._names[joint], -math.inf if values is None else float(values[joint])
 
 
 class Tracking:
@@ -97,10 +91,7 @@ class Tracking:
         self._window: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def restart_window(self, now: float) -> None:
-        """Detect stuck joints only from ``now`` [s] on: the host paused, and no target moved meanwhile.
-
-        At most once a second, so that many pauses cannot hide a stuck joint.
-        """
+        """After a pause of the host, detect stuck joints from ``now`` [s] on; once a second, so as to hide none."""
         if now - self._restart >= 1.0:
             self._window, self._restart = [], now
 
@@ -114,10 +105,9 @@ class Tracking:
         self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
         worst = int(np.argmax(self._away))
         if self._away[worst] >= self._limits.tracking_time:
-            name, away = self._names[worst], self._away[worst]
-            problem = f"{name} is {error[worst]:.2f} rad from its lagged target, for {away:.2f} s"
+            problem = f"{self._names[worst]} is {error[worst]:.2f} rad from its lagged target, for "
             remedy = "look for a motor without power, a loose cable or an obstacle"
-            yield RobotFault("tracking", problem, remedy=remedy)
+            yield RobotFault("tracking", f"{problem}{self._away[worst]:.2f} s", remedy=remedy)
         if now >= self._restart:
             yield from self._stuck(joint_pos, self._reference, now)
 
@@ -146,10 +136,7 @@ class SlowHost:
         self._late = deque([0.0] * 100, maxlen=100)
 
     def check(self, late: float) -> None:
-        """Add the lateness [s] of a step: of its command, or of its end if that missed the next deadline.
-
-        Raise if one step is far too late, too many steps are late, or the sum is too large.
-        """
+        """Add the lateness [s] of a command, or of a step that missed the next deadline; raise if it is too much."""
         limits = self._limits
         self._late.append(late if late > 0.5 * self._period else 0.0)
         num_late, total = len(self._late) - self._late.count(0.0), sum(self._late)
@@ -159,16 +146,108 @@ class SlowHost:
             raise RobotFault("slow host", problem, safe_state="crouch", remedy="close other programs on this computer")
 
 
-def check_stream(stream: TelemetryStream, limits: SafetyLimits, now: float) -> Measurement:
-    """The latest measurement; raises if there is none, if it is old, or after several impossible frames in a row."""
-    if stream.impossible_in_a_row >= limits.implausible_frames:
-        problem = f"{stream.impossible_in_a_row} physically impossible frames in a row"
-        remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
-        raise RobotFault("implausible telemetry", problem, remedy=remedy)
-    if stream.latest is None:
-        raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
-    age = now - stream.latest.sampled
-    if age > limits.telemetry_age:
-        problem = f"the last measurement is {age:.2f} s old, {limits.telemetry_age} s is the limit"
-        raise RobotFault("stale telemetry", problem)
-    return stream.latest
+_WINDOW = 5.0  # [s]
+_MAX_ANGLE = 2.0 * math.pi  # the firmware's own bound on joint angles
+_SLACK = 0.05  # [rad] in addition to speed times time: time stamps are whole milliseconds
+_MAX_LEAD = 0.03  # [s] by which a frame may be faster than all before; a time stamp further ahead is damaged
+_NUM_AGREEING = 3  # so many leading time stamps in a row are accepted if they agree
+_WARM_UP = 20  # frames until the shortest transmission time is measured
+_RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """An accepted frame."""
+
+    telemetry: Telemetry
+    arrival: float  # time of arrival on the host's monotonic clock [s]
+    sampled: float  # time of measurement on the same clock [s]
+
+
+class TelemetryStream:
+    """Accepts telemetry frames, and counts accepted, repeated and impossible ones.
+
+    Without a checksum a damaged frame can decode, so a frame is accepted only if the robot could have moved there since
+    the last one. The fastest frames synchronise the robot's clock with the host's:
+
+        host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), at most its arrival
+
+    so a measurement's age includes its time in buffers, without the shortest transmission time. The second smallest,
+    because the smallest may come from a damaged time stamp, which would make all frames of the next seconds look old.
+    """
+
+    def __init__(self, limits: SafetyLimits):
+        self._limits, self._since = limits, -math.inf
+        # The two smallest host's minus robot's time [s] of this window and of the one before, which follow drift.
+        self._current, self._previous, self._ahead = list[float](), list[float](), list[float]()
+        self.latest: Measurement | None = None
+        self.accepted = self.repeated = self.impossible = self.impossible_in_a_row = 0
+
+    def accept(self, telemetry: Telemetry, arrival: float) -> Measurement | None:
+        """The measurement; None for a frame that is repeated or impossible."""
+        # A clock that starts again at 0 is impossible, not a duplicate or an overtaken frame.
+        if self.latest is not None and 0.0 <= 1e-3 * (self.latest.telemetry.ts - telemetry.ts) < _RESTART:
+            self.repeated += 1
+            return None
+        if not self._is_possible(telemetry, arrival):
+            self.impossible += 1
+            self.impossible_in_a_row += 1
+            return None
+        self.accepted += 1
+        self.impossible_in_a_row = 0
+        self.latest = Measurement(telemetry, arrival, self._host_time(1e-3 * telemetry.ts, arrival))
+        return self.latest
+
+    def fresh(self, now: float) -> Measurement:
+        """The latest measurement; RobotFault if there is none, if it is old, or after several impossible frames."""
+        if self.impossible_in_a_row >= self._limits.implausible_frames:
+            problem = f"{self.impossible_in_a_row} physically impossible frames in a row"
+            remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
+            raise RobotFault("implausible telemetry", problem, remedy=remedy)
+        if self.latest is None:
+            raise RobotFault("stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`")
+        age, limit = now - self.latest.sampled, self._limits.telemetry_age
+        if age > limit:
+            raise RobotFault("stale telemetry", f"the last measurement is {age:.2f} s old, {limit} s is the limit")
+        return self.latest
+
+    @property
+    def _offset(self) -> float:
+        """Host's time minus robot's [s]; infinite before the first frame."""
+        smallest = sorted((*self._current, *self._previous))[:2]
+        return smallest[-1] if smallest else math.inf
+
+    def _host_time(self, ts: float, arrival: float) -> float:
+        """The time stamp ``ts`` [s] on the host's clock, on which the frame arrived at ``arrival`` [s]."""
+        if arrival - self._since > _WINDOW:
+            self._since, self._previous, self._current = arrival, self._current, []
+        self._current = sorted((*self._current, arrival - ts))[:2]
+        return min(arrival, ts + self._offset)
+
+    def _is_possible(self, new: Telemetry, arrival: float) -> bool:
+        limits = self._limits
+        if new.ts < 0 or np.abs(new.pos).max() > _MAX_ANGLE or np.abs(new.vel).max() > 3.0 * limits.joint_speed:
+            return False
+        if max(map(abs, new.attitude)) > _MAX_ANGLE or max(map(abs, new.rates)) > limits.body_rate:
+            return False
+        if self.latest is None:
+            return True
+        last = self.latest.telemetry
+        step = 1e-3 * (new.ts - last.ts)
+        if step < 0.0 or not self._is_in_time(arrival - 1e-3 * new.ts):
+            return False
+        moved = np.abs(new.pos - last.pos).max()
+        turned = max(abs(new.roll - last.roll), abs(new.pitch - last.pitch))
+        return bool(moved <= limits.joint_speed * step + _SLACK and turned <= limits.body_rate * step + _SLACK)
+
+    def _is_in_time(self, offset: float) -> bool:
+        """Whether a time stamp, given as arrival - ts [s], is not too far ahead of all earlier ones.
+
+        If several in a row agree, the earlier frames had waited in the buffer of a port that was opened long before.
+        """
+        if self.accepted <= _WARM_UP or self._offset - offset <= _MAX_LEAD:
+            self._ahead = []
+            return True
+        agreeing = [each for each in self._ahead if abs(each - offset) <= _MAX_LEAD]
+        self._ahead = [*agreeing, offset][-_NUM_AGREEING:]
+        return len(self._ahead) == _NUM_AGREEING

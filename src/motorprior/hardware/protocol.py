@@ -1,22 +1,27 @@
-"""Messages between host and robot, and their msgpack payloads, with numbers as float32.
+"""Messages between host and robot, and their frames on the wire.
 
-Keys and units are those of the firmware Nate711/DJIPupperTests (MIT). Angles have the robot's own signs, see
-`Wire.signs`. ``temp`` and ``bat`` are not in that firmware; a robot that measures them may send these keys.
+    host to robot   0x00, one length byte, payload
+    robot to host   0x45 0x45, length as 16 bit big-endian, payload, CR LF; lines of plain text between frames
+
+The payload is msgpack with numbers as float32. Keys and units are those of the firmware Nate711/DJIPupperTests (MIT),
+except ``temp`` and ``bat``, which a robot that measures them may send. Angles have the robot's own signs.
+
+There is no checksum. A frame is accepted if its length is possible, its end marker is in place and its payload decodes;
+otherwise the reader skips one byte and searches on. The result does not depend on how the stream was cut into reads.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgpack
 import numpy as np
 
 from motorprior.exceptions import ProtocolError
-
-_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,17 +73,35 @@ class Telemetry:
         return any((self.roll, self.pitch, *self.rates))
 
 
-IDLE = Command(idle=True)
-# [bytes]: the length of a command travels in one byte; all keys of telemetry need about 650
-MAX_PAYLOAD: dict[type, int] = {Command: 255, Telemetry: 1023}
 Message = TypeVar("Message", bound=Command | Telemetry)
-_KEYS = {kind: tuple(field.name for field in fields(kind)) for kind in (Command, Telemetry)}
-_REQUIRED = _KEYS[Telemetry][: _KEYS[Telemetry].index("cur")]
+
+
+class _Format(NamedTuple):
+    """Keys and frame of a message."""
+
+    keys: tuple[str, ...]
+    required: tuple[str, ...]
+    max_payload: int  # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
+    start: bytes  # before the length
+    length_bytes: int  # size of the length, big-endian
+    end: bytes  # after the payload
+
+
+_COMMAND_KEYS, _TELEMETRY_KEYS = (tuple(field.name for field in fields(kind)) for kind in (Command, Telemetry))
+_FORMATS: dict[type, _Format] = {
+    Command: _Format(_COMMAND_KEYS, (), 255, b"\x00", 1, b""),
+    Telemetry: _Format(_TELEMETRY_KEYS, _TELEMETRY_KEYS[:9], 1023, b"\x45\x45", 2, b"\r\n"),
+}
 _ARRAYS = ("pos", "vel", "cur", "temp")
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
+_MAX_LINE = 256  # [bytes]; of a longer line of text only the end is kept
+# Only the printable end of a line: what precedes it may be the rest of a damaged frame.
+_PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
+_MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map can begin
 
 
 def encode(message: Command | Telemetry, joints: int) -> bytes:
-    """Encode a message to or from a robot with this number of joints; ``ts`` as an integer.
+    """The payload of a message to or from a robot with this number of joints; ``ts`` as an integer.
 
     Raises:
         ProtocolError: no keys, an array of another size, or a number that is not finite as float32.
@@ -89,7 +112,7 @@ def encode(message: Command | Telemetry, joints: int) -> bytes:
     if "ts" in values:
         values["ts"] = round(values["ts"])
     payload = msgpack.packb(values, use_single_float=True)
-    if not values or payload is None or len(payload) > MAX_PAYLOAD[type(message)]:
+    if not values or payload is None or len(payload) > _FORMATS[type(message)].max_payload:
         raise ProtocolError(f"a message with {', '.join(values) or 'no keys'} has no valid size")
     return payload
 
@@ -107,9 +130,9 @@ def decode(payload: bytes, kind: type[Message], joints: int) -> Message:
         raise ProtocolError("not msgpack") from error
     if not isinstance(values, dict) or not values:
         raise ProtocolError("not a msgpack map with keys")
-    known = {key: values[key] for key in _KEYS[kind] if key in values}
-    complete = len(known) == len(values) if kind is Command else all(key in known for key in _REQUIRED)
-    if not complete:
+    known = {key: values[key] for key in _FORMATS[kind].keys if key in values}
+    unknown = kind is Command and len(known) < len(values)
+    if unknown or not all(key in known for key in _FORMATS[kind].required):
         raise ProtocolError(f"unknown or missing keys in a {kind.__name__}")
     return kind(**_validated(known, joints))
 
@@ -133,3 +156,68 @@ def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:
 def _is_finite(value: Any) -> bool:
     # Not a bool: a damaged byte can turn a number into one.
     return type(value) in (int, float) and math.isfinite(value) and abs(value) <= _MAX_FLOAT32
+
+
+def framed(message: Command | Telemetry, joints: int) -> bytes:
+    """The bytes of a message on the wire; raises as `encode`."""
+    form, payload = _FORMATS[type(message)], encode(message, joints)
+    return form.start + len(payload).to_bytes(form.length_bytes, "big") + payload + form.end
+
+
+IDLE = Command(idle=True)
+IDLE_FRAME = framed(IDLE, 0)  # the same for every robot: it holds no array
+
+
+class FrameReader(Generic[Message]):
+    """Reads messages of a kind and lines of text from bytes; it buffers at most one frame and one line."""
+
+    def __init__(self, kind: type[Message], joints: int):
+        self._kind, self._joints, self._format = kind, joints, _FORMATS[kind]
+        self._buffer, self._line = bytearray(), b""
+        self.rejected = 0  # frame starts without a valid frame
+
+    def feed(self, data: bytes) -> list[Message | str]:
+        """Messages and lines that ``data`` completes, in order."""
+        self._buffer += data
+        out: list[Message | str] = []
+        while self._advance(out):
+            pass
+        return out
+
+    def _advance(self, out: list[Message | str]) -> bool:
+        """Read one frame or skip bytes; False when more bytes are needed."""
+        form, buffer = self._format, self._buffer
+        at = buffer.find(form.start)
+        if at > 0:
+            self._skip(at, out)
+            return True
+        if at < 0:  # the last bytes may become a start
+            may_start = next((n for n in range(len(form.start) - 1, 0, -1) if buffer.endswith(form.start[:n])), 0)
+            self._skip(len(buffer) - may_start, out)
+            return False
+        head = len(form.start) + form.length_bytes
+        if len(buffer) < head:
+            return False
+        length = int.from_bytes(buffer[len(form.start) : head], "big")
+        total = head + length + len(form.end)
+        possible = 0 < length <= form.max_payload and (len(buffer) == head or buffer[head] in _MAP_STARTS)
+        if possible and len(buffer) < total:
+            return False
+        try:
+            if not possible or buffer[total - len(form.end) : total] != form.end:
+                raise ProtocolError("an impossible length, or no end of the frame")
+            out.append(decode(bytes(buffer[head : head + length]), self._kind, self._joints))
+            del buffer[:total]
+        except ProtocolError:
+            self.rejected += 1
+            self._skip(1, out)
+        return True
+
+    def _skip(self, count: int, out: list[Message | str]) -> None:
+        """Remove bytes outside frames; they are text if printable and ended by a line feed."""
+        *lines, rest = (self._line + self._buffer[:count]).split(b"\n")
+        del self._buffer[:count]
+        self._line = rest[-_MAX_LINE:]
+        for line in lines:
+            if text := _PRINTABLE_END.search(line[-_MAX_LINE:].rstrip(b"\r")):
+                out.append(text.group().decode("ascii").strip())

@@ -5,19 +5,18 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
+from io import FileIO
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.health import Sensors, Tracking, check_stream
-from motorprior.hardware.protocol import IDLE, Command
-from motorprior.hardware.recorder import Recorder
+from motorprior.hardware.health import Measurement, Sensors, TelemetryStream, Tracking
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.telemetry_stream import Measurement, TelemetryStream
 from motorprior.hardware.watchdog import Watchdog
-from motorprior.logs.readers.robot_run import Mode
+from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
@@ -33,31 +32,21 @@ _CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
 
 
 class RobotLink:
-    """A host's link to one robot: idle until armed, idle again when closed. Use it in a ``with`` block.
+    """A host's link to one robot: idle until armed, idle again at the end of the ``with`` block, which closes its port.
 
-    Attributes:
-        stream: accepted telemetry and its counters, in the library's signs.
-        text: the last lines that the robot printed.
-        sent: commands with a target since arming.
-        position_clips, slew_clips: see `SafetyGate`; of the last motion, set once the robot is idle.
-
-    Args:
-        robot: with a wire.
-        port: open; closed with the link.
-        limits: of gate and checks; the robot's own if not given.
-        recorder: gets every accepted measurement made while a target is in force; closed with the link.
+    ``limits`` of gate and checks are the robot's own if not given. ``recorder`` gets every accepted measurement made
+    while a target is in force.
     """
 
     def __init__(
         self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None
     ):
-        self.robot, self._wire = robot, robot.require_wire()
-        self._port, self._recorder = port, recorder
-        self.limits = limits = limits or self._wire.safety
-        self.stream = TelemetryStream(limits)
-        self.text: deque[str] = deque(maxlen=50)
-        self.sent = self.position_clips = self.slew_clips = 0
-        self._gate: SafetyGate | None = None
+        self.robot, self.port, self._recorder = robot, port, recorder
+        self._signs = robot.require_wire().joint_signs
+        self.limits = limits = limits or robot.require_wire().safety
+        self.gate, self.stream = SafetyGate(robot, limits), TelemetryStream(limits)
+        self.text: deque[str] = deque(maxlen=50)  # the last lines that the robot printed
+        self.sent = 0  # commands with a target since arming
         self._watchdog: Watchdog | None = None
         self._sensors, self._tracking = Sensors(robot, limits), Tracking(robot, limits)
         self._unchecked: deque[Measurement] = deque(maxlen=1000)  # bounded: an idle host may never check
@@ -68,44 +57,35 @@ class RobotLink:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Idle, and close port and recording."""
+        try:
+            self.idle()
+        finally:
+            self.port.close()
+            if self._recorder is not None:
+                self._recorder.close()
 
-    @property
-    def rejected(self) -> int:
-        """Damaged frames."""
-        return self._port.rejected
-
-    @property
-    def gate(self) -> SafetyGate:
-        """The gate of an armed robot; raises RobotFault if it is not armed."""
-        if self._gate is None:
-            raise RobotFault("not armed", "the robot is idle", remedy="arm it first")
-        return self._gate
-
-    @property
-    def target(self) -> np.ndarray | None:
-        """The (joints,) target in force [rad], None while idle."""
-        return None if self._gate is None else self._gate.target
-
-    def receive(self, until: float) -> None:
-        """Read telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
-        late_reads = 0
+    def receive(self, until: float) -> list[Measurement]:
+        """Accepted telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
+        late_reads, received = 0, list[Measurement]()
         while late_reads < 100:  # a device may send endlessly
-            messages = self._port.wait(until)
+            messages = self.port.wait(until)
             for arrival, message in messages:
                 if isinstance(message, str):
                     self.text.append(message)
-                    if "ERROR" in message:
-                        self._error_line = message
+                    self._error_line = message if "ERROR" in message else self._error_line
                     continue
-                measurement = self.stream.accept(message.with_signs(self._wire.joint_signs), arrival)
+                measurement = self.stream.accept(message.with_signs(self._signs), arrival)
                 if measurement is not None:
+                    received.append(measurement)
                     self._unchecked.append(measurement)
-                    self._record(measurement)
+                    if self._recorder is not None:
+                        self._recorder.write(measurement)
             if time.monotonic() >= until:
                 if not messages:
-                    return
+                    break
                 late_reads += 1
+        return received
 
     def resume_after_pause(self) -> None:
         """Wait for a fresh measurement after this host skipped control steps."""
@@ -125,98 +105,131 @@ class RobotLink:
             raise RobotFault("firmware", f"the robot reports {line!r}", remedy="switch it off and on again")
         unchecked = list(self._unchecked)
         self._unchecked.clear()
-        latest = check_stream(self.stream, self.limits, time.monotonic())
+        latest = self.stream.fresh(time.monotonic())
         # Every frame in turn: after a pause of the host, a joint that moved there and back was not stuck.
         for measurement in unchecked:
-            self._check_robot(measurement)
+            telemetry, target, now = measurement.telemetry, self.gate.target, 1e-3 * measurement.telemetry.ts
+            tracking = () if target is None else self._tracking.faults(telemetry.pos, target, now)
+            for fault in chain(self._sensors.faults(telemetry, now), tracking):
+                if fault.kind not in self._ignored:
+                    raise fault
         return latest
 
     def arm(self, gains: Gains) -> None:
         """Start the watchdog, and hold the joints at their present positions with the first command.
 
-        Raises:
-            ConfigError: gains out of range.
-            RobotFault: a fault of the robot or the watchdog.
+        Raises ConfigError for gains out of range, RobotFault for a fault of the robot or the watchdog.
         """
-        gate = SafetyGate(self.robot, self.limits, gains)
         self._ignored.clear()
-        self._watchdog = Watchdog(self._port.fileno(), self.limits.watchdog)
+        self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog)
         self.receive(time.monotonic() + _CATCH_UP)  # telemetry that arrived while the watchdog started
-        measurement = self.check()
-        gate.start_at(measurement.telemetry.pos, time.monotonic())
-        self._gate, self.sent = gate, 0
+        self.gate.arm(gains, self.check().telemetry.pos, time.monotonic())
+        self.sent = 0
         self._tracking.begin(gains.kd / gains.kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
         """Send (joints,) position targets [rad]; returns the time at which the command was sent [s].
 
-        Raises RobotFault for an invalid target, a tripped or dead watchdog, or a disconnected port.
+        Raises RobotFault if the target is invalid, the robot not armed, the watchdog tripped or dead, or the port gone.
         """
-        gate = self.gate
         if self._watchdog is not None:
             self._watchdog.beat()
-        command = gate.limited(target, time.monotonic())
+        command = self.gate.limited(target, time.monotonic())
         if self.sent < _NUM_GAINS:
-            self._port.send(gate.gains())
-        sent = self._port.send(command)
+            self.port.send(self.gate.gains)
+        sent = self.port.send(command)
         self.sent += 1
-        if self._recorder is not None and (target_in_force := gate.target) is not None:
+        if self._recorder is not None and (target_in_force := self.gate.target) is not None:
             self._recorder.sent(sent, target_in_force, mode)
         return sent
 
-    def ignore(self, *kinds: str) -> None:
-        """Continue in spite of these kinds of faults, to crouch."""
-        self._ignored.update(kinds)
-        if "watchdog" in kinds and self._watchdog is not None:
-            self._watchdog.kill()
+    def ignore(self, kind: str) -> None:
+        """Continue in spite of this kind of faults, to crouch."""
+        self._ignored.add(kind)
+        if kind == "watchdog" and self._watchdog is not None:
+            self._watchdog.end(idle_sent=True, patience=0.005)  # the robot still moves
             self._watchdog = None
 
     def idle(self) -> None:
         """Remove the current from all motors; never fails. If the port does not accept it, the watchdog repeats it."""
-        if self._gate is not None:
-            self.position_clips, self.slew_clips = self._gate.position_clips, self._gate.slew_clips
-            self._send_idle(self._gate.idle())
-            self._gate = None
+        if self.gate.target is not None:
+            self.relax()
         if self._watchdog is not None:
             watchdog, self._watchdog = self._watchdog, None
-            watchdog.end(idle_sent=not self._port.unsent)
+            watchdog.end(idle_sent=not self.port.unsent)
         if self._recorder is not None:
             self._recorder.idle()
 
     def relax(self) -> None:
-        """Remove the current from the motors of a robot that this host never armed, so that legs move by hand."""
-        self._send_idle(IDLE)
-
-    def close(self) -> None:
-        """Idle, and close port and recording."""
-        try:
-            self.idle()
-        finally:
-            self._port.close()
-            if self._recorder is not None:
-                self._recorder.close()
-
-    def _send_idle(self, command: Command) -> None:
-        self._port.discard_unsent()
+        """Send idle, also to a robot that this host never armed, so that legs move by hand."""
+        command = self.gate.idle()
+        self.port.discard_unsent()
         for repeats in _IDLE_BURSTS:
             with contextlib.suppress(MotorPriorError):  # the port may be gone
                 for _ in range(repeats):
-                    self._port.send(command)
+                    self.port.send(command)
             time.sleep(_IDLE_PAUSE)
 
-    def _check_robot(self, measurement: Measurement) -> None:
-        telemetry, target, now = measurement.telemetry, self.target, 1e-3 * measurement.telemetry.ts
-        tracking = () if target is None else self._tracking.faults(telemetry.pos, target, now)
-        for fault in chain(self._sensors.faults(telemetry, now), tracking):
-            if fault.kind not in self._ignored:
-                raise fault
 
-    def _record(self, measurement: Measurement) -> None:
-        if self._recorder is None:
+class Recorder:
+    """Writes the format of `logs.readers.robot_run.read_robot_run`; the file is created at the first measurement.
+
+    A written line survives the death of this process. It is not forced to the disk, which would stop the control loop,
+    so a power failure loses the last seconds. Raises ArtifactError if the file exists already.
+    """
+
+    def __init__(self, robot: Robot, path: Path):
+        if path.exists():
+            remedy = "recordings are not overwritten: choose another folder"
+            raise ArtifactError("it exists already", where=path, remedy=remedy)
+        self._path, self._joint_names = path, robot.joint_names
+        self._file: FileIO | None = None
+        self._format, self._with_current, self._failed = "", False, False
+        self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
+
+    def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
+        """Store a (joints,) target [rad] that was sent at ``time`` [s] on the host's clock."""
+        self._targets.append((time, target, mode))
+
+    def idle(self) -> None:
+        """The robot is idle: nothing to record until the next target."""
+        self._targets.clear()
+
+    def write(self, measurement: Measurement) -> None:
+        """Record a measurement made while a target was in force; raises ArtifactError if the disk is full."""
+        in_force = next((sent for sent in reversed(self._targets) if sent[0] <= measurement.sampled), None)
+        if self._failed or in_force is None or (self._with_current and measurement.telemetry.cur is None):
             return
         try:
-            self._recorder.write(measurement)
-        except ArtifactError:  # ends the motion, and must not prevent the crouch
-            self._recorder.close()
-            self._recorder = None
-            raise
+            if self._file is None:
+                self._create(measurement.telemetry.cur is not None)
+            self._append(self._row(measurement, *in_force))
+        except OSError as error:  # ends the motion, once: it must not prevent the crouch
+            self._failed, remedy = True, "free some space, or choose another folder"
+            raise ArtifactError(f"cannot write ({error.strerror})", where=self._path, remedy=remedy) from error
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def _create(self, with_current: bool) -> None:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._path.open("xb", buffering=0)
+        self._with_current, columns = with_current, run_columns(self._joint_names, with_current)
+        self._append(",".join(columns) + "\n")
+        self._format = "%.3f,%d,%.4f" + ",%.7g" * (len(columns) - 3) + "\n"
+
+    def _append(self, line: str) -> None:
+        data = line.encode()
+        if self._file is None or self._file.write(data) < len(data):
+            raise OSError(0, "the disk is full")
+
+    def _row(self, measurement: Measurement, sent: float, target: np.ndarray, mode: Mode) -> str:
+        telemetry = measurement.telemetry
+        now = 1e-3 * telemetry.ts
+        since = now + sent - measurement.sampled
+        values = [now, int(mode), since, *target.tolist(), *telemetry.pos.tolist(), *telemetry.vel.tolist()]
+        if self._with_current and telemetry.cur is not None:
+            values += telemetry.cur.tolist()
+        return self._format % (*values, *telemetry.attitude, *telemetry.rates)

@@ -6,7 +6,7 @@ only idle pass and, if the fault leaves time for it, the motion into the crouch.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -42,45 +42,43 @@ class Gains:
 
 
 class SafetyGate:
-    """Limits of position, slew rate, gains and current.
+    """Limits of position, slew rate, gains and current."""
 
-    Attributes:
-        slow: limit targets to ``slow_speed``: while standing up and crouching.
-        position_clips: joint targets clipped to the joint limits.
-        slew_clips: joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves.
-    """
-
-    def __init__(self, robot: Robot, limits: SafetyLimits, gains: Gains):
-        gains.check(limits)
+    def __init__(self, robot: Robot, limits: SafetyLimits):
         self._signs, self._lower, self._upper = robot.require_wire().joint_signs, robot.lower, robot.upper
         # A late step may make up for at most two periods: a target must not jump after a pause.
-        self._max_step = 2.0 * robot.control_dt
-        self._limits, self._gains = limits, gains
+        self._limits, self._max_step = limits, 2.0 * robot.control_dt
         self._target: np.ndarray | None = None
-        self._time = 0.0
         self._fault: RobotFault | None = None
-        self._crouching = False
-        self.slow = False
-        self.position_clips = self.slew_clips = 0
+        self._time, self._crouching = 0.0, False
+        self.slow = False  # limit targets to ``slow_speed``: while standing up and crouching
+        self.position_clips = 0  # joint targets clipped to the joint limits
+        self.slew_clips = 0  # joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves
+        self.gains = Command()  # with the current limit; some firmwares ignore them in a command with ``pos``
 
     @property
     def target(self) -> np.ndarray | None:
         """The (joints,) target in force [rad], None while idle."""
         return None if self._target is None else self._target.copy()
 
-    def start_at(self, joint_pos: np.ndarray, now: float) -> None:
-        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump."""
+    def arm(self, gains: Gains, joint_pos: np.ndarray, now: float) -> None:
+        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump.
+
+        Raises ConfigError for gains out of range, RobotFault after a fault.
+        """
+        gains.check(self._limits)
         if self._fault is not None:
             raise self._fault
-        self._target = np.clip(joint_pos, self._lower, self._upper)
-        self._time = now
+        self.gains = Command(**asdict(gains))
+        self._target, self._time = np.clip(joint_pos, self._lower, self._upper), now
 
     def limited(self, target: np.ndarray, now: float) -> Command:
         """The command for (joints,) position targets [rad] in the library's signs, within the limits.
 
-        Raises RobotFault after a fault, without `start_at`, or for targets that are not finite.
+        Raises RobotFault after a fault, without `arm`, or for targets that are not finite.
         """
-        self._require_no_fault()
+        if self._fault is not None and not self._crouching:
+            raise self._fault
         if self._target is None:
             raise self.latch(RobotFault("not armed", "a target for a robot that is idle"))
         target = np.asarray(target, dtype=np.float64)
@@ -96,16 +94,9 @@ class SafetyGate:
         self._target, self._time = near, now
         return Command(pos=self._signs * near)
 
-    def gains(self) -> Command:
-        """Gains and current limit, in a separate command: some firmwares ignore them in a command with ``pos``."""
-        self._require_no_fault()
-        return Command(kp=self._gains.kp, kd=self._gains.kd, max_current=self._gains.max_current)
-
     def latch(self, fault: RobotFault) -> RobotFault:
         """Let only idle pass from now on; returns the first fault, which is kept."""
-        if self._fault is None:
-            self._fault = fault
-        self._crouching = False
+        self._fault, self._crouching = self._fault or fault, False
         return self._fault
 
     def allow_crouch(self) -> None:
@@ -114,10 +105,5 @@ class SafetyGate:
 
     def idle(self) -> Command:
         """No current; always allowed."""
-        self._target = None
-        self._crouching = False
+        self._target, self._crouching = None, False
         return IDLE
-
-    def _require_no_fault(self) -> None:
-        if self._fault is not None and not self._crouching:
-            raise self._fault

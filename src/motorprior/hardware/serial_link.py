@@ -11,8 +11,7 @@ import time
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.framing import FrameReader, framed
-from motorprior.hardware.protocol import Command, Telemetry
+from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import Robot
 
 BAUD_RATE = 500_000  # 8N1; a USB port ignores it, a serial converter does not
@@ -30,21 +29,10 @@ class SerialLink:
         try:
             self._serial = serial.Serial(self.port, BAUD_RATE, timeout=0, write_timeout=0, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
-            reason, remedy = _explanation(error)
-            raise RobotFault("no port", f"cannot open {self.port} ({reason})", remedy=remedy) from error
+            raise _cannot_open(self.port, error) from error
         self._joints = robot.num_joints
-        self._reader = FrameReader(Telemetry, self._joints)
-        self._unsent = bytearray()
-
-    @property
-    def rejected(self) -> int:
-        """Damaged frames."""
-        return self._reader.rejected
-
-    @property
-    def unsent(self) -> int:
-        """Bytes that the port has not accepted yet."""
-        return len(self._unsent)
+        self.reader = FrameReader(Telemetry, self._joints)
+        self.unsent = bytearray()  # what the port has not accepted yet
 
     def fileno(self) -> int:
         """File descriptor of the port, which the watchdog inherits."""
@@ -57,32 +45,32 @@ class SerialLink:
             if not ready:
                 return []
             data = os.read(self.fileno(), 4096)
+            if not data:
+                raise OSError("end of file")
         except BlockingIOError:
             return []
         except (OSError, ValueError, TypeError) as error:  # pyserial's fileno is None once it is closed
             raise self._gone(error) from error
-        if not data:
-            raise self._gone("end of file")
         now = time.monotonic()
-        return [(now, message) for message in self._reader.feed(data)]
+        return [(now, message) for message in self.reader.feed(data)]
 
     def send(self, command: Command) -> float:
         """Write a command; returns the time [s]. Raises RobotFault if the port is gone or the robot stops reading."""
-        self._unsent += framed(command, self._joints)
+        self.unsent += framed(command, self._joints)
         try:
-            sent = os.write(self.fileno(), self._unsent)
-            del self._unsent[:sent]
+            sent = os.write(self.fileno(), self.unsent)
+            del self.unsent[:sent]
         except BlockingIOError:
             pass
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from error
-        if len(self._unsent) > _MAX_UNSENT:
+        if len(self.unsent) > _MAX_UNSENT:
             raise RobotFault("unplugged", f"{self.port}: the robot accepts no more bytes", remedy=_UNPLUGGED)
         return time.monotonic()
 
     def discard_unsent(self) -> None:
         """Empty the send queue, here and in the kernel: the next command is more urgent."""
-        self._unsent.clear()
+        self.unsent.clear()
         with contextlib.suppress(termios.error, ValueError, TypeError):
             termios.tcflush(self.fileno(), termios.TCOFLUSH)
 
@@ -91,7 +79,7 @@ class SerialLink:
         with contextlib.suppress(OSError):
             self._serial.close()
 
-    def _gone(self, error: object) -> RobotFault:
+    def _gone(self, error: Exception) -> RobotFault:
         return RobotFault("unplugged", f"{self.port} is gone ({error})", remedy=_UNPLUGGED)
 
 
@@ -111,8 +99,7 @@ def _usb_ports() -> list[str]:
     return sorted(port.device for port in list_ports.comports() if port.vid is not None)
 
 
-def _explanation(error: Exception) -> tuple[str, str]:
-    """Why a port cannot be opened, and the remedy."""
+def _cannot_open(port: str, error: Exception) -> RobotFault:
     number, cause = getattr(error, "errno", None), error.__context__
     if not number and isinstance(cause, termios.error):
         number = cause.args[0]
@@ -121,5 +108,5 @@ def _explanation(error: Exception) -> tuple[str, str]:
         errno.EACCES: "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again",
         errno.ENOENT: f"plug the robot in and switch it on; ports found: {', '.join(_usb_ports()) or 'none'}",
     }
-    reason = os.strerror(number) if number else str(error)
-    return reason, remedies.get(number or 0, "close every other program that uses the port")
+    remedy = remedies.get(number or 0, "close every other program that uses the port")
+    return RobotFault("no port", f"cannot open {port} ({os.strerror(number) if number else error})", remedy=remedy)

@@ -1,4 +1,4 @@
-"""From an idle robot to a moving one and back: the sequence of deployment and recording.
+"""Checks of an idle robot, and the sequence from it to a moving one and back, of deployment and recording.
 
     check, confirm, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 
@@ -10,21 +10,22 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from types import FrameType
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, ramp
-from motorprior.hardware.doctor import Check, frame_rate, imu, joint_ranges, require_ok
-from motorprior.hardware.real_time import real_time
+from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, ramp, real_time
+from motorprior.hardware.health import Measurement, Sensors
+from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.hardware.telemetry_stream import Measurement
 from motorprior.logs.readers.robot_run import Mode
+from motorprior.robots.robot import Robot
 
 _CHECK_DURATION = 0.5  # [s]
 _MAX_MOTION = 0.1  # [rad] during the check; more means homing, or a user who moves the legs
@@ -35,29 +36,26 @@ _UNTRUSTED = ("program error", "impossible command", "frozen IMU")  # the policy
 
 
 class StopRequest:
-    """Set by Ctrl-C, Ctrl-Z, SIGTERM or a lost terminal; the second signal makes the robot idle at once."""
+    """Signals that ask to stop; the second one makes the robot idle at once. ``names`` are those received."""
 
     def __init__(self) -> None:
-        self.reason: str | None = None
-        self._dropped = False
+        self.names: list[str] = []
 
     def __call__(self) -> bool:
         """Whether to stop."""
-        return self.reason is not None
+        return bool(self.names)
 
     def on_signal(self, number: int, _: FrameType | None) -> None:
-        """Handle a signal; the second one raises RobotFault."""
-        if self.reason is None:
-            self.reason = signal.Signals(number).name
-        elif not self._dropped:  # further signals must not interrupt the way to idle
-            self._dropped = True
-            raise RobotFault("stopped", f"a second signal, {signal.Signals(number).name}")
+        """Handle a signal; the second one raises RobotFault, further ones must not interrupt the way to idle."""
+        self.names.append(signal.Signals(number).name)
+        if len(self.names) == 2:
+            raise RobotFault("stopped", f"a second signal, {self.names[1]}")
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """SIGINT, SIGTERM, SIGHUP and SIGTSTP end the motion cleanly within this context."""
-    # Ctrl-Z (SIGTSTP) would stop the host where it is, and the watchdog would drop the robot.
+    """Ctrl-C, SIGTERM, a lost terminal (SIGHUP) and Ctrl-Z (SIGTSTP) end the motion cleanly within this context."""
+    # SIGTSTP would stop the host where it is, and the watchdog would drop the robot.
     request, numbers = StopRequest(), (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
     before = {number: signal.signal(number, request.on_signal) for number in numbers}
     try:
@@ -76,50 +74,31 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
         RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, or a fault.
     """
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
-    received, before, robot = [link.check().telemetry], link.stream.accepted, link.robot
-    end = time.monotonic() + 0.8 * _CHECK_DURATION
-    while (now := time.monotonic()) < end:
-        link.receive(min(end, now + robot.control_dt))
-        received.append(link.check().telemetry)
-    measurement = link.check()
+    received = [link.check().telemetry]
+    received += [each.telemetry for each in link.receive(time.monotonic() + 0.8 * _CHECK_DURATION)]
+    measurement, robot = link.check(), link.robot
     moved = np.abs(measurement.telemetry.pos - received[0].pos)
     moving = f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, although this host sent nothing"
     remedy = "wait until homing has ended, hands off the robot, and end other programs that drive it"
-    require_ok(
-        [
-            frame_rate(robot, link.stream.accepted - before, received),
-            *([imu(received[-1])] if need_imu else []),
-            *joint_ranges(robot, received[-1:]),
-            Check("moving", moving, bool(moved.max() <= _MAX_MOTION), remedy),
-        ]
-    )
-    rates = np.mean([telemetry.rates for telemetry in received[1:]], axis=0)
+    checks = [frame_rate(robot, received), imu(received[-1]), *joint_ranges(robot, received[-1:])]
+    checks.append(Check("moving", moving, bool(moved.max() <= _MAX_MOTION), remedy))
+    require_ok([check for check in checks if need_imu or check.name != "IMU"])
+    rates = np.mean([telemetry.rates for telemetry in received], axis=0)
     return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
 
 
 @dataclass
 class Session:
-    """A run of a robot, from idle to idle.
-
-    Attributes:
-        link: to the robot.
-        gains: to send.
-        stop: ends the run when it is set.
-        need_imu: reject a robot whose IMU is not read.
-        confirm: raises if the user does not confirm arming.
-        status: gets a line to show now and then.
-        timing: of the motion between ramp and crouch, also if a fault ends it.
-        outcome: reason for the end, if not an error: "time", "operator" or the name of a signal.
-    """
+    """A run of a robot, from idle to idle."""
 
     link: RobotLink
-    gains: Gains
-    stop: StopRequest = field(default_factory=StopRequest)
-    need_imu: bool = True
-    confirm: Callable[[], None] = lambda: None
-    status: Callable[[str], None] = lambda _: None
-    timing: Timing = field(default_factory=Timing)
-    outcome: str = ""
+    gains: Gains  # to send
+    stop: StopRequest = field(default_factory=StopRequest)  # ends the run when it is set
+    need_imu: bool = True  # reject a robot whose IMU is not read
+    confirm: Callable[[], None] = lambda: None  # raises if the user does not confirm arming
+    status: Callable[[str], None] = lambda _: None  # gets a line to show now and then
+    timing: Timing = field(default_factory=Timing)  # of the motion between ramp and crouch, also if a fault ends it
+    outcome: str = ""  # reason for the end, if not an error: "time", "operator" or the name of a signal
     _stopping: Callable[[], Motion] | None = None  # a motion that slows down; None if nothing moves or it is untrusted
 
     def check(self, prepare: Callable[[Measurement], None] = lambda _: None) -> np.ndarray:
@@ -134,10 +113,9 @@ class Session:
     def run(
         self, work: Callable[[ControlLoop], None], crouch: bool = True, stopping: Callable[[], Motion] | None = None
     ) -> None:
-        """Arm, ramp to the nominal pose, ``work``, then slow down, crouch and idle, also after a fault.
+        """Arm, ramp to the nominal pose, ``work``, slow down with ``stopping``, crouch and idle, also after a fault.
 
-        A suspended robot does not ``crouch``. ``stopping`` is a motion that slows ``work`` down before the crouch. An
-        error is raised once the robot is idle.
+        A suspended robot does not ``crouch``. An error is raised once the robot is idle.
         """
         link = self.link
         with real_time():
@@ -158,14 +136,13 @@ class Session:
                 raise
             finally:
                 link.idle()
-        self.outcome = self.outcome or self.stop.reason or "time"
+        self.outcome = self.outcome or "".join(self.stop.names[:1]) or "time"
 
     def _ramp(self, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> None:
         """Move the armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
         gate = self.link.gate
-        assert gate.target is not None, "armed"
-        gate.slow = True
-        loop.play(ramp(gate.target, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
+        gate.slow, start = True, pose if gate.target is None else gate.target
+        loop.play(ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
 
     def _descend(self, fault: RobotFault | None = None) -> None:
         """Slow down, then crouch; after a fault in the descent it continues from there."""
@@ -192,3 +169,93 @@ def fault_of(error: Exception) -> RobotFault:
         return error
     kind = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(kind, str(error), safe_state="crouch")
+
+
+# Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest
+# may be lost.
+_MIN_FRAMES = 0.8
+_RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
+
+
+@dataclass(frozen=True)
+class Check:
+    """A measured value, and what to do if it is not ``ok``."""
+
+    name: str
+    finding: str
+    ok: bool
+    remedy: str = ""
+
+
+def require_ok(checks: Sequence[Check]) -> None:
+    """Raise RobotFault for the first check that failed."""
+    for check in checks:
+        if not check.ok:
+            raise RobotFault(check.name, check.finding, remedy=check.remedy)
+
+
+def check_telemetry(link: RobotLink, received: Sequence[Measurement]) -> list[Check]:
+    """Check all telemetry of some seconds, in order; raises RobotFault if no frame came."""
+    if not received:
+        found = f"{len(link.text)} lines of text" if link.text else "no frame"
+        raise RobotFault("stale telemetry", found, remedy="check power, cable and the firmware's version")
+    damaged, stream = link.port.reader.rejected + link.stream.impossible, link.stream
+    delays = [each.arrival - each.sampled for each in received]
+    max_age = max((after.arrival - before.sampled for before, after in pairwise(received)), default=0.0)
+    telemetry = [each.telemetry for each in received]
+    return [
+        frame_rate(link.robot, telemetry),
+        Check("damaged frames", f"{damaged}, {stream.repeated} repeated", damaged <= 0.01 * stream.accepted + 1,
+              "use another cable or port"),
+        Check("telemetry", f"{1e3 * np.median(delays):.1f} ms delay, {1e3 * max_age:.0f} ms maximum age",
+              max_age < link.limits.telemetry_age, "close other programs, use another cable or port"),
+        imu(telemetry[-1]),
+        *joint_ranges(link.robot, telemetry),
+        *_sensors(link, telemetry),
+        Check("text", link.text[-1] if link.text else "none", not any("ERROR" in line for line in link.text),
+              "switch the robot off and on with its legs free"),
+    ]  # fmt: skip
+
+
+def frame_rate(robot: Robot, telemetry: Sequence[Telemetry]) -> Check:
+    """Whether the frames are enough for the control period."""
+    seconds, needed = 1e-3 * (telemetry[-1].ts - telemetry[0].ts), 1.0 / robot.control_dt
+    remedy = f"the policy needs {needed:.0f} per second: use another cable or port; PRINT_DELAY in the firmware's "
+    enough = len(telemetry) - 1 >= max(2.0, _MIN_FRAMES * needed * seconds)
+    return Check("frames", f"{len(telemetry)} in {seconds:.2f} s", enough, remedy + "main.cpp is their period")
+
+
+def imu(telemetry: Telemetry) -> Check:
+    """Whether the firmware reads the IMU."""
+    finding = f"roll {telemetry.roll:+.3f} rad, pitch {telemetry.pitch:+.3f} rad"
+    remedy = "flash a firmware that reads the IMU: without it a fall cannot be detected; or give --without-imu and "
+    return Check("IMU", finding, telemetry.has_imu, remedy + "stay within reach of the robot")
+
+
+def joint_ranges(robot: Robot, telemetry: Sequence[Telemetry]) -> list[Check]:
+    """Whether the joints are within their limits."""
+    checks, remedy = [], "switch the robot on with its legs free so that it finds its end stops"
+    for joint, angles in zip(robot.joints, np.array([one.pos for one in telemetry]).T, strict=True):
+        low, high = angles.min(), angles.max()
+        inside = joint.lower - _RANGE_SLACK <= low and high <= joint.upper + _RANGE_SLACK
+        finding = f"{angles[-1]:+.3f} rad, was {low:+.3f} to {high:+.3f}; limits {joint.lower:+.2f} to "
+        checks.append(Check(f"joint {joint.name}", f"{finding}{joint.upper:+.2f}", bool(inside), remedy))
+    return checks
+
+
+def _sensors(link: RobotLink, telemetry: Sequence[Telemetry]) -> list[Check]:
+    """The faults that would end a motion, and the last readings."""
+    sensors, last = Sensors(link.robot, link.limits), telemetry[-1]
+    faults = {fault.kind: fault for one in telemetry for fault in sensors.faults(one, 1e-3 * one.ts)}
+    readings = {
+        "current": None if last.cur is None else f"up to {np.abs(last.cur).max():.2f} A",
+        "temperature": None if last.temp is None else f"up to {last.temp.max():.0f} °C",
+        "battery": None if last.bat is None else f"{last.bat:.1f} V",
+        "frozen IMU": "no",
+    }
+    return [
+        Check(kind, faults[kind].problem, False, faults[kind].remedy or "look for a blocked joint")
+        if kind in faults
+        else Check(kind, reading or "not sent", True)
+        for kind, reading in readings.items()
+    ]

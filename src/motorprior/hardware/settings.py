@@ -8,8 +8,6 @@ from pathlib import Path
 
 from motorprior.exceptions import ConfigError
 
-Excitation = str  # of `bench.excitation`, or varied or trot (`excitations`)
-
 
 def require_robot_extra() -> None:
     """Raise ConfigError if pyserial or msgpack is not installed."""
@@ -76,7 +74,7 @@ class RecordSettings(RunSettings):
         seed: of the random signals.
     """
 
-    excitation: Excitation | None = None
+    excitation: str | None = None
     joint: str = "all"
     seconds: float = 60.0
     amplitude: float | None = None

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.exceptions import RobotFault
 from motorprior.robots.robot import Gait
 
 Print = Callable[[str], None]
@@ -47,10 +47,7 @@ class Teleop:
         self._forward, self._yaw_rate = command
 
     def command(self) -> tuple[float, float] | None:
-        """Speed [m/s], reduced in turns, and yaw rate [rad/s].
-
-        None to stop: at q, at a gamepad button, and if the terminal or the gamepad is lost.
-        """
+        """Speed [m/s], reduced in turns, and yaw rate [rad/s]; None at q, at a gamepad button, or if either is lost."""
         for file, handle in ((self._keyboard, self._on_keys), (self._gamepad, self._on_events)):
             if file is None or not select.select([file], [], [], 0.0)[0]:
                 continue
@@ -68,11 +65,9 @@ class Teleop:
         for arrow, letter in _ARROWS.items():
             data = data.replace(arrow, letter)
         for key in data.decode("ascii", errors="ignore"):
-            speed, turn = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}.get(key, (0, 0))
-            if key == " ":
-                self._forward = self._yaw_rate = 0.0
-            forward = self._forward + speed * self._gait.forward[1] / _NUM_STEPS
-            self._set(forward, self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS)
+            speed, turn = (key == "w") - (key == "s"), (key == "a") - (key == "d")
+            forward = 0.0 if key == " " else self._forward + speed * self._gait.forward[1] / _NUM_STEPS
+            self._set(forward, 0.0 if key == " " else self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS)
         return b"q" not in data.lower()
 
     def _on_events(self, data: bytes) -> bool:  # False to stop
@@ -120,12 +115,6 @@ def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleo
         yield Teleop(keyboard, gamepad, gait, (forward, yaw_rate))
 
 
-def require_terminal(yes: bool) -> None:
-    """Raise ConfigError if there is neither ``yes`` nor a terminal to confirm at."""
-    if not yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
-
-
 def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: Print) -> None:
     """Wait until ``arm`` is typed; raises RobotFault if something else is typed, or a signal comes."""
     if yes:
@@ -143,10 +132,7 @@ def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: 
 
 
 def non_blocking(show: Print, file: TextIO) -> Print:
-    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full (Ctrl-S, a pager).
-
-    A control loop that waits for a terminal would trip the watchdog.
-    """
+    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full: the watchdog would trip."""
     try:
         number = file.fileno()
     except (OSError, ValueError):  # a notebook's: no terminal, never full

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.framing import IDLE_FRAME
+from motorprior.hardware.protocol import IDLE_FRAME
 
 _MAX_START = 10.0  # [s] for the start of an interpreter
 # Unread heartbeats of 40 bytes fill a pipe of one page in about a second, which reveals a stopped watchdog process. It
@@ -60,26 +60,18 @@ class Watchdog:
                 raise _dead()
             raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
 
-    def end(self, idle_sent: bool) -> None:
-        """End the process; without ``idle_sent`` it first sends idle for a second, as after the host's death."""
+    def end(self, idle_sent: bool, patience: float = 2.0) -> None:
+        """End the process, by force after ``patience`` [s]; without ``idle_sent`` it first sends idle for a second."""
         if idle_sent:
             with contextlib.suppress(OSError):
                 os.write(self._heartbeats, b"q")
         os.close(self._heartbeats)
-        try:
-            self._process.wait(timeout=2.0)
-        except subprocess.TimeoutExpired:  # stopped; it must not wake up while the next host runs
-            self._process.kill()
-            self._process.wait()
-        os.close(self._reports)
-
-    def kill(self) -> None:
-        """End the process at once, without waiting: the robot still moves."""
-        self._process.kill()
-        os.close(self._heartbeats)
-        os.close(self._reports)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(timeout=0.005)
+            self._process.wait(patience)
+        self._process.kill()  # a stopped one must not wake up while the next host runs
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(patience)
+        os.close(self._reports)
 
 
 def _dead() -> RobotFault:

@@ -77,9 +77,8 @@ def repeat_idle(port: int, heartbeats: int, idle: bytes) -> None:
 def _write(port: int, data: bytes) -> bool:
     """Write what the port accepts; False if it is gone."""
     try:
-        os.write(port, data)
-    except BlockingIOError:
-        pass
+        with contextlib.suppress(BlockingIOError):
+            os.write(port, data)
     except OSError:
         return False
     return True

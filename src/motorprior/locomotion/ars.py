@@ -15,8 +15,6 @@ from motorprior.bounds import require_count, require_number
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
 
-MAX_DIRECTIONS = 10_000
-MAX_SEARCH_SEED = 2**53 - 1  # exact as a float64, as in JSON
 AVERAGING = 0.1  # weight of the newest parameters in their running average
 
 
@@ -31,25 +29,22 @@ class ArsConfig:
     seed: int = 0  # seed of all noise, not negative
 
     def __post_init__(self) -> None:
-        require_count("search.num_directions", self.num_directions, 1, MAX_DIRECTIONS)
+        require_count("search.num_directions", self.num_directions)
         require_count("search.num_top_directions", self.num_top_directions, 1, self.num_directions)
         for name in ("step_size", "delta_std"):
             require_number(f"search.{name}", getattr(self, name), 1e-9, 1e3)
-        require_count("search.seed", self.seed, 0, MAX_SEARCH_SEED)
+        require_count("search.seed", self.seed, 0)
 
 
 class Ars:
-    """State of a search: call `ask`, run an episode per candidate, `tell` the returns.
-
-    The statistics of the observations are running; normalise with them during an iteration.
-    """
+    """State of a search: call `ask`, run an episode per candidate, `tell` the returns."""
 
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
         self.parameters = np.zeros(num_parameters)  # M
         self.average = self.parameters  # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
         self.iteration = 0  # number of updates so far
-        self.observations = RunningStats.empty(observation_size)
+        self.observations = RunningStats.empty(observation_size)  # normalise with them during an iteration
 
     def direction(self, index: int) -> np.ndarray:
         """δ of a direction in this iteration: standard normal, (num_parameters,); the same on every worker."""
@@ -66,11 +61,8 @@ class Ars:
     def tell(self, returns: np.ndarray, observations: Sequence[RunningStats]) -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
 
-        σ_R is the standard deviation of those 2b returns. If all returns are equal, M stays.
-
-        Args:
-            returns: shape (num_directions, 2), r⁺ and r⁻ of each direction.
-            observations: statistics of the episodes' observations, merged in the given order.
+        ``returns`` (num_directions, 2) are r⁺ and r⁻; σ_R is the standard deviation of those 2b. If all are equal, M
+        stays. The statistics of the episodes' ``observations`` are merged in their order.
 
         Raises:
             SimulationFault: a return is not finite.
@@ -93,14 +85,10 @@ class Ars:
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
-        return {
-            "parameters": self.parameters,
-            "average": self.average,
-            "iteration": np.array(self.iteration, dtype=np.int64),
-            "observation_count": np.array(self.observations.count, dtype=np.int64),
-            "observation_mean": self.observations.mean,
-            "observation_m2": self.observations.m2,
-        }
+        seen, iteration = self.observations, np.array(self.iteration, dtype=np.int64)
+        state = {"parameters": self.parameters, "average": self.average, "iteration": iteration}
+        count = np.array(seen.count, dtype=np.int64)
+        return state | {"observation_count": count, "observation_mean": seen.mean, "observation_m2": seen.m2}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""

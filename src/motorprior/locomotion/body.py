@@ -1,4 +1,9 @@
-"""Arrays of a robot for the compiled walking code: geometry, gait, kinematics of its legs; sizes of an observation."""
+"""Arrays of a robot for the compiled walking code, and its gait, with five parameters that the policy modulates.
+
+Policies Modulating Trajectory Generators: Iscen et al., CoRL 2018, section 3. Differences here: the foot's path is in
+metres, converted to angles by inverse kinematics, so that a foot in stance moves at the speed of the ground, and the
+stride follows from the commanded speed and yaw rate. `control_step.command_step` adds lead, support and levelling.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +32,7 @@ LEAD_SHARE = 0.9
 _MAX_COSINE = 0.999  # of the knee's angle; beyond it a position is out of reach and the nearest one is taken
 GaitName = Literal["trot", "walk", "pace", "bound", "pronk"]
 GAITS: tuple[GaitName, ...] = get_args(GaitName)
-_CORNERS = ("front right", "front left", "rear right", "rear left")
-# Phases of the legs at _CORNERS; the leg of phase p touches down when the cycle is at 1 - p.
+# Phases of the legs front right, front left, rear right, rear left; that of phase p touches down at 1 - p of the cycle.
 _PHASES = {
     "walk": (0.25, 0.75, 0.5, 0.0),  # rear left, front left, rear right, front right: one at a time
     "pace": (0.0, 0.5, 0.0, 0.5),
@@ -117,14 +121,9 @@ def _levelling_gain(robot: Robot) -> float:
     return float(max(0.0, MIN_PITCH_STIFFNESS * robot.weight * robot.standing_height / max(stiffness, 1e-9) - 1.0))
 
 
-def num_readings(num_joints: int) -> int:
-    """Number of observed sensor readings: attitude, rates, joint angles."""
-    return NUM_IMU_READINGS + num_joints
-
-
 def observation_size(num_joints: int) -> int:
     """Length of an observation: sensor readings, then drift, heading error, command and phase."""
-    return num_readings(num_joints) + NUM_COMMAND_OBSERVATIONS
+    return NUM_IMU_READINGS + num_joints + NUM_COMMAND_OBSERVATIONS
 
 
 def action_size(num_joints: int) -> int:
@@ -134,18 +133,11 @@ def action_size(num_joints: int) -> int:
 
 @njit(cache=True)
 def leg_angles(thigh: float, shank: float, forward: float, below: float, knee_side: float) -> tuple[float, float]:
-    """Hip and knee [rad] for a position of the foot in the plane of the leg.
+    """Hip q₁ and knee q₂ [rad], about +y, for a foot's centre ``forward`` of and ``below`` the hip axis [m].
 
-    With hip q₁ and knee q₂ about +y the foot is at forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and
-    below = l₁ cos q₁ + l₂ cos(q₁ + q₂). The law of cosines gives q₂, then q₁ is the angle between the foot and
-    (l₁ + l₂ cos q₂, l₂ sin q₂). A position out of reach is replaced by the nearest.
-
-    Args:
-        thigh: l₁ [m].
-        shank: l₂ [m].
-        forward: of the foot's centre, from the hip axis [m].
-        below: of the foot's centre, from the hip axis [m].
-        knee_side: sign of the knee's angle: -1 bends it backward.
+    With thigh l₁ and shank l₂ [m], forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and below = l₁ cos q₁ + l₂ cos(q₁ + q₂).
+    The law of cosines gives q₂, whose sign is ``knee_side`` (-1 bends it backward); then q₁ is the angle between the
+    foot and (l₁ + l₂ cos q₂, l₂ sin q₂). A position out of reach is replaced by the nearest.
     """
     cosine = (forward * forward + below * below - thigh * thigh - shank * shank) / (2.0 * thigh * shank)
     knee = knee_side * math.acos(min(_MAX_COSINE, max(-_MAX_COSINE, cosine)))
@@ -177,14 +169,124 @@ def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
     if gait == "trot":
         return np.array([leg.phase for leg in robot.legs]), 1.0
     middle = float(np.mean([leg.rest[0] for leg in robot.legs]))
-    corners = [
-        f"{'front' if leg.rest[0] > middle else 'rear'} {'left' if leg.rest[1] > 0.0 else 'right'}"
-        for leg in robot.legs
-    ]
-    if sorted(corners) != sorted(_CORNERS):
-        raise ConfigError(
-            f"gait {gait!r} is for four legs, one at each corner of the body",
-            remedy="use the gait trot, whose phases are in the robot's file", argument="gait",
-        )  # fmt: skip
-    phases = np.array([_PHASES[gait][_CORNERS.index(corner)] for corner in corners])
-    return phases, 1.0 / 3.0 if gait == "walk" else 1.0
+    corners = [2 * (leg.rest[0] <= middle) + (leg.rest[1] > 0.0) for leg in robot.legs]
+    if sorted(corners) != [0, 1, 2, 3]:
+        problem = f"gait {gait!r} is for four legs, one at each corner of the body"
+        remedy = "use the gait trot, whose phases are in the robot's file"
+        raise ConfigError(problem, remedy=remedy, argument="gait")
+    return np.array(_PHASES[gait])[corners], 1.0 / 3.0 if gait == "walk" else 1.0
+
+
+@njit(cache=True)
+def advance_phase(phase: float, frequency: float, control_dt: float) -> float:
+    """Phase of the gait, in [0, 1), one control step later: (phase + frequency [Hz] · control_dt [s]) mod 1."""
+    advanced = phase + frequency * control_dt
+    return advanced - math.floor(advanced)
+
+
+@njit(cache=True)
+def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
+    """Position of a foot: share of the stride ahead of the middle (-½..½), share of the lift (0..1).
+
+    Stance, u < s: from ½ to -½ at constant speed. Swing, q = (u - s) / (1 - s): back to ½ on the cubic that begins and
+    ends at the speed of stance, lifted by sin(π q).
+
+    u is the phase of the leg in [0, 1), 0 at touch-down; s in (0, 1) is the share of the cycle in stance.
+    """
+    if leg_phase < stance_share:
+        return 0.5 - leg_phase / stance_share, 0.0
+    q = (leg_phase - stance_share) / (1.0 - stance_share)
+    slope = -(1.0 - stance_share) / stance_share
+    ahead = (3.0 - 2.0 * q) * q * q - 0.5 + slope * q * (2.0 * q - 1.0) * (q - 1.0)
+    return ahead, math.sin(math.pi * q)
+
+
+@njit(cache=True)
+def gait_share(body: Body, forward: float, yaw_rate: float) -> float:
+    """Share of the full gait for a command: 0 standing, 1 from a tenth of the highest speed or yaw rate."""
+    return min(1.0, 10.0 * (abs(forward) / body.max_speed + abs(yaw_rate) / body.max_yaw_rate))
+
+
+@njit(cache=True)
+def joint_targets(
+    body: Body,
+    phase: float,
+    forward: float,
+    yaw_rate: float,
+    frequency: float,
+    height: float,
+    rise: tuple[float, float],
+    swing_stance_ratio: float,
+    lift: float,
+    out: np.ndarray,
+) -> None:
+    """Joint angles of a gait, each leg at its own phase of the cycle.
+
+    With stance share s = 1 / (1 + ratio), the ground under the foot at rest (x, y) moves by (v - ω y, ω x) s / f in
+    a stance, which is the stride. The foot is displaced from rest by a share of it (`foot_path`): the abduction turns
+    the leg's plane by the sideways part, hip and knee follow from `leg_angles`.
+
+    Args:
+        body: of the robot.
+        phase: gait phase in [0, 1); 0 is where legs of phase 0 touch down.
+        forward: v [m/s].
+        yaw_rate: ω [rad/s], to the left.
+        frequency: f, steps per leg and second [Hz], > 0.
+        height: of the body above the nominal pose [m].
+        rise: additional slope of the legs' extension, forward and to the left of the origin [m/m].
+        swing_stance_ratio: time in swing over time in stance, > 0.
+        lift: height of a foot in the middle of its swing [m].
+        out: shape (joints,) [rad], overwritten.
+    """
+    out[:] = body.nominal_pose
+    stance_share = 1.0 / (1.0 + swing_stance_ratio)
+    stance_time = stance_share / frequency
+    for leg in range(body.phases.shape[0]):
+        leg_phase = phase + body.phases[leg]
+        ahead, lifted = foot_path(leg_phase - math.floor(leg_phase), stance_share)
+        x, y, rest_forward, rest_below = body.nominal_feet[leg]
+        along = rest_forward + ahead * (forward - yaw_rate * y) * stance_time
+        aside = ahead * yaw_rate * x * stance_time
+        below = rest_below + height + rise[0] * x + rise[1] * y - lift * lifted
+        abduction, hip, knee = body.legs[leg]
+        side = 1.0 if body.nominal_pose[knee] > 0.0 else -1.0
+        out[hip], out[knee] = leg_angles(body.lengths[leg, 0], body.lengths[leg, 1], along, below, side)
+        out[abduction] += math.atan2(aside, rest_below)
+
+
+@njit(cache=True)
+def add_support(
+    body: Body, phase: float, swing_stance_ratio: float, share: float, pose: np.ndarray, out: np.ndarray
+) -> None:
+    """Add to targets a PD's deflection under the robot's weight: torque / kp at every hip and knee.
+
+    Legs in stance share the weight; all legs carry a standing robot (``share`` 0 of the full gait, see `gait_share`).
+    See `lever_arms` for the torques of a force on the foot, at the (joints,) angles ``pose`` [rad] of the gait.
+    Abductions get none: the small robot's gears hold them by friction. ``out`` (joints,) [rad] is added to in place.
+    """
+    stance_share, legs = 1.0 / (1.0 + swing_stance_ratio), body.phases.shape[0]
+    carrying = 0
+    for leg in range(legs):
+        leg_phase = phase + body.phases[leg]
+        carrying += 1 if leg_phase - math.floor(leg_phase) < stance_share else 0
+    for leg in range(legs):
+        leg_phase = phase + body.phases[leg]
+        force = (1.0 - share) * body.weight / legs
+        if leg_phase - math.floor(leg_phase) < stance_share:
+            force += share * body.weight / carrying
+        _, hip, knee = body.legs[leg]
+        thigh, shank = body.lengths[leg]
+        by_hip, by_knee = lever_arms(thigh, shank, float(pose[hip]), float(pose[knee]))
+        out[hip] += force * by_hip * body.compliance[hip]
+        out[knee] += force * by_knee * body.compliance[knee]
+
+
+def open_loop_gait(
+    body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float, control_dt: float
+) -> np.ndarray:
+    """(steps, joints) angles [rad] of a gait without modulation or lead, from phase 0; see `joint_targets`."""
+    targets, phase = np.zeros((steps, len(body.nominal_pose))), 0.0
+    for row in targets:
+        joint_targets(body, phase, forward, 0.0, frequency, height, (0.0, 0.0), ratio, body.swing_height, row)
+        phase = advance_phase(phase, frequency, control_dt)
+    return targets

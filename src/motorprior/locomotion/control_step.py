@@ -1,4 +1,7 @@
-"""One control step, compiled: the parts before the physics and the part after it.
+"""One control step, compiled: the parts before the physics and the part after it, with observation and reward.
+
+A robot follows a speed along its own heading and a yaw rate. It observes its IMU, its joints, the command, and the
+heading integrated from its gyroscope.
 
 The compiled rollout, the Gymnasium environments and the deployment on a robot (without numba, on numpy alone) call
 these functions in the same order, so simulations agree bit for bit:
@@ -13,13 +16,27 @@ these functions in the same order, so simulations agree bit for bit:
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, astuple, dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from motorprior.backend import BackendState
+from motorprior.bounds import require_number
 from motorprior.compiled import njit
-from motorprior.locomotion.body import MAX_COMMAND, NUM_COMMAND_OBSERVATIONS, Body, action_size, observation_size
+from motorprior.delay_line import fill_line, interpolated, write_line
+from motorprior.locomotion.body import (
+    MAX_COMMAND,
+    NUM_COMMAND_OBSERVATIONS,
+    NUM_IMU_READINGS,
+    Body,
+    action_size,
+    add_support,
+    advance_phase,
+    gait_share,
+    joint_targets,
+    observation_size,
+)
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
@@ -29,10 +46,7 @@ from motorprior.locomotion.policy import (
     action_to_command,
     low_pass,
 )
-from motorprior.locomotion.sensing import SensorErrors, apply_sensor_errors
-from motorprior.locomotion.task import SPEED_FILTER, fallen, heading_rate, observe, reward, sliding, wrapped
-from motorprior.locomotion.trajectory_generator import add_support, advance_phase, gait_share, joint_targets
-from motorprior.rotations import roll_pitch_yaw
+from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
 MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 are equal
 LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
@@ -94,15 +108,10 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 def complete_observation(
     body: Body, gait: GaitState, sensors: SensorErrors, schedule: np.ndarray, step: int, base_quat: np.ndarray
 ) -> None:
-    """Apply sensor errors and the command to the true readings of control step ``step``.
+    """Apply sensor errors and the command to the true readings in the observation of control step ``step``.
 
-    Args:
-        body: of the robot.
-        gait: its observation is overwritten.
-        sensors: of this episode.
-        schedule: (steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row stays in force.
-        step: control steps since the reset.
-        base_quat: (4,) rotation_base_to_world.
+    ``schedule`` (steps, 2) is the commanded speed [m/s] and yaw rate [rad/s], whose last row stays in force;
+    ``base_quat`` (4,) is rotation_base_to_world.
     """
     apply_sensor_errors(sensors, step, base_quat, gait.observation)
     row = min(step, schedule.shape[0] - 1)
@@ -113,15 +122,11 @@ def complete_observation(
 def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float) -> None:
     """Complete an observation after its readings: drift, heading error, command in force, phase.
 
-    The command in force follows the given one at a bounded rate. The heading error ψ integrates the observed heading
-    rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a robot that pulls to
-    one side would walk on at a small constant error. All except the command fade out as the robot stops.
-
-    Args:
-        body: of the robot.
-        gait: command, heading and the last six of the observation are updated in place.
-        forward: commanded speed [m/s], clipped to the robot's range, up to MAX_COMMAND times its highest.
-        yaw_rate: commanded yaw rate [rad/s], to the left; clipped to the robot's range.
+    The command in force follows the given speed ``forward`` [m/s] and ``yaw_rate`` [rad/s], to the left, at a bounded
+    rate and within the robot's range, up to MAX_COMMAND times its highest speed. The heading error ψ integrates the
+    observed heading rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a
+    robot that pulls to one side would walk on at a small constant error. All except the command fade out as the robot
+    stops.
     """
     observation, step = gait.observation, body.control_dt / RAMP
     forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
@@ -191,18 +196,10 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
 
 @njit(cache=True)
 def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.ndarray) -> tuple[float, bool]:
-    """Readings, reward and the end of the episode from the state after the physics.
+    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the backend failed.
 
     A fault of the backend ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
-
-    Args:
-        body: of the robot.
-        gait: observation, filtered speeds, sum of speed errors and feet are updated in place.
-        state: of the robot.
-        weights: shape (8,), `TaskWeights.array()`.
-
-    Returns:
-        Reward [m], and whether the robot fell or the backend failed.
+    ``weights`` (8,) are `TaskWeights.array()`.
     """
     if state.fault != 0:
         return 0.0, True
@@ -222,3 +219,162 @@ def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.
         state.base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, body.control_dt, weights,
     )  # fmt: skip
     return earned, down
+
+
+MAX_TILT = 0.4  # [rad] of roll or pitch
+SPEED_FILTER = 0.3  # [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
+CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the ground
+
+
+@dataclass(frozen=True)
+class TaskWeights:
+    """Coefficients of the reward, which is in metres walked; ConfigError for one that is not a number of at least 0."""
+
+    alive: float = 1.0  # per second upright [m/s]
+    speed: float = 2.0  # of |filtered forward speed - commanded speed| [m/s per m/s]
+    lateral: float = 1.0  # of |filtered sideways speed| [m/s per m/s]
+    heading: float = 1.0  # of |heading error| [m/s per rad]
+    yaw_rate: float = 0.02  # of |yaw rate - commanded yaw rate| [m/s per rad/s]
+    tilt: float = 0.2  # of |roll| + |pitch| [m/s per rad]
+    torque: float = 0.003  # of Σ (torque/reference_torque)² over the joints [m/s]
+    slip: float = 0.5  # of Σ sliding speed over the feet on the ground [m/s per m/s]
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            require_number(f"task.{name}", value)
+
+    def array(self) -> np.ndarray:
+        """Shape (8,), in the order of the attributes, for `reward`."""
+        return np.array(astuple(self), dtype=np.float64)
+
+
+@njit(cache=True)
+def write_readings(
+    body: Body, roll: float, pitch: float, rates: np.ndarray, joint_pos: np.ndarray, observation: np.ndarray
+) -> None:
+    """Write the first 5 + joints of an observation: roll, pitch [rad], the three body rates [rad/s], joint angles.
+
+    Joint angles are relative to the nominal pose [rad].
+    """
+    observation[0], observation[1] = roll, pitch
+    for axis in range(3):
+        observation[2 + axis] = rates[axis]
+    for joint in range(body.nominal_pose.shape[0]):
+        observation[NUM_IMU_READINGS + joint] = joint_pos[joint] - body.nominal_pose[joint]
+
+
+@njit(cache=True)
+def observe(body: Body, state: BackendState, observation: np.ndarray) -> None:
+    """`write_readings` of a state."""
+    roll, pitch, _ = roll_pitch_yaw(state.base_quat)
+    write_readings(body, roll, pitch, state.base_ang_vel, state.measured_joint_pos, observation)
+
+
+@njit(cache=True)
+def heading_rate(observation: np.ndarray) -> float:
+    """Rate of the heading [rad/s] from observed attitude and rates: (ω_y sin φ + ω_z cos φ) / cos θ."""
+    roll, pitch = observation[0], observation[1]
+    return (observation[3] * math.sin(roll) + observation[4] * math.cos(roll)) / math.cos(pitch)
+
+
+@njit(cache=True)
+def wrapped(angle: float) -> float:
+    """The same angle in [-π, π) [rad]."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True)
+def sliding(body: Body, feet: np.ndarray, state: BackendState, pitch: float, yaw: float) -> float:
+    """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions in ``feet``.
+
+    Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the shank. Feet of
+    unknown position (NaN) count as 0. ``feet`` (legs, 4) are those of `control_step.GaitState` one control step ago,
+    ``pitch`` and ``yaw`` of the body [rad].
+    """
+    total, cosine, sine, joint_pos = 0.0, math.cos(yaw), math.sin(yaw), state.measured_joint_pos
+    for leg in range(body.legs.shape[0]):
+        angle = pitch + joint_pos[body.legs[leg, 1]] + joint_pos[body.legs[leg, 2]]
+        radius, before, foot = body.foot_radius[leg], feet[leg], state.foot_pos[leg]
+        if foot[2] < radius + CONTACT_HEIGHT and before[2] < radius + CONTACT_HEIGHT:  # false for NaN
+            rolled = radius * (angle - before[3])
+            x, y = foot[0] - before[0] - rolled * cosine, foot[1] - before[1] - rolled * sine
+            total += math.sqrt(x * x + y * y) / body.control_dt
+        before[:3] = foot
+        before[3] = angle
+    return total
+
+
+@njit(cache=True)
+def reward(
+    speed_error: float,
+    lateral_speed: float,
+    heading_error: float,
+    yaw_rate_error: float,
+    tilt: float,
+    sum_torque_squared: float,
+    slip: float,
+    alive: bool,
+    control_dt: float,
+    weights: np.ndarray,
+) -> float:
+    """Reward of one control step [m]: dt (alive - Σ weight · |error|).
+
+    Args:
+        speed_error: filtered forward speed less the commanded one [m/s].
+        lateral_speed: filtered speed to the left [m/s].
+        heading_error: heading less the integral of the commanded yaw rate [rad].
+        yaw_rate_error: yaw rate less the commanded one [rad/s].
+        tilt: |roll| + |pitch| [rad].
+        sum_torque_squared: Στ², torques over the reference torque, mean over the physics steps of this control step.
+        slip: sum of the sliding speeds of the feet on the ground [m/s], see `sliding`.
+        alive: false in the step in which the robot falls.
+        control_dt: dt, control period [s].
+        weights: shape (8,), `TaskWeights.array()`.
+    """
+    earned = weights[0] if alive else 0.0
+    earned -= weights[1] * abs(speed_error) + weights[2] * abs(lateral_speed)
+    earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
+    return control_dt * (earned - weights[5] * tilt - weights[6] * sum_torque_squared - weights[7] * slip)
+
+
+@njit(cache=True)
+def fallen(roll: float, pitch: float, height: float, lowest: float, highest: float) -> bool:
+    """Whether the episode ends: |roll| or |pitch| > 0.4 rad, height [m] not in [lowest, highest], or any is NaN."""
+    upright = abs(roll) <= MAX_TILT and abs(pitch) <= MAX_TILT
+    return not (upright and lowest <= height <= highest)
+
+
+class SensorErrors(NamedTuple):
+    """Sensor errors of one episode, for compiled code."""
+
+    noise: np.ndarray  # (observations, readings) added to each observation; no rows without noise
+    ages: np.ndarray  # (observations,) age of the reading in each observation [control steps]
+    past: np.ndarray  # (rows, readings) true readings, a delay line; no rows without delay; state
+    up: np.ndarray  # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
+
+
+def perfect_sensors() -> SensorErrors:
+    """Neither noise nor delay, on level ground."""
+    return SensorErrors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.array([0.0, 0.0, 1.0]))
+
+
+@njit(cache=True, nogil=True)
+def apply_sensor_errors(sensors: SensorErrors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
+    """Replace the true readings of an observation by the measured ones.
+
+    Roll and pitch relative to the ground become those relative to gravity. A delay between two control steps
+    interpolates linearly between their readings; readings before the reset are those of the reset. ``count`` is the
+    number of observations since the reset before this one, ``base_quat`` (4,) rotation_base_to_world.
+    """
+    if sensors.up[2] < 1.0:
+        observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)
+    rows, readings = sensors.past.shape
+    if rows > 0:
+        if count == 0:
+            fill_line(sensors.past, 0, observation[:readings])
+        newest = write_line(sensors.past, 0, count, observation[:readings])
+        for i in range(readings):
+            observation[i] = interpolated(sensors.past, 0, newest, sensors.ages[count], i)
+    if sensors.noise.shape[0] > 0:
+        for i in range(sensors.noise.shape[1]):
+            observation[i] += sensors.noise[count, i]

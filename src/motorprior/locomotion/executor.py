@@ -19,9 +19,9 @@ import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
-from typing import Any, Literal, Protocol, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 from motorprior.exceptions import ConfigError, SimulationFault
 
@@ -31,25 +31,42 @@ RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
 MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
 _REMEDY = "read Ray's logs; finished iterations are kept"
-_CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
 _SIMULATORS: dict[str, Any] = {}  # in a worker process: of the latest two executors, training and evaluation
 _NUMBERS = itertools.count()
 
 
-class Executor(Protocol):
-    """Maps a function of (simulator, shared, task) over tasks."""
+def make_executor(
+    make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
+) -> Executor:
+    """An executor of ``workers`` episodes at the same time.
 
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``; the function may depend on its arguments only."""
-        ...
+    Args:
+        make_simulator: called once per worker; for Ray it must be picklable.
+        workers: threads of this process or processes of Ray. On a cluster it only sets the size of the chunks of
+            episodes: Ray runs a chunk on every free core.
+        kind: threads or ray.
+        address: of the Ray cluster to join; without one Ray starts on this machine only.
 
-    def close(self) -> None:
-        """Stop the workers."""
-        ...
+    Raises:
+        ConfigError: see `ray_cluster`.
+    """
+    return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)
+
+
+def require_executor(kind: Kind, address: str | None) -> None:
+    """Check an executor before any work.
+
+    Raises:
+        ConfigError: Ray is not installed, no cluster answers, or an address for another executor than Ray.
+    """
+    if kind != "ray" and address is not None:
+        raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")
+    if kind == "ray" and not _import_ray().is_initialized() and address is not None:
+        _require_answer(address)
 
 
 class ThreadExecutor:
-    """``workers`` threads, each taking a simulator from a pool."""
+    """Threads, each taking a simulator from a pool."""
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int):
         self._simulators = [make_simulator() for _ in range(workers)]
@@ -59,7 +76,7 @@ class ThreadExecutor:
         self._pool = ThreadPoolExecutor(workers)
 
     def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``."""
+        """Results in the order of ``tasks``; the function may depend on its arguments only."""
 
         def run(task: Any) -> Result:
             simulator = self._idle.get()
@@ -71,73 +88,14 @@ class ThreadExecutor:
         return list(self._pool.map(run, tasks))
 
     def close(self) -> None:
-        """Wait for running episodes, stop the threads, close the simulators."""
+        """Wait for running tasks, stop the workers."""
         self._pool.shutdown(cancel_futures=True)
         for simulator in self._simulators:
             simulator.close()
 
 
-def shared_cluster(kind: Kind, workers: int, address: str | None = None) -> AbstractContextManager[Any]:
-    """Within this context, all executors of kind "ray" use one cluster; see `ray_cluster`."""
-    return ray_cluster(workers, address) if kind == "ray" else nullcontext()
-
-
-def require_executor(kind: Kind, address: str | None = None) -> None:
-    """Check an executor before any work.
-
-    Raises:
-        ConfigError: unknown kind, Ray is not available, or an address for another executor than Ray.
-    """
-    if kind not in get_args(Kind):
-        raise ConfigError(f"executor {kind!r} is unknown", remedy=f"use one of {get_args(Kind)}", argument="executor")
-    if kind == "ray":
-        require_ray(address)
-    elif address is not None:
-        raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")
-
-
-def make_executor(
-    make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
-) -> Executor:
-    """Make an executor.
-
-    Args:
-        make_simulator: called once per worker; for Ray it must be picklable.
-        workers: number of episodes at the same time.
-        kind: threads of this process, or Ray's processes.
-        address: of the Ray cluster to join; without one Ray starts on this machine only.
-
-    Raises:
-        ConfigError: Ray is not available.
-    """
-    return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)
-
-
-@contextmanager
-def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
-    """The module ray, in the cluster that this process has joined already, else in one that ends with the context.
-
-    Raises:
-        ConfigError: Ray is not installed, no cluster answers at the address, or a cluster of this machine alone would
-            be open to others.
-    """
-    ray = _import_ray()
-    if ray.is_initialized():
-        yield ray
-        return
-    _join(ray, workers, address)
-    try:
-        yield ray
-    finally:
-        ray.shutdown()
-
-
 class RayExecutor:
-    """``workers`` processes on this machine, or those of a cluster.
-
-    ``make_simulator`` is called once per worker. On a cluster ``workers`` only sets the size of the chunks of
-    episodes: Ray runs a chunk on every free core. See `ray_cluster` for the address and errors.
-    """
+    """Processes on this machine, or those of a cluster."""
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
         self._cluster = ExitStack()
@@ -148,7 +106,7 @@ class RayExecutor:
         self._run = self._ray.remote(_run_chunk).options(**options)
 
     def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
-        """Results in the order of ``tasks``.
+        """See `ThreadExecutor.map`.
 
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
@@ -181,20 +139,39 @@ class RayExecutor:
         self._cluster.close()
 
 
-def require_ray(address: str | None = None) -> None:
-    """Check before any work that Ray is installed and that a cluster answers at the address.
-
-    Raises:
-        ConfigError: Ray is not installed, or no cluster answers.
-    """
-    if not _import_ray().is_initialized() and address is not None:
-        _require_answer(address)
+Executor = ThreadExecutor | RayExecutor  # maps a function of (simulator, shared, task) over tasks
 
 
 def chunk_size(tasks: int, workers: int) -> int:
     """Number of tasks in a chunk."""
     chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
     return max(1, -(-tasks // chunks))
+
+
+@contextmanager
+def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
+    """The module ray, in the cluster that this process has joined already, else in one that ends with the context.
+
+    Raises:
+        ConfigError: Ray is not installed, no cluster answers at the address, or a cluster of this machine alone would
+            be open to others.
+    """
+    ray = _import_ray()
+    if ray.is_initialized():
+        yield ray
+        return
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
+    quiet = {"log_to_driver": False, "logging_level": "ERROR"}
+    if address is not None:
+        _require_answer(address)
+        ray.init(address=address, **quiet)
+    else:
+        _init_on_loopback(ray, workers, **quiet)
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
 
 
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
@@ -207,43 +184,26 @@ def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, 
     return [function(_SIMULATORS[name], shared, task) for task in tasks]
 
 
-def _join(ray: Any, workers: int, address: str | None) -> None:
-    quiet = {"log_to_driver": False, "logging_level": "ERROR"}
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
-    if address is not None:
-        _require_answer(address)
-        ray.init(address=address, **quiet)
-        return
-    with _on_loopback(ray):
-        ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
-    host = ray.util.get_node_ip_address()
-    if not ipaddress.ip_address(host).is_loopback:
-        ray.shutdown()
-        raise ConfigError(
-            f"Ray {ray.__version__} listens on {host}, where other machines reach it",
-            remedy="use the executor threads, or another version of Ray",
-        )
-
-
-@contextmanager
-def _on_loopback(ray: Any) -> Iterator[None]:
-    """Ray processes that start within this context listen on the loopback interface.
+def _init_on_loopback(ray: Any, workers: int, **options: Any) -> None:
+    """Start a cluster of this machine, whose processes listen on the loopback interface.
 
     Ray's switch for it is an environment variable, named after the systems where loopback is the default. Its processes
     read it when they start, and this one when it imported Ray (_private/services.py, Ray 2.9 to 2.60).
     """
-    constants, before = ray._private.ray_constants, os.environ.get(_CLUSTERS)
-    read, os.environ[_CLUSTERS] = constants.ENABLE_RAY_CLUSTER, "0"
-    constants.ENABLE_RAY_CLUSTER = False
+    constants, name = ray._private.ray_constants, "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+    read, before = constants.ENABLE_RAY_CLUSTER, os.environ.get(name)
+    constants.ENABLE_RAY_CLUSTER, os.environ[name] = False, "0"
     try:
-        yield
+        ray.init(address="local", num_cpus=workers, include_dashboard=False, **options)
     finally:
         constants.ENABLE_RAY_CLUSTER = read
-        if before is None:
-            del os.environ[_CLUSTERS]
-        else:
-            os.environ[_CLUSTERS] = before
+        del os.environ[name]
+        os.environ |= {} if before is None else {name: before}
+    host = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(host).is_loopback:
+        ray.shutdown()
+        problem = f"Ray {ray.__version__} listens on {host}, where other machines reach it"
+        raise ConfigError(problem, remedy="use the executor threads, or another version of Ray")
 
 
 def _require_answer(address: str) -> None:
@@ -252,10 +212,8 @@ def _require_answer(address: str) -> None:
     try:
         socket.create_connection((host, int(port)), timeout=10.0).close()
     except (OSError, ValueError, OverflowError) as error:
-        raise ConfigError(
-            f"no Ray cluster answers at ray_address ({error})", where=address, remedy="give HOST:PORT of its head",
-            argument="ray_address",
-        ) from error  # fmt: skip
+        problem, remedy = f"no Ray cluster answers at ray_address ({error})", "give HOST:PORT of its head"
+        raise ConfigError(problem, where=address, remedy=remedy, argument="ray_address") from error
 
 
 def _import_ray() -> Any:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
 from motorprior.robots.robot import Robot
-from motorprior.schema import Header, Tensor, check_tensors, require_keys
+from motorprior.schema import Header, Tensor, check_tensors
 
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
@@ -47,7 +48,7 @@ _HEADER = Header(
     "policy.safetensors",
     "walk",
 )
-_TENSORS = {
+_TENSORS = {  # in the order of `PolicyArrays`
     "weights": Tensor(("actions", "inputs")),
     "hidden": Tensor(("units", "inputs")),
     "readout": Tensor(("units", "actions")),
@@ -78,11 +79,9 @@ def zero_policy(num_joints: int) -> PolicyArrays:
 
 @njit(cache=True)
 def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
-    """Action of a policy: clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1), n = clip((observation - mean) / std, -10, 10).
+    """Write clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1) to (actions,) ``out``, n = clip((x - mean) / std, -10, 10).
 
-    Observation normalisation: Mania et al. 2018, algorithm 2 (V2).
-
-    Writes (actions,) to ``out``.
+    Normalisation of the observation x: Mania et al. 2018, algorithm 2 (V2).
     """
     weights, hidden = policy.weights, policy.hidden
     actions, observations = weights.shape[0], weights.shape[1] - 1
@@ -119,14 +118,10 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 
 @njit(cache=True)
 def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
-    """Scale an action to physical units; zero is the usual gait with the commanded stride.
+    """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual gait.
 
-    Frequency f (1 + 0.4 a), intensity 1 + 0.75 a, height a · swing_height / 2, ratio r 2^a, turn a · yaw_rate.
-
-    Args:
-        body: of the robot; its usual frequency f, ratio r, swing_height, yaw_rate, and largest residual.
-        action: a, shape (actions,), in [-1, 1], already filtered.
-        out: shape (actions,), overwritten: residuals [rad], frequency [Hz], intensity, height [m], ratio, turn [rad/s].
+    Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], intensity 1 + 0.75 a, height
+    a · swing_height / 2 [m], ratio r 2^a, and turn a · max_yaw_rate [rad/s] to ``out`` (actions,).
     """
     joints = out.shape[0] - NUM_MODULATIONS
     for joint in range(joints):
@@ -141,61 +136,31 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A trained walking policy and what it was trained for.
+    """A trained walking policy and what it was trained for."""
 
-    Tensors are float64, in the units of the observation.
-    """
-
-    weights: np.ndarray  # (actions, observations + 1), the last column is the bias
-    hidden: np.ndarray  # (units, observations + 1); no rows for a linear policy
-    readout: np.ndarray  # (units, actions)
-    observation_mean: np.ndarray  # (observations,)
-    observation_std: np.ndarray  # (observations,), > 0
+    arrays: PolicyArrays  # float64, in the units of the observation
     kp: np.ndarray  # (joints,) [N·m/rad], position gains of the motors in training
     kd: np.ndarray  # (joints,) [N·m·s/rad], velocity gains
     control_dt: float  # control period [s] in training
     robot: str  # its name
     joint_names: tuple[str, ...]  # in the order of residuals and observed angles
     forward: tuple[float, float]  # range of commanded speeds [m/s]: the robot's, extended by that of the training
-    gait: GaitName = "trot"  # see `body.phases_of`
-    provenance: Mapping[str, Any] = field(default_factory=dict)  # settings of its training; JSON values only
+    gait: GaitName  # see `body.phases_of`
+    provenance: Mapping[str, Any]  # settings of its training; JSON values only
 
     @classmethod
     def of(
         cls,
         robot: Robot,
-        gait: GaitName,
         arrays: PolicyArrays,
         kp: np.ndarray,
         kd: np.ndarray,
-        provenance: Mapping[str, Any],
+        gait: GaitName = "trot",
+        provenance: Mapping[str, Any] = MappingProxyType({}),
     ) -> Policy:
         """A policy of a robot with the speed range of the training."""
-        return cls(
-            np.ascontiguousarray(arrays.weights), *arrays[1:], kp, kd, robot.control_dt, robot.name, robot.joint_names,
-            robot.require_legs().forward, gait, provenance,
-        )  # fmt: skip
-
-    def check(self, where: str | Path | None = None) -> None:
-        """Raise ArtifactError for a wrong shape or a value that is not finite."""
-        _HEADER.check(self._header(), where)
-        joints = len(self.joint_names)
-        observations = observation_size(joints)
-        sizes = {"joints": joints, "actions": action_size(joints)}
-        sizes |= {"observations": observations, "inputs": observations + 1}
-        check_tensors({name: getattr(self, name) for name in _TENSORS}, _TENSORS, where, _REMEDY, sizes)
-
-    def arrays(self) -> PolicyArrays:
-        """Arrays for compiled code; see `check` for errors."""
-        self.check()
-        weights = np.asfortranarray(self.weights)  # the inner loop of `act` runs over the actions
-        return PolicyArrays(weights, self.hidden, self.readout, self.observation_mean, self.observation_std)
-
-    def _header(self) -> dict[str, Any]:
-        return _HEADER.write(
-            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names), gait=self.gait,
-            slowest=self.forward[0], fastest=self.forward[1], provenance=dict(self.provenance),
-        )  # fmt: skip
+        forward = robot.require_legs().forward
+        return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, gait, provenance)
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
         """Raise ConfigError for a policy of another robot, of other joints, or of another control period.
@@ -214,23 +179,29 @@ class Policy:
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""
-        self.check(path)
-        write_tensors(Path(path), {name: np.asarray(getattr(self, name)) for name in _TENSORS}, self._header())
+        tensors = dict(zip(_TENSORS, map(np.ascontiguousarray, (*self.arrays, self.kp, self.kd)), strict=True))
+        header = _HEADER.write(
+            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names), gait=self.gait,
+            slowest=self.forward[0], fastest=self.forward[1], provenance=dict(self.provenance),
+        )  # fmt: skip
+        write_tensors(Path(path), tensors, header)
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
         """Read what `save` wrote.
 
         Raises:
-            ArtifactError: not a policy of this version, or damaged.
+            ArtifactError: not a policy of this version, a wrong shape, or a value that is not finite.
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        require_keys(tensors, _TENSORS, path, _REMEDY)
-        policy = cls(
-            **tensors, control_dt=float(header["control_dt"]), robot=header["robot"],
-            joint_names=tuple(header["joint_names"]), gait=header["gait"], provenance=header["provenance"],
-            forward=(float(header["slowest"]), float(header["fastest"])),
+        joints = len(header["joint_names"])
+        sizes = {"joints": joints, "actions": action_size(joints), "observations": observation_size(joints)}
+        check_tensors(tensors, _TENSORS, path, _REMEDY, sizes | {"inputs": sizes["observations"] + 1})
+        weights, *others, kp, kd = (tensors[name] for name in _TENSORS)
+        arrays = PolicyArrays(np.asfortranarray(weights), *others)  # the inner loop of `act` runs over the actions
+        forward = float(header["slowest"]), float(header["fastest"])
+        return cls(
+            arrays, kp, kd, float(header["control_dt"]), header["robot"], tuple(header["joint_names"]), forward,
+            header["gait"], header["provenance"],
         )  # fmt: skip
-        policy.check(path)
-        return policy

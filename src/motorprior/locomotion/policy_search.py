@@ -12,12 +12,13 @@ import numpy as np
 from motorprior.bounds import seed_of
 from motorprior.locomotion.ars import Ars, ArsConfig, RunningStats
 from motorprior.locomotion.executor import Executor
-from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.policy import PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
 
 EVALUATION_EVERY, EVALUATION_DRAWS = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
 HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
+_MEANS = ("steps", "speed_error")  # of the episodes of an iteration
 START_OBSERVATIONS = 100_000  # weight of a start policy's observation statistics: about a dozen iterations
 
 
@@ -42,7 +43,7 @@ class EpisodeTask(NamedTuple):
 
 
 def run_task(simulator: Any, search: PolicySearch, task: EpisodeTask) -> Any:
-    """Run one episode on a worker's simulator; returns a `simulation.rollout.Episode`."""
+    """Run one episode on a worker's simulator; returns a `simulation.scene.Episode`."""
     return simulator.run(search.policy(task.direction, task.sign), task.seed)
 
 
@@ -52,25 +53,20 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 
 
 class PolicySearch:
-    """A search for a policy, and the best policy of its evaluations; picklable, for workers.
+    """A search for a policy from ``start`` or from the zero policy, which is the plain gait; picklable, for workers.
 
-    It begins with ``start``, or with the zero policy, which is the plain gait. The observation statistics of ``start``
-    get the weight of START_OBSERVATIONS observations.
-
-    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy.
-
-    Raises:
-        ConfigError: a start of another number of hidden units, or one that is not symmetric where the shape is.
+    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy. ConfigError
+    for a start of another number of hidden units, or one that is not symmetric where the shape is.
     """
 
-    def __init__(self, config: ArsConfig, shape: PolicyShape, start: Policy | None = None):
+    def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
         self.ars, self.shape = Ars(config, shape.size, shape.observations), shape
         self.best = shape.policy(np.zeros(shape.size), self.ars.observations)
         self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1  # before the first evaluation
         if start is not None:
             self.ars.parameters = self.ars.average = shape.parameters(start)
-            m2 = START_OBSERVATIONS * np.square(start.observation_std)
-            self.ars.observations = RunningStats(START_OBSERVATIONS, start.observation_mean, m2)
+            m2 = START_OBSERVATIONS * np.square(start.std)
+            self.ars.observations = RunningStats(START_OBSERVATIONS, start.mean, m2)
         elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout the policy is still the plain gait
             _, hidden, _ = shape.split(self.ars.parameters)
             rng = np.random.default_rng([config.seed, HIDDEN])
@@ -89,11 +85,10 @@ class PolicySearch:
         returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
         self.ars.tell(returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes])
         faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
+        steps, speed_error = (float(np.mean([getattr(each, name) for each in episodes])) for name in _MEANS)
         return Iteration(
-            iteration, float(returns.mean()), float(returns.max()),
-            float(np.mean([episode.steps for episode in episodes])),
-            float(np.mean([episode.speed_error for episode in episodes])), dict(sorted(faults.items())),
-        )  # fmt: skip
+            iteration, float(returns.mean()), float(returns.max()), steps, speed_error, dict(sorted(faults.items()))
+        )
 
     def evaluate(self, executor: Executor) -> None:
         """Evaluate the policy of the averaged parameters, always on the same EVALUATION_DRAWS draws of motors."""
@@ -102,10 +97,6 @@ class PolicySearch:
         found = float(np.mean([episode.total for episode in episodes]))
         if found > self.best_return:
             self.best, self.best_return, self.best_iteration = self.policy(0, 0), found, self.ars.iteration
-
-    def has_converged(self, patience: int | None) -> bool:
-        """Whether ``patience`` evaluations in a row have found no better policy."""
-        return patience is not None and self.ars.iteration - max(0, self.best_iteration) >= patience * EVALUATION_EVERY
 
     def train(
         self,
@@ -121,9 +112,10 @@ class PolicySearch:
         ``patience`` evaluations in a row without a better policy. ``progress`` is called after every iteration.
         """
         evaluator = executor if evaluator is None else evaluator
+        waiting = float("inf") if patience is None else patience * EVALUATION_EVERY
         if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it
             self.evaluate(evaluator)
-        while self.ars.iteration < iterations and not self.has_converged(patience):
+        while self.ars.iteration < iterations and self.ars.iteration - self.best_iteration < waiting:
             point = self.advance(executor)
             if self.ars.iteration % EVALUATION_EVERY == 0 or self.ars.iteration == iterations:
                 self.evaluate(evaluator)

@@ -7,13 +7,15 @@ pair step together. A policy that gives the mirrored action for the mirrored obs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import RunningStats
 from motorprior.locomotion.body import action_size, observation_size, phases_of
-from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
 
 
@@ -22,8 +24,7 @@ class PolicyShape:
     """Sizes of a policy, and its symmetry.
 
     The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row. With a mirror, W is
-    made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A, so that a mirrored
-    observation gives the mirrored action.
+    made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A.
     """
 
     num_joints: int
@@ -40,10 +41,9 @@ class PolicyShape:
         if not symmetric:
             return cls(robot.num_joints, hidden_units)
         if hidden_units % 2:
-            raise ConfigError(
-                f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs",
-                remedy=f"give {hidden_units + 1}, or train without symmetry", argument="hidden_units",
-            )  # fmt: skip
+            problem = f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs"
+            remedy = f"give {hidden_units + 1}, or train without symmetry"
+            raise ConfigError(problem, remedy=remedy, argument="hidden_units")
         return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
 
     @property
@@ -71,9 +71,10 @@ class PolicyShape:
         """The policy of (size,) parameters, normalised by the statistics of its observations."""
         weights, hidden, readout = self.split(parameters)
         if self.mirror is not None:
-            weights = self.mirror.symmetric(weights)
-            hidden = np.concatenate([hidden, self.mirror.inputs.columns(hidden)])
-            readout = np.concatenate([readout, self.mirror.action.mirrored(readout)])
+            inputs, action = self.mirror
+            weights = 0.5 * (weights + action @ weights @ inputs)  # the nearest symmetric ones
+            hidden = np.concatenate([hidden, hidden @ inputs])
+            readout = np.concatenate([readout, readout @ action])
         stats = self.symmetric_stats(observations)
         return PolicyArrays(np.asfortranarray(weights), hidden, readout, stats.mean, stats.std())
 
@@ -81,11 +82,12 @@ class PolicyShape:
         """Statistics of observations together with their mirror images, if there is a mirror."""
         if self.mirror is None:
             return observations
-        swap = self.mirror.observation
-        mirrored = RunningStats(observations.count, swap.mirrored(observations.mean), observations.m2[swap.index])
-        return observations.merge(mirrored)
+        swap = self.mirror.inputs[:-1, :-1]
+        return observations.merge(
+            RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
+        )
 
-    def parameters(self, policy: Policy) -> np.ndarray:
+    def parameters(self, policy: PolicyArrays) -> np.ndarray:
         """(size,) parameters of a policy; inverse of `policy`.
 
         Raises:
@@ -93,60 +95,26 @@ class PolicyShape:
         """
         units = self.units if self.mirror is None else 2 * self.units
         if len(policy.hidden) != units:
-            raise ConfigError(
-                f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}",
-                remedy="train with as many", argument="hidden_units",
-            )  # fmt: skip
-        parts = policy.weights.ravel(), policy.hidden[: self.units].ravel(), policy.readout[: self.units].ravel()
-        parameters = np.concatenate(parts)
+            problem = f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}"
+            raise ConfigError(problem, remedy="train with as many", argument="hidden_units")
+        parts = policy.weights, policy.hidden[: self.units], policy.readout[: self.units]
+        parameters = np.concatenate([part.ravel() for part in parts])
         kept = self.policy(parameters, RunningStats.empty(self.observations))
         for name in ("weights", "hidden", "readout"):
             if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):
-                raise ConfigError(
-                    f"the {name} of the policy to start from are not symmetric",
-                    remedy="train without symmetry", argument="symmetric",
-                )  # fmt: skip
+                problem = f"the {name} of the policy to start from are not symmetric"
+                raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
         return parameters
 
 
 _TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] between their phases
 
 
-@dataclass(frozen=True, eq=False)
-class SignedPermutation:
-    """A mirrored vector: mirrored[i] = sign[i] · vector[index[i]], an involution."""
+class Mirror(NamedTuple):
+    """Mirrors O of inputs and A of actions: symmetric matrices of a permutation with signs, their own inverses."""
 
-    index: np.ndarray
-    sign: np.ndarray
-
-    def columns(self, matrix: np.ndarray) -> np.ndarray:
-        """M' with M'·x = M·mirrored(x)."""
-        out = np.empty_like(matrix)
-        out[:, self.index] = matrix * self.sign
-        return out
-
-    def mirrored(self, vectors: np.ndarray) -> np.ndarray:
-        """Mirrored (..., n) vectors."""
-        return self.sign * vectors[..., self.index]
-
-
-@dataclass(frozen=True, eq=False)
-class Mirror:
-    """Attributes: observation and action, the permutation with signs that mirrors each."""
-
-    observation: SignedPermutation
-    action: SignedPermutation
-
-    @property
-    def inputs(self) -> SignedPermutation:
-        """Of a policy: the observation, and the bias at its end."""
-        last = len(self.observation.index)
-        return SignedPermutation(np.append(self.observation.index, last), np.append(self.observation.sign, 1.0))
-
-    def symmetric(self, weights: np.ndarray) -> np.ndarray:
-        """(W + A W O) / 2 with the mirrors A of actions and O of inputs: the nearest symmetric weights."""
-        mirrored = self.inputs.columns(weights)
-        return 0.5 * (weights + self.action.sign[:, None] * mirrored[self.action.index])
+    inputs: np.ndarray  # (inputs, inputs), of an observation and the bias at its end
+    action: np.ndarray  # (actions, actions)
 
 
 def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
@@ -161,15 +129,11 @@ def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
         joints[list(leg.joints)] = robot.legs[partner].joints
         sign[leg.joints[0]] = -1.0
     phase = _phase_sign(robot, gait, partners)
-    tilt, modulation = [-1.0, 1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0, -1.0]
-    followed = [-1.0, -1.0, 1.0, -1.0, phase, phase]
-    observed = np.arange(observation_size(robot.num_joints))
-    observed[len(tilt) : len(tilt) + len(joints)] = len(tilt) + joints
-    actions = np.arange(action_size(robot.num_joints))
-    actions[: len(joints)] = joints
+    swap = sign[:, None] * np.eye(robot.num_joints)[joints]
+    tilt, followed = [-1.0, 1.0, -1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, -1.0, phase, phase]
     return Mirror(
-        SignedPermutation(observed, np.concatenate([tilt, sign, followed])),
-        SignedPermutation(actions, np.concatenate([sign, modulation])),
+        np.asarray(block_diag(np.diag(tilt), swap, np.diag([*followed, 1.0]))),
+        np.asarray(block_diag(swap, np.diag([1.0, 1.0, 1.0, 1.0, -1.0]))),
     )
 
 
@@ -179,10 +143,8 @@ def _partners(robot: Robot) -> list[int]:
     partners = [int(np.argmin(np.abs(rest - [x, -y]).sum(axis=1))) for x, y in rest]
     for leg, partner in enumerate(partners):
         if partners[partner] != leg or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE:
-            raise ConfigError(
-                f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}",
-                remedy="train without symmetry", argument="symmetric",
-            )  # fmt: skip
+            problem = f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}"
+            raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
     return partners
 
 
@@ -194,7 +156,6 @@ def _phase_sign(robot: Robot, gait: str, partners: list[int]) -> float:
         error = np.abs(apart - shift)
         if np.minimum(error, 1.0 - error).max() <= _TOLERANCE:
             return sign
-    raise ConfigError(
-        f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later",
-        remedy="correct the phases in its file, or train without symmetry", argument="symmetric",
-    )  # fmt: skip
+    problem = f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later"
+    remedy = "correct the phases in its file, or train without symmetry"
+    raise ConfigError(problem, remedy=remedy, argument="symmetric")

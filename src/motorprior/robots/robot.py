@@ -63,7 +63,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gait:
-    """Size and frequency of a gait, see `locomotion.trajectory_generator`."""
+    """Size and frequency of a gait, see `locomotion.body`."""
 
     frequency: float  # of the steps of one leg, before modulation by the policy [Hz]
     swing_height: float  # lift of a foot in swing [m]

@@ -79,3 +79,31 @@ class Wire:
     def folded_pose(self) -> np.ndarray:
         """(joints,) angles [rad]."""
         return np.array(self.folded)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current."""
+
+    target: np.ndarray  # (joints,) [rad]
+    kp: np.ndarray  # (joints,) [A/rad]; 0 for a motor that is off
+    kd: np.ndarray  # (joints,) [A·s/rad]
+    max_current: float  # [A]
+
+    def current(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+        """(joints,) currents [A] at (joints,) angles [rad] and velocities [rad/s]."""
+        wanted = self.kp * (self.target - joint_pos) - self.kd * joint_vel
+        return np.clip(wanted, -self.max_current, self.max_current)
+
+
+@dataclass(frozen=True)
+class SensorReadings:
+    """Sensor readings of a robot, joints in the robot's signs."""
+
+    pos: np.ndarray  # (joints,) [rad]
+    vel: np.ndarray  # (joints,) [rad/s]
+    current: np.ndarray  # (joints,) [A]
+    attitude: np.ndarray  # roll, pitch, yaw [rad]
+    rates: np.ndarray  # about the body's axes [rad/s]
+    temperature: np.ndarray | None = None  # (joints,) of the motors [°C], if measured
+    battery: float | None = None  # [V], if measured

@@ -28,8 +28,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Conditions, nominal_conditions
-from motorprior.simulation.world import substeps_of
-from motorprior.simulation.world_step import control_steps_late, has_diverged
+from motorprior.simulation.world import control_steps_late, has_diverged, substeps_of
 
 PHYSICS_DT = 0.001  # [s] as in puppersim
 SOLVER_ITERATIONS = 20  # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
@@ -39,9 +38,7 @@ EXPLICIT_STIFFNESS = 3e-4
 
 
 class BulletWorld:
-    """A simulated robot in its own PyBullet client, which `close` ends.
-
-    ``suspended`` fixes the base in the air; ``torque`` (joints,) is that of the latest physics step [N·m].
+    """A simulated robot in its own PyBullet client, which `close` ends; ``suspended`` fixes the base in the air.
 
     Raises:
         ConfigError: PyBullet is not installed, or the robot has no URDF.
@@ -54,29 +51,23 @@ class BulletWorld:
         if not isinstance(robot.model, GeneratedModel) or robot.model.urdf is None:
             raise ConfigError(f"robot {robot.name!r} has no URDF with rotors", remedy="use engine mujoco")
         self._urdf = robot.model.urdf
-        self._damping, self._passive = np.zeros(robot.num_joints), np.zeros(robot.num_joints)
-        self._nominal = nominal_conditions(robot)
-        self._conditions, self.torque = self._nominal, np.zeros(robot.num_joints)
-        self._joints: tuple[np.ndarray, np.ndarray] | None = None
+        self._nominal = self._conditions = nominal_conditions(robot)
+        self.torque = np.zeros(robot.num_joints)  # (joints,) of the latest physics step [N·m]
 
     def reset(
         self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
     ) -> ActuatorArrays:
-        """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
-
-        The pose and the conditions are the robot's nominal ones if not given.
-        """
+        """See `World.reset`."""
         joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
         conditions = self._nominal if conditions is None else conditions
         require_motors(actuator, self.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
         self.close()  # only a fresh client gives the same bytes: resetSimulation and restoreState keep some caches
-        self._joints = None
+        self._joints: tuple[np.ndarray, np.ndarray] | None = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
         self._passive = self._damping + conditions.damping
-        rotors = actuator.armature + conditions.armature + PHYSICS_DT * self._passive
-        self._build(rotors, conditions)
+        self._build(actuator.armature + conditions.armature + PHYSICS_DT * self._passive, conditions)
         self._delays, self._clock = conditions.delay_steps(PHYSICS_DT), 0
         oldest = -(-int(self._delays.max()) // self.substeps)
         self._commands = deque([joint_pos] * (oldest + 1), oldest + 1)
@@ -94,7 +85,7 @@ class BulletWorld:
             self._client = -1
 
     def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
-        """Hold (joints,) targets for one control step; see `world_step.hold_target`."""
+        """Hold (joints,) targets for one control step; see `world.hold_target`."""
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, total = self._conditions.push, 0.0
         push = pushes[self._clock % len(pushes)] if len(pushes) else None
@@ -106,11 +97,7 @@ class BulletWorld:
         return total / self.substeps
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
-        """One physics step towards (joints,) true angles [rad]; returns Σ torque² over the joints [(N·m)²].
-
-        ``torque`` includes the damping that the engine integrates; ``push`` is a (2,) horizontal force on the origin of
-        the chassis [N].
-        """
+        """See `world.physics_step`; ``push`` is a (2,) horizontal force on the origin of the chassis [N]."""
         q, dq = self._joints if self._joints is not None else self.joints()
         forces = _drive(motors, target, q, dq, self._conditions.strength, self._passive, self.torque).tolist()
         self.call("setJointMotorControlArray", self.body, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
@@ -136,19 +123,15 @@ class BulletWorld:
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """True joint angles (joints,) [rad] and velocities (joints,) [rad/s]."""
-        states = self.call("getJointStates", self.body, self._indices)
-        table = np.array([state[:2] for state in states])
-        return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
+        pos, vel, *_ = zip(*self.call("getJointStates", self.body, self._indices), strict=True)
+        return np.array(pos), np.array(vel)
 
     def base(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Chassis frame: position [m], quaternion (w, x, y, z), linear velocity [m/s] in world, angular in body axes.
-
-        Bullet's own frame is the centre of mass.
-        """
+        """Chassis frame: position [m], quaternion (w, x, y, z), velocity in world [m/s], rates in body axes [rad/s]."""
         centre, xyzw = self.call("getBasePositionAndOrientation", self.body)
         lin_vel, ang_vel = (np.array(value) for value in self.call("getBaseVelocity", self.body))
         rotation = np.array(self._bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
-        arm = -rotation @ self._com
+        arm = -rotation @ self._com  # from the centre of mass, the origin of Bullet's own frame
         velocity = lin_vel + _cross(ang_vel.tolist(), arm.tolist())
         return np.array(centre) + arm, np.array([xyzw[3], *xyzw[:3]]), velocity, rotation.T @ ang_vel
 
@@ -170,10 +153,9 @@ class BulletWorld:
         self._com = np.array(self.call("getDynamicsInfo", self.body, -1)[3])
 
     def _load_robot(self, text: str) -> int:
-        """Load from a temporary file, since PyBullet only reads files."""
         height = self.robot.suspended_height if self.suspended else self.robot.standing_height
         flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
-        with TemporaryDirectory(prefix="motorprior-") as folder:
+        with TemporaryDirectory(prefix="motorprior-") as folder:  # PyBullet only reads files
             path = Path(folder) / "robot.urdf"
             path.write_text(text, encoding="utf-8")
             return self.call("loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.suspended)
@@ -181,11 +163,9 @@ class BulletWorld:
     def _prepare_joints(self, joint_pos: np.ndarray) -> None:
         """Remove Bullet's own motors and damping, couple rotors to their joints."""
         self.call("changeDynamics", self.body, -1, linearDamping=0.0, angularDamping=0.0)
+        free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0, "maxJointVelocity": 1e9}
         for index in self._names.values():
-            self.call(
-                "changeDynamics", self.body, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                maxJointVelocity=1e9,
-            )  # fmt: skip
+            self.call("changeDynamics", self.body, index, **free)
             self.call("setJointMotorControl2", self.body, index, self._bullet.VELOCITY_CONTROL, force=0.0)
         for joint, name, angle in zip(self._indices, self.robot.joint_names, joint_pos, strict=True):
             rotor = self._names.get(f"{name}_rotor")
@@ -210,15 +190,7 @@ class BulletWorld:
 
 
 @njit(cache=True, nogil=True)
-def _drive(
-    motors: ActuatorArrays,
-    target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    strength: np.ndarray,
-    passive: np.ndarray,
-    torque: np.ndarray,
-) -> np.ndarray:
+def _drive(motors, target, joint_pos, joint_vel, strength, passive, torque):
     """Write the motors' torque (joints,) [N·m]; returns it less the joints' damping, for Bullet."""
     step_actuator(motors, PHYSICS_DT, target, joint_pos, joint_vel, torque)
     make_explicit(motors, joint_vel, torque)

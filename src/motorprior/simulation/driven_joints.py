@@ -27,9 +27,8 @@ class DrivenJoints:
     also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled model is changed in
     place; ``joints`` names hinges, one per motor.
 
-    Raises:
-        ConfigError: an unknown joint, one that is not a hinge or that the model already drives, another number of
-            joints than motors, an integrator without implicit damping, or a timestep that the motors do not support.
+    ConfigError for an unknown joint, one that is not a hinge or that the model already drives, another number of joints
+    than motors, an integrator without implicit damping, or a timestep that the motors do not support.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
@@ -56,8 +55,7 @@ class DrivenJoints:
     def drive(self, position_target: np.ndarray) -> np.ndarray:
         """Write torque and damping of the next step to model and data; returns the torque (n,) [N·m].
 
-        Raises:
-            ConfigError: targets of another shape, or a state that is not finite.
+        ConfigError for targets of another shape, or a state that is not finite.
         """
         if self._data.time <= self._time:
             self.reset()
@@ -77,8 +75,6 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):
         if model.actuator_trntype[actuator] in _OF_JOINTS and model.actuator_trnid[actuator, 0] == joint:
-            raise ConfigError(
-                f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}",
-                remedy="delete that actuator, or the joint would be driven twice",
-            )
+            problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}"
+            raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -17,7 +17,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.registry import DrawMotors, Drawn, drawn, file_options, motor_text, parsed, register
 from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
-from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, maybe, require_number
+from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.prior_file import load_prior, robot_gains
 from motorprior.robots.robot import Robot
@@ -25,9 +25,9 @@ from motorprior.schema import Schema
 from motorprior.stage import digest
 
 MotorSource: TypeAlias = str | MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
-"""A text, a distribution of motors, fixed motors, or a function that draws motors."""
+"""A text; a prior, posterior or fleet, sampled for every episode; fixed motors; or a function of a generator."""
 _PROVENANCE = Schema({"text": TEXT, "files": TABLE}, "train it again", name="its motors")
-_FILE = Schema({"path": maybe(TEXT), "sha256": TEXT}, "train it again", name="a file of its motors")
+_FILE = Schema({"path": TEXT, "sha256": TEXT}, "train it again", name="a file of its motors")
 _PD_BOUNDS = {"delay": 1.0, "spread": 0.9}  # delay [s]: the delay line holds so many physics steps
 
 
@@ -45,14 +45,8 @@ class SimulatedMotors(NamedTuple):
 def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     """The motors of a robot's episodes, drawn once to find errors and the physics step.
 
-    Args:
-        motors: a text; a prior, a posterior or a fleet, sampled for every episode; fixed motors; or a function of a
-            generator.
-        robot: with these motors.
-
-    Raises:
-        ConfigError, ArtifactError: an unknown kind or option, a value out of range, a file that cannot be read, or
-            motors of another robot, of another number or of an unknown type.
+    ConfigError or ArtifactError for an unknown kind or option, a value out of range, a file that cannot be read, or
+    motors of another robot or number.
     """
     options, fleet = {}, motors if isinstance(motors, Fleet) else None
     if isinstance(motors, str):
@@ -64,11 +58,6 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     require_motors(first, robot.num_joints)
     physics_dt, files = robot.physics_step(first.kind.max_step), [Path(options[name]) for name in file_options(options)]
     return SimulatedMotors(found.draw, physics_dt, found.condition, found.prior, files, nominal_gains(robot, fleet))
-
-
-def motor_sampler(motors: MotorSource, robot: Robot) -> tuple[DrawMotors, float]:
-    """Draws the motors of an episode, and their physics step [s]; see `simulated_motors`."""
-    return simulated_motors(motors, robot)[:2]
 
 
 def _drawn(motors: MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors, robot: Robot) -> Drawn:
@@ -178,51 +167,39 @@ def _of_posterior(posterior: MotorPosterior, robot: Robot, limit_follows_gain: b
 def motors_as_json(text: str, folder: Path) -> dict[str, Any]:
     """The motors of a training in the provenance of its policy in ``folder``: their text, and each file's digest.
 
-    The text has the names of the files alone. A file is searched for at its path relative to the policy's folder, so
-    that both can be moved together, and in that folder. Only a file with the same digest is used.
+    A file is searched for at its path relative to the policy's folder, so that both can be moved together, and in that
+    folder. Only a file with the same digest is used.
     """
     kind, options = parsed(text)
     files = {name: Path(options[name]) for name in file_options(options)}
     names = {name: file.name for name, file in files.items()}
-    records = {name: {"path": _relative(file, folder), "sha256": digest(file)} for name, file in files.items()}
+    records = {
+        name: {"path": Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), "sha256": digest(file)}
+        for name, file in files.items()
+    }
     return {"text": motor_text(kind, **(options | names)), "files": records}
 
 
 def motors_from_json(data: Any, policy: Path) -> str:
     """The text from `motors_as_json`, stored in the file ``policy``, with the paths of the files.
 
-    Raises:
-        ArtifactError: unknown or missing keys, or a value of another type.
-        ConfigError: a file is missing or has changed, or the text chooses no motors.
+    ArtifactError for other keys or types, ConfigError if a file is missing or has changed, or for a wrong text.
     """
     if not isinstance(data, dict):
-        raise ArtifactError(
-            "its provenance does not record the motors of its training", where=policy,
-            remedy="train it with `motorprior walk`, or evaluate it on a twin",
-        )  # fmt: skip
+        problem, remedy = "its provenance does not record the motors of its training", "evaluate it on a twin"
+        raise ArtifactError(problem, where=policy, remedy=f"train it with `motorprior walk`, or {remedy}")
     _PROVENANCE.check(data, policy)
     kind, options = parsed(data["text"])
     for name in file_options(options):
-        record = data["files"].get(name)
+        record, file = data["files"].get(name), Path(options[name]).name
         _FILE.check(record, policy)
-        options[name] = _found(name, Path(options[name]).name, record, policy)
+        paths = policy.parent / record["path"], policy.parent / file
+        found = [path for path in paths if path.is_file() and digest(path) == record["sha256"]]
+        if not found:
+            problem = (
+                f"the {name} it was trained on, {file} with SHA-256 {record['sha256'][:16]}…, is missing or changed"
+            )
+            remedy = "put it back, or into the policy's folder, or train the policy again"
+            raise ConfigError(problem, where=policy, remedy=remedy)
+        options[name] = found[0]
     return motor_text(kind, **options)
-
-
-def _relative(file: Path, folder: Path) -> str | None:
-    try:
-        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # on another drive of Windows
-        return None
-
-
-def _found(option: str, name: str, record: dict[str, Any], policy: Path) -> Path:
-    for relative in (record["path"], name):
-        if relative is not None and not PurePosixPath(relative).is_absolute():
-            path = policy.parent / relative
-            if path.is_file() and digest(path) == record["sha256"]:
-                return path
-    raise ConfigError(
-        f"the {option} it was trained on, {name} with SHA-256 {record['sha256'][:16]}…, is missing or has changed",
-        where=policy, remedy="put it back, or into the policy's folder, or train the policy again",
-    )  # fmt: skip

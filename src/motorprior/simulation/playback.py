@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.excitation import excitation_named
 from motorprior.bounds import generator_of, require_finite
@@ -17,9 +17,8 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motors import MotorSource, motor_sampler
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import FAULTS, WorldArrays, physics_step, read_joints
+from motorprior.simulation.motors import MotorSource, simulated_motors
+from motorprior.simulation.world import FAULTS, World, find_fault, physics_step, read_joints
 
 
 @dataclass(frozen=True)
@@ -33,15 +32,7 @@ class Playback:
 
 
 @njit(cache=True, nogil=True)
-def _play(
-    world: WorldArrays,
-    motors: ActuatorArrays,
-    targets: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_torque: np.ndarray,
-    measured: np.ndarray,
-    base: np.ndarray,
-) -> None:
+def _play(world, motors, targets, joint_pos, joint_torque, measured, base):
     world, motors, targets = without_refcounts(world), without_refcounts(motors), without_refcounts(targets)
     n = targets.shape[1]
     row = 0
@@ -64,10 +55,10 @@ def replay(
     lead_in: np.ndarray | None = None,
     tolerate_fault: bool = False,
 ) -> Playback:
-    """Hold each row of ``targets`` (C, joints) [rad] for one control step, from rest at ``start``.
+    """Reset the world to rest at ``start``, and hold each row of ``targets`` (C, joints) [rad] for one control step.
 
-    The world is reset first. ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in``
-    (L, joints) are held before the recording begins; ``tolerate_fault`` returns the recording of a diverged simulation.
+    ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in`` (L, joints) are held before the
+    recording begins; ``tolerate_fault`` returns the recording of a diverged simulation.
 
     Raises:
         SimulationFault: the state became NaN or the engine's memory was full.
@@ -80,7 +71,7 @@ def replay(
     base = np.zeros((0 if world.is_fixed else steps, 7))
     motors = world.reset(actuator, start)
     _play(world.arrays, motors, held, pos, torque, measured, base)
-    fault = world.fault()
+    fault = find_fault(world.arrays)
     if fault and not tolerate_fault:
         raise SimulationFault(FAULTS[fault], remedy="shorten physics_dt or check the motors' gains")
     first = before * world.substeps
@@ -109,10 +100,9 @@ def simulate(
         SimulationFault: NaN, a reset or a full buffer of the engine.
     """
     robot = as_robot(robot)
-    draw, physics_dt = motor_sampler(motors, robot)
+    found = simulated_motors(motors, robot)
     wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
-    world = World(robot, physics_dt, suspended)
-    return replay(world, draw(generator_of(seed)), wanted)
+    return replay(World(robot, found.physics_dt, suspended), found.draw(generator_of(seed)), wanted)
 
 
 def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:

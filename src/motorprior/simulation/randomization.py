@@ -11,10 +11,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
-from motorprior.bounds import is_number, is_range
-from motorprior.exceptions import ConfigError, quoted
-from motorprior.locomotion.body import NUM_IMU_READINGS, num_readings
-from motorprior.locomotion.sensing import SensorErrors, perfect_sensors
+from motorprior.bounds import require_number, require_range
+from motorprior.locomotion.body import NUM_IMU_READINGS
+from motorprior.locomotion.control_step import SensorErrors, perfect_sensors
 from motorprior.robots.robot import GRAVITY, Robot
 
 MAX_DELAY = 0.2  # [s] of sensors and commands
@@ -26,8 +25,7 @@ Range = tuple[float, float]
 class Randomization:
     """Ranges of uniform distributions, sampled in every episode; the defaults change nothing.
 
-    Raises:
-        ConfigError: a range whose first number is larger, or a value out of bounds or of another type.
+    ConfigError for a range whose first number is larger, or a value out of bounds or of another type.
     """
 
     armature: Range = (0.0, 0.0)  # range of the reflected inertia added to each joint [kg·m²]
@@ -64,16 +62,11 @@ class Randomization:
         upper = dict.fromkeys(("sensor_delay", "command_delay", "sensor_jitter", "command_jitter"), MAX_DELAY)
         upper |= {"gravity_tilt": 0.5, "com": 0.1, "dropped": 0.5}
         for field in fields(self):
-            value, ranged = getattr(self, field.name), isinstance(field.default, tuple)
-            bounds = lower.get(field.name, 0.0), upper.get(field.name, 1e3)
-            if ranged and isinstance(value, list):  # from JSON
-                value = tuple(value)
+            value, check = getattr(self, field.name), require_number
+            if isinstance(field.default, tuple):
+                value, check = tuple(value) if isinstance(value, list) else value, require_range  # a list from JSON
                 object.__setattr__(self, field.name, value)
-            if not (is_range(value, *bounds) if ranged else is_number(value, *bounds)):
-                argument, kind = f"randomization.{field.name}", "range" if ranged else "number"
-                problem = f"{argument} {quoted(value)} is not a {kind} within {bounds[0]:g}..{bounds[1]:g}"
-                remedy = "give the smaller number first, both within the bounds" if ranged else "give one number"
-                raise ConfigError(problem, remedy=remedy, argument=argument)
+            check(f"randomization.{field.name}", value, lower.get(field.name, 0.0), upper.get(field.name, 1e3))
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
@@ -121,7 +114,7 @@ class Randomization:
         late = self.sensor_delay[1] or self.sensor_jitter or self.dropped
         if not (late or self.joint_noise or self.tilt_noise or self.rate_noise or self.gyro_bias):
             return level._replace(up=up)
-        count = num_readings(robot.num_joints)
+        count = NUM_IMU_READINGS + robot.num_joints
         deviation = np.full(count, self.joint_noise)
         deviation[:2], deviation[2:NUM_IMU_READINGS] = self.tilt_noise, self.rate_noise
         rng = np.random.default_rng([_SENSOR_STREAM, seed])

@@ -1,4 +1,4 @@
-"""Pictures of a robot by MuJoCo: rendered offscreen, as stick figures, and in the viewer."""
+"""Recorded walks: rendered offscreen, as stick figures, in the viewer, and the motion of the feet."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain, cycle
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -29,9 +29,7 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, for the calling thread only.
 
     The environment variable MUJOCO_GL (egl, osmesa, glfw) selects the OpenGL library; EGL on Linux if not set.
-
-    Raises:
-        ConfigError: OpenGL does not work.
+    ConfigError if OpenGL does not work.
     """
     model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
     set_view_and_light(model, option)
@@ -89,18 +87,14 @@ def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -
     count = round(reach / gap)
     for line in range(middle - count, middle + count + 1):
         shade, width = (0.45, 0.04) if line % 5 == 0 else (0.75, 0.02)
-        size, center = np.array([width * gap, reach, 0.01 * gap]), np.array([line * gap, y, 0.0])
-        color = np.array([shade, shade, shade, 1.0], np.float32)
-        box = mujoco.mjtGeom.mjGEOM_BOX
+        size, center = [width * gap, reach, 0.01 * gap], [line * gap, y, 0.0]
+        color, box = np.array([shade, shade, shade, 1.0], np.float32), mujoco.mjtGeom.mjGEOM_BOX
         mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, center, np.eye(3).ravel(), color)
         scene.ngeom += 1
 
 
 def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
-    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m] in the world frame.
-
-    Lines from each body's parent to the body, then from the last body of each leg to its foot.
-    """
+    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m]: between bodies, then to the feet."""
     model = build_model(robot)
     data = mujoco.MjData(model)
     bodies = np.array([body for body in range(1, model.nbody) if model.body_parentid[body]])
@@ -120,8 +114,7 @@ def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
     """Play walks (F, 7 + joints), with ``control_dt`` [s] between frames, repeatedly until the window is closed.
 
-    Raises:
-        ConfigError: no window can be opened.
+    ConfigError if no window can be opened.
     """
     import mujoco.viewer  # here, since it needs a screen
 
@@ -145,3 +138,36 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
                 mujoco.mj_forward(model, data)
             window.sync()
             time.sleep(max(0.0, began + control_dt - time.monotonic()))
+
+
+class FootMotion(NamedTuple):
+    """(F, L) arrays over frames and feet."""
+
+    clearance: np.ndarray  # height of the foot's lowest point [m]
+    sliding: np.ndarray  # horizontal speed of that point [m/s]
+    ahead: np.ndarray  # position of the foot's centre along the body's x axis, from the base [m]
+
+
+def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
+    """Forward kinematics of every frame, from qpos (F, 7 + joints) and qvel (F, 6 + joints).
+
+    The lowest point of a foot of radius r moves with v + ω × (0, 0, -r): a foot that rolls does not slide.
+    """
+    model = build_model(robot)
+    data, velocity = mujoco.MjData(model), np.zeros(6)
+    feet = [(model.geom(leg.foot).id, leg.foot_radius) for leg in robot.legs]
+    clearance, sliding, ahead = np.zeros((3, len(qpos), len(feet)))
+    base = model.body(model.jnt_bodyid[0]).id
+    for frame in range(len(qpos)):
+        data.qpos[:], data.qvel[:] = qpos[frame], qvel[frame]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        forward = data.xmat[base, ::3]
+        for column, (geom, radius) in enumerate(feet):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
+            clearance[frame, column] = data.geom_xpos[geom, 2] - radius
+            ahead[frame, column] = forward @ (data.geom_xpos[geom] - data.xpos[base])
+            across = velocity[3] - velocity[1] * radius, velocity[4] + velocity[0] * radius
+            sliding[frame, column] = np.hypot(*across)
+    return FootMotion(clearance, sliding, ahead)

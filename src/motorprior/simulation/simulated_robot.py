@@ -4,31 +4,33 @@
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
+from motorprior.bench.families import require_geared
+from motorprior.bench.fleet import Fleet
 from motorprior.compiled import njit
 from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import Robot
+from motorprior.robots.wire import Drive, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.world import World
-from motorprior.simulation.world_step import WorldArrays, physics_step, read_joints
+from motorprior.simulation.world import World, WorldArrays, physics_step, read_joints
 
 # Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at 100 Hz
 IMU_NOISE = (0.002, 0.01)
+_STREAM = 0x7710  # separates the motors of virtual robots from those of benches, training and transfer studies
 
 
-@dataclass(frozen=True)
-class SimulatedState:
-    """Sensor readings."""
+def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
+    """The motors of virtual robot number ``seed``, sampled independently; its firmware sets their gains.
 
-    joint_pos: np.ndarray  # (joints,) [rad]
-    joint_vel: np.ndarray  # (joints,) [rad/s]
-    attitude: np.ndarray  # (3,) roll, pitch, yaw [rad]
-    rates: np.ndarray  # (3,) [rad/s]
+    Raises:
+        ConfigError: a fleet that is not of the geared family.
+    """
+    return require_geared(fleet.sample(robot.num_joints, np.random.default_rng([_STREAM, seed])))
 
 
 @njit(cache=True, nogil=True)
@@ -38,17 +40,17 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 
 
 class SimulatedRobot:
-    """A simulated robot, lying with folded legs at first, or suspended.
+    """A `hardware.virtual_robot.RobotBody`, lying with folded legs at first, or suspended.
 
-    Unlike in training, the chassis collides with the floor, so that a robot without current lies on it.
-
-    The motors' gains and torque limits are those at the wire's own gains and current limit; ``rng`` is the IMU's noise.
+    Unlike in training, the chassis collides with the floor, so that a robot without current lies on it. The gains and
+    torque limits of ``motors`` are those at the wire's own gains and current limit; ``seed`` is of the IMU's noise.
     """
 
-    def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, rng: np.random.Generator):
-        self._robot, self._wire = robot, robot.require_wire()
-        self._world = World(robot, robot.twin_physics_dt, suspended)
-        self._motors, self._rng, self._suspended = motors, rng, suspended
+    def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, seed: int):
+        self._wire, self._motors, self._suspended = robot.require_wire(), motors, suspended
+        self._signs, self._dt = self._wire.joint_signs, robot.twin_physics_dt
+        self._rng, self._drive = np.random.default_rng([_STREAM, seed, 1]), None
+        self._world = World(robot, self._dt, suspended)
         model = self._world.model
         floor, base = model.geom(FLOOR).id, model.body(1)
         model.geom_contype[floor] = model.body_contype[0] = 1
@@ -57,38 +59,34 @@ class SimulatedRobot:
         self._arrays = self._world.reset(PhysicalActuator(motors), folded)
         if not suspended:
             self._world.data.qpos[2] = max(leg.hip_height(folded) for leg in robot.legs)
-        self.advance(0, folded)  # compile, or load compiled code, before real time starts
+        _advance(self._world.arrays, self._arrays, folded, 0)  # compile before real time starts
 
-    def set_gains(self, kp: np.ndarray, kd: np.ndarray, max_current: float) -> None:
-        """Set gains (joints,) [A/rad], [A·s/rad] and current limit [A]; each motor keeps its torque per ampere."""
-        motors = replace(
-            self._motors,
-            kp=self._motors.kp * kp / self._wire.kp,
-            kd=self._motors.kd * kd / self._wire.kd,
-            torque_limit=self._motors.torque_limit * (max_current / self._wire.max_current),
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        """Simulate under a constant drive; each motor keeps its torque per ampere."""
+        motors, wire = self._motors, self._wire
+        scaled = replace(
+            motors,
+            kp=motors.kp * drive.kp / wire.kp,
+            kd=motors.kd * drive.kd / wire.kd,
+            torque_limit=motors.torque_limit * (drive.max_current / wire.max_current),
         )
-        self._arrays.parameters[:] = PhysicalActuator(motors).arrays(self._robot.twin_physics_dt).parameters
+        self._arrays.parameters[:] = PhysicalActuator(scaled).arrays(self._dt).parameters
+        self._drive = drive
+        _advance(self._world.arrays, self._arrays, np.ascontiguousarray(self._signs * drive.target), milliseconds)
 
-    def advance(self, milliseconds: int, target: np.ndarray) -> None:
-        """Simulate under (joints,) targets [rad]."""
-        _advance(self._world.arrays, self._arrays, np.ascontiguousarray(target, dtype=np.float64), milliseconds)
+    def sense(self) -> SensorReadings:
+        """The present readings; the current is that of the control law at the present target."""
+        data, measured = self._world.data, np.zeros(len(self._signs))
+        read_joints(self._world.arrays, self._arrays, measured)
+        noise, attitude, rates = self._rng.standard_normal(6), np.zeros(3), np.zeros(3)
+        if not self._suspended:
+            attitude, rates = np.array(roll_pitch_yaw(data.qpos[3:7])), data.qvel[3:6]
+        count = 2.0 * np.pi / self._wire.encoder_counts
+        pos = self._signs * (count * np.round(measured / count))
+        vel = self._signs * self._arrays.memory[FILTERED_VEL]
+        current = np.zeros_like(pos) if self._drive is None else self._drive.current(pos, vel)
+        return SensorReadings(pos, vel, current, attitude + IMU_NOISE[0] * noise[:3], rates + IMU_NOISE[1] * noise[3:])
 
     def position(self) -> np.ndarray:
         """(2,) horizontal position of the base [m]."""
         return np.zeros(2) if self._suspended else self._world.data.qpos[:2].copy()
-
-    def state(self) -> SimulatedState:
-        """The present state."""
-        data, measured = self._world.data, np.zeros(self._robot.num_joints)
-        read_joints(self._world.arrays, self._arrays, measured)
-        noise = self._rng.standard_normal(6)
-        attitude, rates = np.zeros(3), np.zeros(3)
-        if not self._suspended:
-            attitude, rates = np.array(roll_pitch_yaw(data.qpos[3:7])), data.qvel[3:6]
-        count = 2.0 * np.pi / self._wire.encoder_counts
-        return SimulatedState(
-            joint_pos=count * np.round(measured / count),
-            joint_vel=self._arrays.memory[FILTERED_VEL].copy(),
-            attitude=attitude + IMU_NOISE[0] * noise[:3],
-            rates=rates + IMU_NOISE[1] * noise[3:],
-        )

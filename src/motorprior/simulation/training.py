@@ -1,17 +1,23 @@
-"""Train a walking policy: settings, the loop, and its provenance."""
+"""Train a walking policy: settings, the loop, its files, and its provenance."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from motorprior.artifacts import read_tensors, write_tensors, write_text
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_count
-from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
@@ -22,11 +28,11 @@ from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import WARNED, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
+from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.training_files import Curve, TrainingFiles
-from motorprior.simulation.world_step import FAULTS
+from motorprior.simulation.world import FAULTS
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,6 @@ def train_policy(
             or symmetry of a robot or a gait that has none.
         ArtifactError: a robot or a validation fleet that cannot be read.
         SimulationFault: every episode had one.
-        TypeError: an unknown field.
     """
     robot, settings, seed = as_robot(robot), settings or WalkSettings(), changes.pop("seed", None)
     settings = replace(settings, **changes)
@@ -103,11 +108,43 @@ def train_policy(
     return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
 
 
-class Training:
-    """A training: call `run`, then `policy`. See `train_policy` for the arguments; ``where`` names ``start`` in errors.
+CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
+Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
-    The robot gets the speed range of the training; the curve has a point per iteration.
+
+class TrainingFiles:
+    """Checkpoint of a running training, and metrics.jsonl with a point of the curve per line.
+
+    An interrupted training continues to the same bytes if the `stage.description` in its checkpoint is ``wanted``.
     """
+
+    def __init__(self, folder: Path, wanted: Mapping[str, Any]):
+        self._folder, self._wanted = folder, wanted
+
+    def begin(self, search: PolicySearch) -> Curve:
+        """Restore a search from the checkpoint, if any; returns the curve so far. ArtifactError if it is damaged."""
+        curve, path = [], self._folder / CHECKPOINT
+        if path.is_file():
+            try:
+                state, header = read_tensors(path)
+                if header.get("wanted") == self._wanted:
+                    search.restore(state)
+                    curve = header["curve"]
+            except (ArtifactError, KeyError) as error:
+                problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
+                raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
+        write_text(self._folder / METRICS, "".join(json.dumps(point) + "\n" for point in curve))
+        return curve
+
+    def save(self, state: dict[str, np.ndarray], curve: Curve) -> None:
+        """Write the checkpoint after the last point of the curve, and add this point to the metrics."""
+        write_tensors(self._folder / CHECKPOINT, state, {"wanted": self._wanted, "curve": curve})
+        with (self._folder / METRICS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(curve[-1]) + "\n")
+
+
+class Training:
+    """A training: call `run`, then `policy`. See `train_policy` for arguments and errors; ``where`` names ``start``."""
 
     def __init__(
         self,
@@ -128,19 +165,17 @@ class Training:
         self._validation = None if fleet is None else fleet.name
         self.motors = simulated_motors(motors, self.robot)
         drawn = [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
-        self._scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
+        scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
+        self._simulators = [partial(simulator_of, scene) for scene in scenes]  # of training, and of a validation fleet
         shape = PolicyShape.of(self.robot, settings.gait, settings.hidden_units, settings.symmetric)
-        self.search = PolicySearch(settings.search, shape, start)
+        self.search = PolicySearch(settings.search, shape, None if start is None else start.arrays)
 
     def note(self, progress: Progress) -> None:
         """Report limits of the motors' prior, and a validation fleet that biases later evaluation on the twin."""
         for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
             progress.note(line)
         if self.robot.fleets and self._validation == self.robot.default_fleet:
-            progress.note(
-                "note: validation uses the fleet of the twin, so results on this twin are biased: evaluate the policy "
-                "on another fleet, or validate on another"
-            )
+            progress.note("note: results on the twin are biased: validation uses its fleet; evaluate on another fleet")
 
     def run(
         self,
@@ -151,21 +186,17 @@ class Training:
         ray_address: str | None = None,
         files: TrainingFiles | None = None,
     ) -> None:
-        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one.
-
-        Raises:
-            SimulationFault: every episode had one.
-        """
+        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one."""
         require_count("workers", workers)
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search, settings = self.search, self.settings
         with ExitStack() as stack:
             train, *evaluate = (
-                stack.enter_context(closing(make_executor(scene.simulator, workers, executor, ray_address)))
-                for scene in self._scenes
+                stack.enter_context(closing(make_executor(simulator, workers, executor, ray_address)))
+                for simulator in self._simulators
             )
             if files is not None:
-                self.curve = stack.enter_context(closing(files)).begin(search, settings.episode_steps)
+                self.curve = files.begin(search)
             if self.curve:
                 progress.note(f"{name}: continues after iteration {search.ars.iteration}")
             total = settings.iterations
@@ -183,25 +214,20 @@ class Training:
 
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
-            progress.note(
-                f"{name}: ended after {search.ars.iteration} iterations, no better policy since {search.best_iteration}"
-            )
-        self._report_faults(progress)
+            ended = f"{name}: ended after {search.ars.iteration} iterations"
+            progress.note(f"{ended}, no better policy since {search.best_iteration}")
+        faults = sum((Counter(point["faults"]) for point in self.curve), Counter())
+        episodes = len(self.curve) * 2 * settings.search.num_directions
+        for fault, count in faults.items():
+            progress.note(f"{count} of {episodes} episodes ended early: {fault}")
+        if faults.total() == episodes:
+            problem = f"each of the {episodes} episodes had a simulation fault ({', '.join(faults)})"
+            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
+            raise SimulationFault(problem, remedy=remedy)
 
     def policy(self, **provenance: Any) -> Policy:
         """The best policy; ``provenance`` joins the settings."""
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
-        return Policy.of(
-            self.robot, self.settings.gait, search.best, nominal.kp, nominal.kd, settings | found | provenance
-        )
-
-    def _report_faults(self, progress: Progress) -> None:
-        faults = sum((Counter(point["faults"]) for point in self.curve), Counter())
-        total = len(self.curve) * 2 * self.settings.search.num_directions
-        for name, count in faults.items():
-            progress.note(f"{count} of {total} episodes ended early: {name}")
-        if faults.total() == total:
-            problem = f"each of the {total} episodes had a simulation fault ({', '.join(faults)})"
-            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
-            raise SimulationFault(problem, remedy=remedy)
+        gait, provenance = self.settings.gait, settings | found | provenance
+        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, gait, provenance)

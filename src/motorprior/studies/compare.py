@@ -20,10 +20,10 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motors import MotorSource, motor_sampler
+from motorprior.simulation.env import simulator_of
+from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Episode, Scene, WalkConfig
 from motorprior.studies.environments import ENCODER_NOISE, twin_scene
 from motorprior.studies.gait_quality import share_upright
 
@@ -74,7 +74,7 @@ class _Walks:
         self._number, self._seed_of = 0, seed_of
         if motors is not None:
             scene = replace(scene, draw_motors=lambda _: motors(self._number))
-        self._simulator = scene.simulator()
+        self._simulator = simulator_of(scene)
 
     def run(self, policy: PolicyArrays, number: int) -> Episode:
         self._number = number
@@ -102,7 +102,7 @@ def evaluate(
     """
     rows, traces = [], {}
     for name, scene in scenes.items():
-        episodes = run_walks(scene, policy.arrays(), range(DRAWS))
+        episodes = run_walks(scene, policy.arrays, range(DRAWS))
         forward = np.array([episode.displacement[0] for episode in episodes])
         values = {
             "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),
@@ -131,8 +131,8 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
     walk = WalkConfig(DURATION_STEPS, commands=commands, gait=policy.gait)
     if isinstance(motors, Fleet):
         return twin_scene(robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE)))
-    sample, physics_dt = motor_sampler(motors, robot)
-    return Scene(robot, sample, walk, physics_dt)
+    found = simulated_motors(motors, robot)
+    return Scene(robot, found.draw, walk, found.physics_dt)
 
 
 def compare(

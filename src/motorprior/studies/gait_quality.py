@@ -14,8 +14,8 @@ from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.signals import rms
-from motorprior.simulation.foot_motion import FootMotion, foot_motion
-from motorprior.simulation.rollout import Episode
+from motorprior.simulation.rendering import FootMotion, foot_motion
+from motorprior.simulation.scene import Episode
 
 WARM_UP = 1.0  # [s] from standing to a steady gait, not measured
 FALL_TIME = 0.5  # [s] before a fall, not measured

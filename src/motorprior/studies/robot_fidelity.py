@@ -22,8 +22,7 @@ from motorprior.identification.evaluation.bench_truth import (
     bench_errors,
 )
 from motorprior.identification.evaluation.errors import MAX_ERROR, capped
-from motorprior.locomotion.body import body_of
-from motorprior.locomotion.trajectory_generator import open_loop_gait
+from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.progress import Task
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot

@@ -72,7 +72,7 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
 
     def upright(randomization: Randomization) -> float:
         scene = trained.scene(WalkConfig(DURATION_STEPS, randomization=randomization, commands=commands), "mujoco")
-        episodes = run_walks(scene, trained.policy.arrays(), range(ROBUSTNESS_DRAWS), executor=executor)
+        episodes = run_walks(scene, trained.policy.arrays, range(ROBUSTNESS_DRAWS), executor=executor)
         task.advance()
         return float(np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes]))
 

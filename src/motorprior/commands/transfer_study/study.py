@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -26,15 +27,14 @@ from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.commands.walk_seeds import SEEDS_APART
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import make_executor, shared_cluster
+from motorprior.locomotion.executor import make_executor, ray_cluster
 from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
 from motorprior.studies import summary
 from motorprior.studies.compare import run_walks
@@ -110,7 +110,8 @@ def walk_table(config: Study, policies: Sequence[Condition], progress: Progress 
     at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
     processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
     name = f"study: {len(policies)} policies, {config.draws} walks per environment"
-    with progress.start(name, len(policies)) as task, shared_cluster(config.executor, processes, config.ray_address):
+    cluster = ray_cluster(processes, config.ray_address) if config.executor == "ray" else nullcontext()
+    with progress.start(name, len(policies)) as task, cluster:
         works = [partial(_walks_of, config, environments, policy, task) for policy in policies]
         return [walk for walks in in_parallel(works, at_a_time, progress) for walk in walks]
 
@@ -148,7 +149,7 @@ def _train(config: Study, robot: Robot, condition: Condition, progress: Progress
     if condition.name == "untrained":
         robot = commands.extend_range(robot)
         nominal = simulated_motors(condition.motors, robot).nominal
-        zero = Policy.of(robot, "trot", zero_policy(robot.num_joints), nominal.kp, nominal.kd, {})
+        zero = Policy.of(robot, zero_policy(robot.num_joints), nominal.kp, nominal.kd)
         zero.save(walk.out / POLICY)
     else:
         run_walk(walk, progress, name)
@@ -159,7 +160,7 @@ def _evaluate(
     config: Study, trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...], only: int | None
 ) -> list[WalkRow]:
     """Walks of a policy in its training simulation and in environments, there on the robot ``only`` if given."""
-    robot, policy, draws = trained.robot, trained.policy.arrays(), range(config.draws)
+    robot, policy, draws = trained.robot, trained.policy.arrays, range(config.draws)
     steps, seed_of = round(config.seconds / robot.control_dt), partial(walk_seed, config.seed)
     walk = WalkConfig(steps, commands=config.commands(robot), gait=trained.policy.gait)
     executor = partial(

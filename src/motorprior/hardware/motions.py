@@ -1,0 +1,252 @@
+"""What an armed robot plays: a walk with a trained policy, or an excitation of its motors."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+
+import numpy as np
+
+from motorprior.bench.excitation import excitation_named
+from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.hardware.control_loop import ControlLoop, Motion
+from motorprior.hardware.health import Measurement
+from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.safety_gate import Gains
+from motorprior.hardware.session import Session, check_before_arming
+from motorprior.hardware.teleop import Print, Teleop
+from motorprior.locomotion.body import YAW_RATE, action_size, body_of, open_loop_gait
+from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait, write_readings
+from motorprior.locomotion.policy import Policy, act
+from motorprior.logs.readers.robot_run import Mode
+from motorprior.robots.robot import Robot
+
+_GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit
+_STATUS_PERIOD = 50  # control steps
+# Of 36 simulated walks that crouched at once from full speed, 11 tilted beyond 0.5 rad; with this time, none.
+_STOPPING_TIME = 1.0  # [s]
+
+
+class PolicyMotion:
+    """A walking policy as a motion, with the same `locomotion.control_step` as in simulation.
+
+    Without an IMU the policy acts as if the robot were upright and turned as commanded.
+    """
+
+    def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
+        self._policy, self._has_imu = policy.arrays, has_imu
+        self._body = body_of(robot.with_speed_range(policy.forward), policy.gait)
+        self.gait = new_gait(self._body)
+        self._action = np.zeros(action_size(robot.num_joints))
+        self.forward = self.yaw_rate = 0.0  # commanded [m/s], [rad/s] to the left
+        self.gyro_bias = np.zeros(3)  # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
+
+    def __call__(self, measurement: Measurement) -> np.ndarray:
+        """The (joints,) targets [rad] for a measurement: observe, act, command."""
+        gait = self.gait
+        telemetry = measurement.telemetry
+        rates = np.array(telemetry.rates) - self.gyro_bias
+        write_readings(self._body, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation)
+        if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
+            gait.observation[YAW_RATE] = gait.twist[1]
+        follow_command(self._body, gait, self.forward, self.yaw_rate)
+        act(self._policy, gait.observation, self._action)
+        command_step(self._body, gait, self._action)
+        return gait.target.copy()
+
+    def stopping(self) -> Motion:
+        """Slow down and step in place."""
+        steps = iter(range(round(_STOPPING_TIME / self._body.control_dt)))
+
+        def target(measurement: Measurement) -> np.ndarray | None:
+            self.forward = self.yaw_rate = 0.0
+            return None if next(steps, None) is None else self(measurement)
+
+        return target
+
+    def warm_up(self, measurement: Measurement) -> None:
+        """Compile, or load compiled code, and reset."""
+        self(measurement)
+        begin_gait(self._body, self.gait)
+
+
+def gains_for(
+    robot: Robot, policy: Policy, kp: float | None = None, kd: float | None = None, max_current: float | None = None
+) -> Gains:
+    """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
+
+    The fleets were identified at the robot's own gains. The torque constant [N·m/A] converts a policy's gains.
+
+    Raises:
+        ConfigError: gains out of range, or none were given and the policy was trained with others, beyond 15 %.
+    """
+    wire = robot.require_wire()
+    for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
+        trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
+        if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
+            mean, remedy = float(trained.mean()), "train it with the robot's gains"
+            if mean <= getattr(wire.safety, f"max_{name}"):
+                remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
+            problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
+            raise ConfigError(problem, remedy=remedy, argument=name)
+    return Gains.of(wire, kp, kd, max_current)
+
+
+def walk(
+    session: Session, policy: Policy, steering: AbstractContextManager[Teleop], seconds: float | None = None
+) -> None:
+    """Check an idle robot, arm it, stand up, walk as ``steering`` commands, crouch.
+
+    It walks for ``seconds`` [s] or until the session is stopped. The status is a line twice a second. Raises RobotFault
+    if a fault ended the walk early; the robot is idle.
+    """
+    motion = PolicyMotion(session.link.robot, policy, session.need_imu)
+    motion.gyro_bias = session.check(motion.warm_up)
+
+    def work(loop: ControlLoop) -> None:
+        end = time.monotonic() + seconds if seconds is not None else float("inf")
+
+        def steered(measurement: Measurement) -> np.ndarray | None:
+            command = operator.command()
+            if command is None or time.monotonic() >= end:
+                session.outcome = "operator" if command is None else "time"
+                return None
+            motion.forward, motion.yaw_rate = command
+            return motion(measurement)
+
+        with steering as operator:
+            loop.play(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
+
+    session.run(work, stopping=motion.stopping)
+
+
+def dry_run(session: Session, policy: Policy, command: tuple[float, float], seconds: float) -> int:
+    """Number of control steps of a walk that is computed from an idle robot's telemetry; nothing is sent.
+
+    ``command`` is speed [m/s] and yaw rate [rad/s]. Other arguments and errors are those of `walk`.
+    """
+    link, motion = session.link, PolicyMotion(session.link.robot, policy, session.need_imu)
+    measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
+    motion.warm_up(measurement)
+    motion.forward, motion.yaw_rate = command
+    show, steps, deadline = _status_line(link, motion, session.status), 0, time.monotonic()
+    end = deadline + seconds
+    while deadline < end and not session.stop():
+        deadline += policy.control_dt
+        link.receive(deadline)
+        measurement = link.check()
+        target = motion(measurement)
+        if not np.all(np.isfinite(target)):
+            raise RobotFault("impossible command", f"the policy's targets are {target.tolist()}")
+        steps += 1
+        show(steps, measurement)
+    return steps
+
+
+def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> Callable[[int, Measurement], None]:
+    """A function of the number of steps that calls ``status`` with a line now and then."""
+
+    def show(count: int, measurement: Measurement) -> None:
+        if count % _STATUS_PERIOD:
+            return
+        telemetry = measurement.telemetry
+        age = 1e3 * (time.monotonic() - measurement.sampled)
+        battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
+        status(
+            f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
+            f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
+            f"{link.port.reader.rejected + link.stream.impossible}{battery}"
+        )
+
+    return show
+
+
+OF_ROBOTS = ("varied", "trot")  # excitations of a whole robot
+_SLOW = 0.5  # frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
+_FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
+
+
+def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
+    """Indices of all joints (``all``), of one (FR_knee), or of a leg or kind of joint (FR, knee)."""
+    names = robot.joint_names
+    indices = tuple(index for index, joint in enumerate(names) if name in ("all", joint, *joint.split("_")))
+    if not indices:
+        parts = dict.fromkeys(part for joint in names for part in joint.split("_"))
+        valid = f"all, {', '.join((*parts, names[0]))}, ..."
+        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {valid}", argument="joint")
+    return indices
+
+
+def excitation_targets(
+    robot: Robot, kind: str, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
+) -> np.ndarray:
+    """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
+
+    Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
+    [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits
+    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
+
+    Raises:
+        ConfigError: an unknown excitation, one that moves none of the joints, or a trot without legs.
+    """
+    steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
+    parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
+    signals = [(part, _signals(robot, part, joints, num, rng)) for part, num in parts]
+    away = np.concatenate([_scaled(signal, part, amplitude, speed, robot.control_dt) for part, signal in signals])
+    if kind == "varied":
+        # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
+        # better damped than they are.
+        bounds = steps // 2 + np.linspace(0, steps - steps // 2, len(joints) + 1).astype(int)
+        for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
+            away[steps // 2 : first, joint] = away[end:, joint] = 0.0
+    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
+
+
+def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np.random.Generator) -> np.ndarray:
+    """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
+    if kind == "trot":
+        body = body_of(robot)
+        forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
+        gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
+        away = gait - robot.nominal_pose
+    else:
+        signal = excitation_named(kind, OF_ROBOTS).target
+        away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
+        away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
+    away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
+    if not away.any():
+        names = ", ".join(robot.joint_names[joint] for joint in joints)
+        raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
+    return away
+
+
+def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control_dt: float) -> np.ndarray:
+    """The same motion within amplitude and speed, faded in from 0 and out to it."""
+    time = np.arange(len(away)) * control_dt
+    fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
+    over = None if kind == "trot" else 0  # a trot keeps its shape; other signals are scaled joint by joint
+    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
+    away *= fade
+    if kind == "trot" or not excitation_named(kind).jumps:
+        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
+        away /= np.maximum(1.0, fastest / speed)
+    return away
+
+
+def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
+    """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
+
+    A ``suspended`` robot does not crouch at the end. The status is a line every five seconds. Raises as `walk`.
+    """
+    session.check()
+    period, rows = session.link.robot.control_dt, iter(targets)
+
+    def show(count: int, _: Measurement) -> None:
+        if count % (10 * _STATUS_PERIOD) == 0:
+            session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
+
+    def work(loop: ControlLoop) -> None:
+        loop.play(lambda _: next(rows, None), Mode.EXCITE, show, session.timing)
+
+    session.run(work, crouch=not suspended)

@@ -1,0 +1,166 @@
+"""A virtual robot: the firmware's behaviour, bytes in and bytes out in simulated time, and a port for it in real time.
+
+After Nate711/DJIPupperTests (MIT), once it has homed: it holds its pose; a target starts position mode; ``idle`` takes
+the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
+switched off. It has no watchdog. As in some versions, it ignores all other keys of a command with ``pos``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
+from motorprior.robots.robot import Robot
+from motorprior.robots.wire import Drive, SensorReadings
+
+MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
+HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"
+_BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
+
+
+class RobotBody(Protocol):
+    """Motors and mechanics of a robot. Joints in the robot's signs."""
+
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        """Simulate under a constant drive; the current control runs at 1 kHz or faster."""
+
+    def sense(self) -> SensorReadings:
+        """The present readings."""
+        ...
+
+
+@dataclass(frozen=True)
+class FirmwareConfig:
+    """Build options of a firmware."""
+
+    telemetry_period: int = 10  # [ms]; 5 in older versions
+    with_currents: bool = False  # it sends ``cur``
+    with_imu: bool = True  # otherwise attitude and rates are 0, as in the current version
+
+
+class Firmware:
+    """Simulated firmware of a robot, which moves ``body``.
+
+    ``on_change`` is called at every change of mode with the mode, and at every target with "target".
+    """
+
+    def __init__(
+        self, robot: Robot, body: RobotBody, config: FirmwareConfig, on_change: Callable[[str], None] = lambda _: None
+    ):
+        self._body, self._config, self._on_change = body, config, on_change
+        self._wire, self._joints = robot.require_wire(), robot.num_joints
+        self._reader = FrameReader(Command, self._joints)
+        self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)  # in force [A/rad], [A·s/rad], [A]
+        self._sensors = body.sense()
+        self._target = self._sensors.pos.copy()
+        self._text: list[str] = ["LED on", "Holding"]
+        self.mode = HOLDING
+        self.now = 0  # time since the start [ms]
+
+    def receive(self, data: bytes) -> None:
+        """Bytes from the host."""
+        for message in self._reader.feed(data):
+            if isinstance(message, Command) and self.mode != ERROR:
+                self._execute(message)
+
+    def advance(self, milliseconds: int) -> bytes:
+        """Simulate; returns the bytes sent meanwhile."""
+        out, end, period = bytearray(), self.now + milliseconds, self._config.telemetry_period
+        while self.now < end:
+            out += "".join(f"{line}\r\n" for line in self._text).encode()
+            self._text.clear()
+            step = 1 if self.mode == ERROR else min(end - self.now, period - self.now % period)
+            (kp, kd, limit), on = self.gains, np.full(self._joints, float(self.mode in (HOLDING, POSITION)))
+            self._body.advance(step, Drive(self._target, kp * on, kd * on, limit))
+            self.now += step
+            if self.mode == ERROR:
+                self._text.append("ERROR")
+            if self.now % period == 0:
+                self._read_sensors()
+                out += framed(self._telemetry(), self._joints)
+        return bytes(out)
+
+    def _execute(self, command: Command) -> None:
+        if command.pos is not None:  # other keys of that command are ignored
+            self._target = command.pos.copy()
+            self._enter(POSITION)
+            self._on_change("target")
+            return
+        new = command.kp, command.kd, command.max_current
+        kp, kd, limit = (old if value is None else value for value, old in zip(new, self.gains, strict=True))
+        self.gains = kp, kd, limit
+        if command.idle:
+            self._enter(IDLE)
+
+    def _enter(self, mode: str) -> None:
+        if mode != self.mode:
+            self.mode = mode
+            self._on_change(mode)
+
+    def _read_sensors(self) -> None:
+        self._sensors = self._body.sense()
+        if np.abs(self._sensors.pos).max() > MAX_ANGLE or np.abs(self._sensors.current).max() > MAX_CURRENT:
+            self._enter(ERROR)
+
+    def _telemetry(self) -> Telemetry:
+        sensors, config = self._sensors, self._config
+        measured = np.concatenate([sensors.attitude, sensors.rates]) if config.with_imu else np.zeros(6)
+        body = dict(zip(_BODY_KEYS, measured.tolist(), strict=True))
+        current = sensors.current if config.with_currents else None
+        return Telemetry(
+            ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, temp=sensors.temperature, bat=sensors.battery,
+            **body,
+        )  # fmt: skip
+
+
+class VirtualRobot:
+    """A virtual robot in real time: a host opens the pseudo-terminal ``port`` like the port of a Teensy."""
+
+    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
+        self.events: list[tuple[float, str]] = []  # time on the monotonic clock [s], mode or "target"
+        self.firmware = Firmware(robot, body, config, lambda what: self.events.append((time.monotonic(), what)))
+        self._period = config.telemetry_period
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self.received, self._started = 0, 0.0  # number of bytes from the host
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Move until ``ended`` returns True; then unplug."""
+        try:
+            self._started = time.monotonic()
+            while not ended():
+                self._step()
+        finally:
+            os.close(self._slave)
+            os.close(self._master)
+
+    def _step(self) -> None:
+        """Wait for bytes or the next telemetry, and advance the robot to the present."""
+        next_frame = self.firmware.now + self._period - self.firmware.now % self._period  # [ms]
+        timeout = max(0.0, self._started + 1e-3 * next_frame - time.monotonic())
+        ready, _, _ = select.select([self._master], [], [], timeout)
+        data = self._read() if ready else b""
+        out = self.firmware.advance(int(1e3 * (time.monotonic() - self._started)) - self.firmware.now)
+        self.firmware.receive(data)
+        if out:
+            with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
+                os.write(self._master, out)
+
+    def _read(self) -> bytes:
+        with contextlib.suppress(OSError):
+            data = os.read(self._master, 4096)
+            self.received += len(data)
+            return data
+        return b""
