@@ -16,7 +16,7 @@ import numpy as np
 
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.fleet import load_fleet
-from motorprior.commands.twin_body import TwinBody, draw_motors
+from motorprior.commands.virtual_robot import TwinBody, draw_motors
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.framing import FrameReader, framed
 from motorprior.hardware.protocol import Command, Telemetry

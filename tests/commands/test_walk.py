@@ -7,8 +7,7 @@ import pytest
 
 from motorprior import stage
 from motorprior.artifacts import read_tensors
-from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import PICTURE, run_walk_seeds
+from motorprior.commands.walk import CURVE, PICTURE, POLICY, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy_search import PolicySearch

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.commands.twin_body import TwinBody
+from motorprior.commands.virtual_robot import TwinBody
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.virtual.firmware import IDLE, MAX_CURRENT, Drive, SensorReadings
 from motorprior.robots.robot import Robot

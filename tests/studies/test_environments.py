@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.commands.walk_seeds import SEEDS_APART
+from motorprior.commands.walk import SEEDS_APART
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from motorprior.cli.console import TERMINAL, table
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import PICTURE, SEED_FOLDER, run_walk_seeds
+from motorprior.commands.walk import PICTURE, POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

@@ -19,7 +19,7 @@ from motorprior.studies.calibration import Calibration, calibrate, calibrated_fl
 from motorprior.studies.fleet_problem import FleetProblem
 from motorprior.studies.log_replay import PostureName, replayers_of, with_logged_gains
 
-FLEET, PICTURE = "fleet.toml", "calibration.png"
+FLEET = "fleet.toml"
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Calibrate:
     logs: Path
     """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
     out: Path
-    """Folder for fleet.toml, figures.json and calibration.png."""
+    """Folder for fleet.toml, figures.json and a picture of each log."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     fleet: str | None = None
@@ -79,10 +79,10 @@ def _draw_bands(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
     """Draw the 90 % band of samples of the fitted fleet, and return the share of the measured angles within it."""
-    from motorprior.report.plots_motor import LogPanel, calibration  # here: they import matplotlib
+    from motorprior.report.plots_motor import closed_loop  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
-    rng, panels, covered = np.random.default_rng(config.seed), [], []
+    rng, covered = np.random.default_rng(config.seed), []
     with progress.start(f"{config.draws} draws of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
             log, joint = replayer.log, plotted_joint(problem.robot, replayer)
@@ -91,11 +91,13 @@ def _draw_bands(
             low, high = np.quantile(replayed, [0.05, 0.95], axis=0)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
             covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-            central = replayer.joint_pos(problem.actuator(name, found.center))
-            columns = (each[:, joint] for each in (log.position_target, log.joint_pos, central, low, high))
-            panels.append(LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns))
+            central, rows = replayer.joint_pos(problem.actuator(name, found.center)), log.time < log.time[0] + 5.0
+            columns = (log.position_target, log.joint_pos, central, low, high)
+            target, measured, center, *band = (each[rows, joint] for each in columns)
+            title, models = f"log {name}, {log.joint_names[joint]}", {"physical": center}
+            figure = closed_loop(log.time[rows], target, measured, models, title, truth_label="measured", band=band)
+            (config.out / f"{name}.png").write_bytes(png_bytes(figure))
             task.advance()
-    (config.out / PICTURE).write_bytes(png_bytes(calibration(panels)))
     return covered
 
 
@@ -130,7 +132,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
 
 
 def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:
-    """Fitted value and standard errors of every constant, and all optima; of logarithms if lognormal."""
+    """Fitted value and standard errors of every constant; of logarithms if lognormal."""
     rows = []
     for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
         share = "1" if unknown.is_log else unknown.unit
@@ -145,11 +147,6 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
         rows += [
             Result(f"calibrate_{key}", unit, float(value), part=unknown.name) for key, (unit, value) in values.items()
         ]
-    for place, optimum in enumerate(found.optima, start=1):
-        model = f"optimum_{place}"
-        rows.append(Result("calibrate_cost", "1", optimum.cost, model=model))
-        for unknown, x in zip(problem.unknowns, optimum.x, strict=True):
-            rows.append(Result("calibrate_optimum", unknown.unit, unknown.value(x), model, part=unknown.name))
     return rows
 
 

@@ -17,8 +17,7 @@ from motorprior.commands.real_motors import RealMotors, Show, is_replayed, run_r
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import SEEDS_APART
+from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import network_steps

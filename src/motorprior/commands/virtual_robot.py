@@ -12,17 +12,23 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from motorprior.bench.fleet import load_robot_fleet
+import numpy as np
+
+from motorprior.actuator.physical import MotorParameters
+from motorprior.bench.families import require_geared
+from motorprior.bench.fleet import Fleet, load_robot_fleet
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, MotorPriorError, RobotFault
 from motorprior.hardware.settings import require_robot_extra
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.simulation.simulated_robot import SimulatedRobot
 
-if TYPE_CHECKING:
-    from motorprior.commands.twin_body import TwinBody
+if TYPE_CHECKING:  # they import msgpack, which is an extra
+    from motorprior.hardware.virtual.firmware import Drive, SensorReadings
     from motorprior.hardware.virtual.virtual_robot import VirtualRobot
-    from motorprior.robots.robot import Robot
 
+TWIN_STREAM = 0x7710  # separates the motors of virtual robots from those of benches, training and transfer studies
 _MAX_START = 60.0  # [s]
 _HOMING_TIME = 1.0  # [s], a little more than homing takes
 
@@ -47,6 +53,42 @@ class VirtualRobotSettings:
     """Home at the start."""
 
 
+def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
+    """The motors of virtual robot number ``seed``, sampled independently; its firmware sets their gains.
+
+    Raises:
+        ConfigError: a fleet that is not of the geared family.
+    """
+    return require_geared(fleet.sample(robot.num_joints, np.random.default_rng([TWIN_STREAM, seed])))
+
+
+class TwinBody:
+    """`hardware.virtual.firmware.RobotBody` on a ``simulated`` robot, in the robot's signs."""
+
+    def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, seed: int):
+        self._signs = robot.require_wire().joint_signs
+        self.simulated = SimulatedRobot(robot, motors, suspended, np.random.default_rng([TWIN_STREAM, seed, 1]))
+        self._drive: Drive | None = None
+        self._gains: tuple[float, ...] = ()
+
+    def advance(self, milliseconds: int, drive: Drive) -> None:
+        """See `RobotBody.advance`."""
+        gains = (*drive.kp, *drive.kd, drive.max_current)
+        if gains != self._gains:
+            self.simulated.set_gains(drive.kp, drive.kd, drive.max_current)
+        self._drive, self._gains = drive, gains
+        self.simulated.advance(milliseconds, self._signs * drive.target)
+
+    def sense(self) -> SensorReadings:
+        """See `RobotBody.sense`; the current is that of the control law at the present target."""
+        from motorprior.hardware.virtual.firmware import SensorReadings
+
+        state = self.simulated.state()
+        pos, vel = self._signs * state.joint_pos, self._signs * state.joint_vel
+        current = np.zeros_like(pos) if self._drive is None else self._drive.current(pos, vel)
+        return SensorReadings(pos, vel, current, state.attitude, state.rates)
+
+
 def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, TwinBody]:
     """A virtual robot and its body, not yet running.
 
@@ -54,15 +96,13 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
         ConfigError, ArtifactError: settings out of range, or an unknown fleet.
     """
     require_robot_extra()
-    from motorprior.commands.twin_body import TwinBody, draw_motors
     from motorprior.hardware.virtual.firmware import FirmwareConfig
     from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 
     require_seed(settings.seed)
     if settings.rate not in (100, 200):
-        raise ConfigError(
-            f"robot.rate {settings.rate} is not a rate of the firmware", remedy="give 100 or 200", argument="robot.rate"
-        )
+        problem = f"robot.rate {settings.rate} is not a rate of the firmware"
+        raise ConfigError(problem, remedy="give 100 or 200", argument="robot.rate")
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = TwinBody(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)

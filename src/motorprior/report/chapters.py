@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from motorprior.artifacts import read_json, read_tensors
+from motorprior.artifacts import read_tensors
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import FAMILIES
 from motorprior.report import tables
@@ -17,7 +17,7 @@ from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_motor import closed_loop, excitation_and_response, robot_traces, torque_fit
 from motorprior.report.plots_style import model_label
-from motorprior.report.plots_walk import learning_curves, robustness_maps, transfer_bars
+from motorprior.report.plots_walk import learning_curves, read_curves, robustness_maps, transfer_bars
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.studies import robot_fidelity
@@ -114,7 +114,7 @@ def replay(folder: Path) -> Section:
     pictures = []
     for log in header["logs"][:2]:
         joint = header["joint_names"][int(tensors[f"{log}/joint"])]
-        band = (tensors[f"{log}/low"], tensors[f"{log}/high"]) if f"{log}/low" in tensors else None
+        band = (tensors[f"{log}/low"], tensors[f"{log}/high"])
         time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
         models, title = _by_model(tensors, f"{log}/model/"), f"log {log} · {joint}"
         figure = closed_loop(time, target, measured, models, title, truth_label="measured", band=band)
@@ -131,12 +131,7 @@ def replay(folder: Path) -> Section:
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     """Learning curves of trainings: name -> a folder with curve.json per seed."""
-    curves: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for name, seeds in folders.items():
-        for folder in seeds:
-            points = read_json(folder / "curve.json")
-            iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
-            curves.setdefault(name, []).append((iteration, returns))
+    curves = {name: read_curves(seeds) for name, seeds in folders.items()}
     text = (
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
         "different motors are not comparable."

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.report.plots_style import (
@@ -24,8 +22,6 @@ from motorprior.report.plots_style import (
     target_line,
 )
 from motorprior.signals import rmse
-
-_OPACITY = {50: 0.34, 90: 0.18}  # of a band [%]
 
 
 def excitation_and_response(
@@ -78,7 +74,7 @@ def closed_loop(
     title: str,
     *,
     truth_label: str = "truth",
-    band: tuple[np.ndarray, np.ndarray] | None = None,
+    band: Sequence[np.ndarray] = (),
 ) -> Figure:
     """Joint angle (T,) [rad] of each model in its own closed loop, and its error.
 
@@ -89,11 +85,11 @@ def closed_loop(
         models: (T,) [rad] per model.
         title: of the figure.
         truth_label: for the legend.
-        band: lower and upper bound (T,) [rad] of the sampled motors.
+        band: lower and upper bound (T,) [rad] of the sampled motors, if there are any.
     """
     figure = new_figure(4.3)
     angle, error = panels(figure, 2, sharex=True, heights=(1.6, 1))[:, 0]
-    if band is not None:
+    if band:
         for axes, zero in ((angle, 0.0), (error, truth)):
             low, high = (edge - zero for edge in band)
             axes.fill_between(time, low, high, color=model_color("rollout"), alpha=0.16, lw=0, label="sampled motors")
@@ -136,79 +132,4 @@ def robot_traces(
     describe(angle, y="angle [rad]", title=title)
     describe(torque, x=TIME, y="torque [N·m]")
     legend_below(figure, angle)
-    return figure
-
-
-@dataclass(frozen=True)
-class LogPanel:
-    """One joint of a log: title, time (T,) [s]; target, measured, central motor's and 5 and 95 % angle (T,) [rad]."""
-
-    title: str
-    time: np.ndarray
-    target: np.ndarray
-    measured: np.ndarray
-    center: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-
-def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
-    """A row per log with its first ``seconds``: measured angle, central motor and band; next to it their error."""
-    figure = new_figure(0.7 + 1.75 * len(logs))
-    grid = panels(figure, len(logs), 2)
-    for (angle, error), log in zip(grid, logs, strict=True):
-        rows = log.time - log.time[0] <= seconds
-        target_line(angle, log.time[rows] - log.time[0], log.target[rows])
-        _with_band(angle, log, rows, 0.0, 1.0)
-        _with_band(error, log, rows, log.measured[rows], 1e3)
-        describe(angle, y="angle [rad]", title=log.title)
-        describe(error, y="error [mrad]")
-    for axes in grid[-1]:
-        describe(axes, x=TIME)
-    legend_below(figure, grid[0, 0])
-    return figure
-
-
-def _with_band(axes: Axes, log: LogPanel, rows: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
-    time, color = log.time[rows] - log.time[0], model_color("rollout")
-    low, high = (unit * (edge[rows] - zero) for edge in (log.low, log.high))
-    axes.fill_between(time, low, high, color=color, alpha=0.2, lw=0, label="fleet, 90 % of draws")
-    model_line(axes, time, unit * (log.measured[rows] - zero), "measured").set_linewidth(1.9)
-    model_line(axes, time, unit * (log.center[rows] - zero), "rollout", "central motor")
-
-
-def log_against_bands(
-    time: np.ndarray,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    model: np.ndarray,
-    bands: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    title: str,
-) -> Figure:
-    """Free run of one motor over a whole log: angle and error, with bands.
-
-    Args:
-        time: (T,) [s].
-        position_target: (T,) [rad].
-        joint_pos: (T,) recorded [rad].
-        model: (T,) simulated with the adapted prior [rad].
-        bands: level [%] -> lower and upper bound (T,) [rad] over samples of motors.
-        title: of the figure.
-    """
-    figure, color = new_figure(4.3), model_color("rollout")
-    angle, error = panels(figure, 2, sharex=True, heights=(1.4, 1))[:, 0]
-    target_line(angle, time, position_target).set_linewidth(0.5)
-    for level, (low, high) in sorted(bands.items(), reverse=True):
-        inside = np.mean((joint_pos >= low) & (joint_pos <= high))
-        style = {"color": color, "alpha": _OPACITY.get(level, 0.2), "linewidth": 0}
-        angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **style)
-        error.fill_between(time, low - joint_pos, high - joint_pos, **style)
-    angle.plot(time, joint_pos, color=INK, linewidth=1.1, label="recorded")
-    name = f"prior, adapted: RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
-    angle.plot(time, model, color=color, linewidth=0.9, label=name)
-    error.plot(time, model - joint_pos, color=color, linewidth=0.9)
-    error.axhline(0.0, color=INK, linewidth=0.8)
-    describe(angle, y="joint angle [rad]", title=title)
-    describe(error, x="time [s]", y="simulated - recorded [rad]")
-    legend_below(figure, angle, columns=3)
     return figure

@@ -104,14 +104,3 @@ def calibrated_constants(results: Results) -> ColumnsAndRows:
         identified = "yes" if of.value(quantity="calibrate_identified") else "no"
         rows.append([part, unit, *values, *cells, identified])
     return columns, rows
-
-
-def optima(results: Results) -> ColumnsAndRows:
-    """Columns and rows: the optima of a calibration's searches, the best one first."""
-    costs, found = results.where(quantity="calibrate_cost"), results.where(quantity="calibrate_optimum")
-    parts = found.distinct("part")
-    rows = [
-        [str(number), f"{row.value:.1f}", *(f"{found.value(model=row.model, part=part):.3g}" for part in parts)]
-        for number, row in enumerate(costs, start=1)
-    ]
-    return ["optimum", "cost", *parts], rows

@@ -22,8 +22,7 @@ from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet
 from motorprior.commands.transfer_study import conditions
 from motorprior.commands.transfer_study.conditions import Condition
 from motorprior.commands.transfer_study.settings import OWN_MOTORS, Study
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import SEEDS_APART
+from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import make_executor, shared_cluster
