@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.commands.transfer_study.conditions import FIXED_MOTORS
-from motorprior.commands.transfer_study.settings import Study
-from motorprior.commands.transfer_study.study import WALKS, run_study
+from motorprior.commands.study_conditions import FIXED_MOTORS
+from motorprior.commands.study_conditions import Study
+from motorprior.commands.study import WALKS, run_study
 from motorprior.exceptions import MotorPriorError
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.summary import CONDITIONS, OWN, OWN_FOREIGN, read_walks, scores

@@ -30,6 +30,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import Randomization
+from motorprior.studies.compare import TrainedPolicy
 from motorprior.studies.robustness import UprightMap, robustness
 
 if TYPE_CHECKING:
@@ -94,20 +95,15 @@ def run_demo(
     from motorprior.report.page import page
     from motorprior.report.real_motors import real_motors
 
-    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
-        if is_given and config.logs is None:
-            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
+    if config.logs is None and (config.suspended or config.columns is not None):
+        name = "suspended" if config.suspended else "columns"
+        raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     given, config = config, with_walking_robot(config)
-    real = RealMotors(
-        given.logs, given.out / "real_motors", given.columns, given.suspended, given.seed, given.robot
-    ) if given.logs is not None else None  # fmt: skip
-    replayed = real is not None and is_replayed(real, config.robot)
-    robot, out, results = load_robot(config.robot), config.out, Results()
+    robot, out, results, sections = load_robot(config.robot), config.out, Results(), list[Section]()
     robot.require_legs()
     require_count("motors", config.motors, robot.num_joints)
     for name in ("iterations", "seeds", "workers"):
         require_count(name, getattr(config, name))
-    sections: list[Section] = []
 
     def write_page(complete: bool = False) -> Path:
         title = "motorprior: motor logs, motor prior, walking policies, transfer"
@@ -117,7 +113,10 @@ def run_demo(
     with stage.locked(out):
         for name in (stage.RESULTS, stage.FIGURES):  # of other settings
             (out / name).unlink(missing_ok=True)
-        if real is not None:
+        replayed = False
+        if given.logs is not None:
+            real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
+            replayed = is_replayed(real, config.robot)
             results += run_real_motors(real, progress, show)
             sections += real_motors(out)
             progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
@@ -134,24 +133,13 @@ def run_demo(
             )  # fmt: skip
             results += run_replay(replay, progress)
             sections.append(chapters.replay(out / "replay"))
-        walks = _walks(config, priors)
-        # the longest training first, otherwise it runs alone at the end
-        longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
-        trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
-        in_parallel(trainings, config.workers, progress)
-        folders: dict[str, list[Path]] = {}
-        for folder in sorted(walk.out for walk in walks):
-            folders.setdefault(folder.name.rsplit("_", 1)[0], []).append(folder)
+        folders = _train(config, priors, robot, progress)
         sections.append(chapters.learning(folders))
-        transfer = Transfer(
-            tuple(folder for seeds in folders.values() for folder in seeds), out / "transfer", config.fleet,
-            robot=config.robot, workers=config.workers,
-        )  # fmt: skip
+        walks = tuple(folder for seeds in folders.values() for folder in seeds)
+        transfer = Transfer(walks, out / "transfer", config.fleet, robot=config.robot, workers=config.workers)
         results += run_transfer(transfer, progress)
         sections.append(chapters.transfer(out / "transfer", robot))
-        works = [
-            partial(_robustness, seeds[0], out / "robustness" / seeds[0].name, robot) for seeds in folders.values()
-        ]
+        works = [partial(_robustness, seeds[0], out / "robustness", robot) for seeds in folders.values()]
         maps = in_parallel(works, config.workers, progress)
         sections.append(chapters.robustness_section(dict(zip(folders, maps, strict=True))))
         stage.write_results(out, results)
@@ -183,8 +171,8 @@ def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
     return {preset: out / PRIOR for preset, out in folders.items()}
 
 
-def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
-    """Trainings of all policies, the first seed of every condition first."""
+def _train(config: Demo, priors: dict[str, Path], robot: Robot, progress: Progress) -> dict[str, list[Path]]:
+    """Condition -> folders of its policies, one per seed."""
     gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
         "rollout": motor_text("prior", file=priors["rollout"]),
@@ -193,8 +181,7 @@ def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
         "tuned_pd": motor_text("pd", **tuned),
         "paper": motor_text("prior", file=priors["paper"]),
     }
-    policies = config.seeds * len(conditions)
-    return [
+    walks = [
         Walk(
             out=config.out / "walk" / f"{name}_{seed}",
             motors=motors,
@@ -203,18 +190,25 @@ def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
             commands=Commands(hold=1.25),
             randomization=Randomization(),  # only the motors differ between conditions
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
-            workers=max(1, config.workers // policies),  # more than one where cores are left over
+            workers=max(1, config.workers // (config.seeds * len(conditions))),  # more where cores are left over
             robot=config.robot,
         )
         for seed in range(config.seeds)
         for name, motors in conditions.items()
     ]
+    # the longest training first, otherwise it runs alone at the end
+    longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
+    trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
+    in_parallel(trainings, config.workers, progress)
+    seeds = range(config.seeds)
+    return {name: [config.out / "walk" / f"{name}_{seed}" for seed in seeds] for name in sorted(conditions)}
 
 
 def _robustness(walk: Path, out: Path, robot: Robot, progress: Progress) -> list[UprightMap]:
     """Robustness maps of a policy, on its training motors."""
-    wanted = stage.description("robustness", {"file": MAPS}, [walk / POLICY, *robot.files])
-    if not stage.is_finished(out, wanted):
-        with stage.working(out, wanted):
-            write_json(out / MAPS, [asdict(each) for each in robustness(walk / POLICY, robot, progress=progress)])
-    return [UprightMap(**each) for each in read_json(out / MAPS)]
+    folder, wanted = out / walk.name, stage.description("robustness", {"file": MAPS}, [walk / POLICY, *robot.files])
+    if not stage.is_finished(folder, wanted):
+        with stage.working(folder, wanted):
+            trained = TrainedPolicy.load(walk / POLICY, robot)
+            write_json(folder / MAPS, [asdict(each) for each in robustness(trained, progress=progress)])
+    return [UprightMap(**each) for each in read_json(folder / MAPS)]

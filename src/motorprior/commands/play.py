@@ -24,10 +24,9 @@ from motorprior.simulation.rendering import show
 from motorprior.simulation.rollout import Episode
 from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import locked, write_results
-from motorprior.studies.compare import evaluation_seed, run_walks, with_shared_speeds
+from motorprior.studies.compare import TrainedPolicy, evaluation_seed, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import gait_quality, headings, quality_results, steps_along_heading
-from motorprior.studies.trained_policy import TrainedPolicy
 
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
 _STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures that need one constant command

@@ -22,7 +22,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
 from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies import compare
-from motorprior.studies.trained_policy import TrainedPolicy
+from motorprior.studies.compare import TrainedPolicy
 
 TRACES = "traces.safetensors"
 

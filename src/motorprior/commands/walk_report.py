@@ -13,9 +13,8 @@ from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import PAGE
-from motorprior.studies.compare import DURATION_STEPS, run_walks, straight_ahead
+from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 from motorprior.studies.robustness import robustness
-from motorprior.studies.trained_policy import TrainedPolicy
 
 
 def build_walk_report(
@@ -52,7 +51,7 @@ def build_walk_report(
         walk = WalkConfig(DURATION_STEPS, randomization=trained.randomization, commands=commands)
         traces[name] = run_walks(trained.scene(walk), trained.policy.arrays(), [0])[0].trace
         if with_robustness:
-            maps[name] = robustness(seeds[0] / POLICY, robot, min(2, os.cpu_count() or 1), progress)
+            maps[name] = robustness(trained, min(2, os.cpu_count() or 1), progress)
         if with_curve := [folder for folder in seeds if (folder / CURVE).is_file()]:
             learned[name] = with_curve
     sections = [learning(learned)] if learned else []

@@ -12,17 +12,19 @@ from matplotlib.figure import Figure
 from motorprior.artifacts import read_tensors
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import FAMILIES
+from motorprior.identification.evaluation.traces import read_traces
 from motorprior.report import tables
 from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_motor import closed_loop, excitation_and_response, robot_traces, torque_fit
 from motorprior.report.plots_style import model_label
 from motorprior.report.plots_walk import learning_curves, read_curves, robustness_maps, transfer_bars
+from motorprior.report.real_motors import draw_traces
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
-from motorprior.studies import robot_fidelity
 from motorprior.studies.compare import DRAWS
-from motorprior.studies.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
+from motorprior.studies.robot_fidelity import BENCH_METRICS, ROBOT_METRICS
+from motorprior.studies.robot_fidelity import DRAWS as ROBOT_DRAWS
 from motorprior.studies.robustness import ROBUSTNESS_DRAWS, UprightMap
 
 Tensors = dict[str, np.ndarray]
@@ -57,7 +59,7 @@ def validate(folder: Path) -> list[Section]:
 
 
 def _by_model(tensors: Tensors, prefix: str) -> Tensors:
-    return {name: tensors[prefix + name] for name in MODELS if prefix + name in tensors}
+    return {name: tensors[prefix + name] for name in tables.MODELS if prefix + name in tensors}
 
 
 def _torque(tensors: Tensors) -> Section:
@@ -96,7 +98,7 @@ def _robot_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> S
     positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
     time = np.arange(len(truth)) * header["robot_dt"]
     figure = robot_traces(time, truth, positions, torque, torques, f"{header['joint']}, standing trot")
-    caption = f"Joint RMSE [rad] and torque above 20 Hz [N·m], medians of {robot_fidelity.DRAWS} samples of motors."
+    caption = f"Joint RMSE [rad] and torque above 20 Hz [N·m], medians of {ROBOT_DRAWS} samples of motors."
     table = _fidelity_table(results, ROBOT_METRICS, caption)
     text = (
         "The same models drive a standing and a suspended robot. Torque above 20 Hz should equal that of the physical "
@@ -109,24 +111,15 @@ def _robot_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> S
 
 def replay(folder: Path) -> Section:
     """Real logs; the pictures are of the first two."""
-    results = Results.load(folder / "results.json")
-    tensors, header = read_tensors(folder / "traces.safetensors")
-    pictures = []
-    for log in header["logs"][:2]:
-        joint = header["joint_names"][int(tensors[f"{log}/joint"])]
-        band = (tensors[f"{log}/low"], tensors[f"{log}/high"])
-        time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
-        models, title = _by_model(tensors, f"{log}/model/"), f"log {log} · {joint}"
-        figure = closed_loop(time, target, measured, models, title, truth_label="measured", band=band)
-        pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors."))
+    results, (traces, _) = Results.load(folder / "results.json"), read_traces(folder)
     caption = "Joint RMSE [mrad], no offset removed; samples: median (5-95 %)."
     table = Table(("log", "joint", *tables.replay_models(results)), tables.replay_rows(results), caption)
     text = (
         "The commands recorded on the real robot are replayed on a simulated one. physical is the central motor of the "
         "fleet, physical_draws are samples of it. For a fleet that was calibrated on these logs, this is a fit, not a "
-        "prediction.",
+        "prediction."
     )
-    return Section("Real robot logs", text, tuple(pictures), (table,))
+    return _section("Real robot logs", text, draw_traces(traces[:2]), "The real robot and simulated motors.", table)
 
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:

@@ -109,7 +109,7 @@ def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
     angle.plot(time, measured, color=INK, linewidth=1.9, label="recorded")
     simulated = {model: values[rows] for model, values in trace.models.items()}
     for model, values in simulated.items():
-        color = model_color(_STYLES[model][0])
+        color = model_color(_STYLES.get(model, (model,))[0])
         angle.plot(time, values, color=color, linewidth=1.1, label=model)
         error.plot(time, 1e3 * (values - measured), color=color, linewidth=0.9)
     fit_y(angle, [measured, trace.target[rows]], list(simulated.values()))

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from motorprior.identification.evaluation.log_tables import MAX_ERROR
 from motorprior.results import Results
-from motorprior.studies.metrics import DIVERGED, MODELS, TRAINING_CONDITIONS
+from motorprior.studies.robot_fidelity import DIVERGED
 
+MODELS = (  # actuator models, in the order of every table
+    "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network",
+    "per_motor", "rollout", "physical",
+)  # fmt: skip
+TRAINING_CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")  # actuator models of trainings
 ColumnsAndRows = tuple[list[str], list[list[str]]]
 
 TRANSFER_COLUMNS = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Executor, ThreadExecutor
 from motorprior.locomotion.policy import Policy, PolicyArrays
@@ -20,10 +20,10 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motors import MotorSource, motor_sampler
+from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.rollout import Episode
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Engine, Scene, WalkConfig
 from motorprior.studies.environments import ENCODER_NOISE, twin_scene
 from motorprior.studies.gait_quality import share_upright
 
@@ -114,6 +114,58 @@ def evaluate(
     return rows, traces
 
 
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A trained policy and the simulation in which it was trained, from the record in its file.
+
+    Attributes: path of the policy's file; robot with the policy's speed range; policy.
+    """
+
+    path: Path
+    robot: Robot
+    policy: Policy
+
+    @classmethod
+    def load(cls, path: Path, robot: Robot) -> TrainedPolicy:
+        """Read a policy of this robot.
+
+        Raises:
+            ArtifactError, ConfigError: a damaged policy, of another robot or another control period.
+        """
+        policy = Policy.load(path)
+        policy.require_robot(robot, path)
+        return cls(path, robot.with_speed_range(policy.forward), policy)
+
+    @property
+    def motors(self) -> SimulatedMotors:
+        """The motors of its training; raises `ArtifactError` or `ConfigError` if they are not recorded or missing."""
+        text = motors_from_json(self.policy.provenance.get("motors"), self.path)
+        try:
+            return simulated_motors(text, self.robot)
+        except (ArtifactError, ConfigError) as error:
+            where = self.path if error.where is None else f"{self.path}: {error.where}"
+            raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
+
+    def scene(self, walk: WalkConfig, engine: Engine | None = None) -> Scene:
+        """The simulation of its training.
+
+        Args:
+            walk: the episode; it gets the policy's gait.
+            engine: instead of that of the training.
+
+        Raises:
+            ArtifactError, ConfigError: missing motors, or an engine that is not installed.
+        """
+        motors, recorded = self.motors, self.policy.provenance
+        walk = replace(walk, gait=self.policy.gait, engine=engine or recorded.get("engine", "mujoco"))
+        return Scene(self.robot, motors.draw, walk, motors.physics_dt)
+
+    @property
+    def randomization(self) -> Randomization:
+        """Randomization of its training; none if the file records none."""
+        return Randomization(**self.policy.provenance.get("randomization", {}))
+
+
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
     """The robot with the range of speeds of all these policies."""
     ranges = [policy.forward for policy in policies]
@@ -131,8 +183,8 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
     walk = WalkConfig(DURATION_STEPS, commands=commands, gait=policy.gait)
     if isinstance(motors, Fleet):
         return twin_scene(robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE)))
-    sample, physics_dt = motor_sampler(motors, robot)
-    return Scene(robot, sample, walk, physics_dt)
+    simulated = simulated_motors(motors, robot)
+    return Scene(robot, simulated.draw, walk, simulated.physics_dt)
 
 
 def compare(

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -15,9 +14,8 @@ from motorprior.progress import SILENT, Progress
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import WalkConfig
-from motorprior.studies.compare import DURATION_STEPS, run_walks, straight_ahead
+from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 from motorprior.studies.gait_quality import share_upright
-from motorprior.studies.trained_policy import TrainedPolicy
 
 ROBUSTNESS_DRAWS = 8  # episodes per cell, with the same motors in every cell
 FRICTIONS = (0.3, 0.5, 0.75, 1.0)  # [-] of the feet on the ground
@@ -55,19 +53,17 @@ def grids(robot: Robot) -> list[tuple[UprightMap, Callable[[float, float], Rando
     ]
 
 
-def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = SILENT) -> list[UprightMap]:
+def robustness(trained: TrainedPolicy, workers: int = 1, progress: Progress = SILENT) -> list[UprightMap]:
     """Walk straight ahead at the policy's maximum speed in every cell of `grids`, in MuJoCo on flat ground.
 
     Args:
-        path: the policy's file.
-        robot: of the policy.
+        trained: the policy.
         workers: walks at a time; the result does not depend on it.
         progress: reports to the user.
 
     Raises:
-        ArtifactError, ConfigError: an unreadable policy, or missing motors.
+        ArtifactError, ConfigError: its motors cannot be found.
     """
-    trained, found = TrainedPolicy.load(path, robot), grids(robot)
     commands, executor = straight_ahead(trained.robot), partial(make_executor, workers=workers)
 
     def upright(randomization: Randomization) -> float:
@@ -76,8 +72,10 @@ def robustness(path: Path, robot: Robot, workers: int = 1, progress: Progress = 
         task.advance()
         return float(np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes]))
 
+    found = grids(trained.robot)
     cells = sum(len(grid.rows) * len(grid.columns) for grid, _ in found)
-    with progress.start(f"robustness of {path.parent.name}: {cells} x {ROBUSTNESS_DRAWS} walks", cells) as task:
+    name = f"robustness of {trained.path.parent.name}: {cells} x {ROBUSTNESS_DRAWS} walks"
+    with progress.start(name, cells) as task:
         return [
             replace(grid, share=[[upright(cell(row, column)) for column in grid.columns] for row in grid.rows])
             for grid, cell in found

@@ -1,31 +1,39 @@
-"""Training conditions of a study: motor models fitted to one bench or to logs of single robots, and the oracle."""
+"""Settings of the transfer study, and its training conditions.
+
+Conditions are motor models fitted to one bench or to logs of single robots, and the oracle.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import os
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
+from motorprior.bench.fleet import fleet_files, load_fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_preset, record
-from motorprior.bounds import seed_of
+from motorprior.bounds import require_count, seed_of
 from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.transfer_study.settings import Study
+from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_FRICTION, WITH_ROTOR, fit_pd
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import network_steps
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.executor import Kind, require_executor
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import SILENT, Progress, Task, in_parallel
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
-from motorprior.studies.summary import ADAPTED
+from motorprior.studies.summary import ADAPTED, CONDITIONS
 
 MOTORS_ONLY = Randomization()  # only the motors differ between episodes
 PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
@@ -41,6 +49,112 @@ FIXED_MOTORS = frozenset({*FITTED_PDS, "pd_adapted", "prior_mean", "one_network"
 LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
 LOG_STREAM = 0x20B2  # random stream of these logs
 FITS = "fits.json"
+_QUICK = {
+    "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
+}  # fmt: skip
+_VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Train on each model of a bench's motors, with several seeds, and evaluate on held-out robots."""
+
+    out: Path
+    """Run folder."""
+    fleet: str | None = None
+    """Population of the bench's motors and of the environment `fleet`; the robot's own if not given."""
+    foreign: str = "foreign_direct"
+    """Out-of-family population, of the environments `foreign` and `hard`."""
+    conditions: tuple[str, ...] = CONDITIONS
+    """Training conditions."""
+    seeds: int = 8
+    """Policies per condition."""
+    draws: int = 32
+    """Walks of each policy per environment."""
+    seconds: float = 10.0
+    """Duration of a walk [s]."""
+    speed: float | None = None
+    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
+    lower speeds the plain gait walks on any motors."""
+    iterations: int = 50
+    """ARS iterations per policy."""
+    validation: str | None = None
+    """Fleet, a name or a .toml file, on whose motors the best policy of a search and the range of the randomised PD are
+    selected; no test environment uses it. The first of the robot's other fleets if not given."""
+    spread: float | None = None
+    """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
+    motors: int = 32
+    """Motors on the bench."""
+    bench_steps: int = 10_000
+    """Samples per motor."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    seed: int = 0
+    """Seed of the bench and the priors; policies of different studies share no search seed."""
+    quick: bool = False
+    """A smoke test in minutes: 2 seeds, 4 walks of 6 s, 8 iterations, a small bench."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Policies at a time; with the executor ray, walks of one policy at a time. The result does not depend on it."""
+    executor: Kind = "threads"
+    """Threads of this process, or walks on Ray's processes."""
+    ray_address: str | None = None
+    """A running Ray cluster to join, with the executor ray."""
+
+    def commanded(self, robot: Robot) -> float:
+        """Commanded speed [m/s]."""
+        return 1.5 * robot.require_legs().forward[1] if self.speed is None else self.speed
+
+    def commands(self, robot: Robot) -> Commands:
+        """Commands of every episode."""
+        return Commands.steady(self.commanded(robot))
+
+    def fleet_of(self, population: str) -> str | None:
+        """The fleet of a population."""
+        return self.foreign if population == OUT_OF_FAMILY else self.fleet
+
+    def validation_fleet(self, robot: Robot) -> str | None:
+        """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
+        if self.validation is not None:
+            return self.validation
+        used = {load_robot_fleet(robot, self.fleet).name, load_robot_fleet(robot, self.foreign, "foreign").name}
+        others = (name for name in _VALIDATION_FLEETS if name not in used and load_fleet(name).robot == robot.name)
+        return next(others, None)
+
+    @property
+    def episodes_at_a_time(self) -> int:
+        """Walks of one policy at a time; one per thread."""
+        return self.workers if self.executor == "ray" else 1
+
+    def sized(self) -> Study:
+        """Checked settings, with the sizes of a quick study if ``quick``.
+
+        Raises:
+            ConfigError: names the invalid setting.
+        """
+        config, robot = self, load_robot(self.robot)
+        if self.quick:
+            few = _QUICK | {"motors": max(16, robot.num_joints)}
+            defaults = {field.name: field.default for field in fields(self)}
+            config = replace(self, **{name: few[name] for name in few if getattr(self, name) == defaults[name]})
+        if unknown := [name for name in config.conditions if name not in CONDITIONS]:
+            remedy = f"use some of {', '.join(CONDITIONS)}"
+            raise ConfigError(f"no condition {unknown[0]!r}", argument="conditions", remedy=remedy)
+        robot.require_legs()
+        for name in ("seeds", "draws", "iterations", "workers"):
+            require_count(name, getattr(config, name))
+        require_count("motors", config.motors, robot.num_joints)
+        require_executor(config.executor, config.ray_address)
+        validation = config.validation_fleet(robot)
+        used = {load_robot_fleet(robot, config.fleet).name, load_robot_fleet(robot, config.foreign, "foreign").name}
+        if len(used) < 2 or (validation and load_robot_fleet(robot, validation, "validation").name in used):
+            problem = "fleet, foreign and validation must be three different fleets"
+            raise ConfigError(problem, argument="foreign", remedy="change one of them")
+        if config.spread is None and "pd_randomised" in config.conditions and validation is None:
+            problem = f"no fleet of {robot.name!r} to select the range of pd_randomised on"
+            raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or a spread")
+        return config
 
 
 @dataclass(frozen=True)
@@ -88,7 +202,7 @@ def conditions_of(config: Study, seed: int) -> list[Condition]:
 def _motors(config: Study, name: str, population: str, seed: int) -> str:
     """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
     if name == "oracle":
-        return motor_text("fleet", fleet=fleet_of(config, population))
+        return motor_text("fleet", fleet=config.fleet_of(population))
     if name == "untrained":
         return motor_text("pd", fleet=config.fleet)
     if name == "pd_randomised":
@@ -99,8 +213,7 @@ def _motors(config: Study, name: str, population: str, seed: int) -> str:
     prior = prior_path(config, PRESETS[name])
     if name == "prior_adapted":
         return motor_text("posterior", file=_robot_folder(config, population, seed) / POSTERIOR, prior=prior)
-    spread = {"prior": config.latent_spread, "prior_robust": config.latent_spread, "prior_mean": 0.0}.get(name, 1.0)
-    return motor_text("prior", file=prior, latent_spread=spread)
+    return motor_text("prior", file=prior, latent_spread=0.0 if name == "prior_mean" else 1.0)
 
 
 def randomized_pd(config: Study, spread: float) -> str:
@@ -110,11 +223,6 @@ def randomized_pd(config: Study, spread: float) -> str:
 
 def _constants(folder: Path, fit: str) -> dict[str, Any]:
     return read_json(folder / FITS)[fit]["constants"]
-
-
-def fleet_of(config: Study, population: str) -> str | None:
-    """The fleet of a population."""
-    return config.foreign if population == OUT_OF_FAMILY else config.fleet
 
 
 def prior_path(config: Study, preset: str) -> Path:
@@ -177,10 +285,10 @@ def _robot_folder(config: Study, population: str, seed: int, fit: str = "") -> P
 
 def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:
     robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
-    fleet, preset = load_robot_fleet(robot, fleet_of(config, population)), bench_preset("adapt").for_robot(robot)
+    fleet, preset = load_robot_fleet(robot, config.fleet_of(population)), bench_preset("adapt").for_robot(robot)
     log = _robot_folder(config, population, seed, "log") / f"{folder.name}.parquet"
     settings = {"study": config.seed, "robot": seed, "seconds": LOG_SECONDS}
-    wanted = description("study", settings, [*fleet_files(robot, fleet_of(config, population)), *robot.files])
+    wanted = description("study", settings, [*fleet_files(robot, config.fleet_of(population)), *robot.files])
     if not is_finished(log.parent, wanted):
         with working(log.parent, wanted):
             motors = motors_of_robot(robot, fleet, config.seed, seed)
