@@ -13,7 +13,7 @@ import tyro
 from motorprior.actuator.geared_motor_constants import PER_LOGGED
 from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.adapt import Adapt, run_adapt
-from motorprior.commands.calibrate import FLEET, Calibrate, run_calibrate
+from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
@@ -22,7 +22,8 @@ from motorprior.commands.study_conditions import Study
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
-from motorprior.commands.walk import PICTURE, POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
+from motorprior.commands.walk import PICTURE as CURVES
+from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.commands.walk_report import build_walk_report
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.adapt import OutlierTest
@@ -181,7 +182,7 @@ def calibrate(config: Calibrate) -> None:
     results = run_calibrate(config, TERMINAL)
     table("Real logs: joint RMSE [mrad], start included", *tables.calibration_errors(results))
     table("Constants of the central motor", *tables.calibrated_constants(results))
-    TERMINAL.note(f"{config.out / FLEET}, and a picture of each log")
+    TERMINAL.note(f"{config.out / FLEET}, {config.out / PICTURE}")
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def walk(config: WalkCommand) -> None:
         results = run_walk_seeds(one, config.seeds, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
         table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
-        print(config.out / PICTURE)
+        print(config.out / CURVES)
         folder = config.out / SEED_FOLDER.format(max(results, key=lambda row: row.value).seed)
     print(f"play it: motorprior play {folder}{'' if config.robot == DEFAULT_ROBOT else f' --robot {config.robot}'}")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
-from motorprior.commands.replay import plotted_joint, read_logs
+from motorprior.commands.replay import plotted_trace, read_logs
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -19,7 +19,7 @@ from motorprior.studies.calibration import Calibration, calibrate, calibrated_fl
 from motorprior.studies.fleet_problem import FleetProblem
 from motorprior.studies.log_replay import PostureName, replayers_of, with_logged_gains
 
-FLEET = "fleet.toml"
+FLEET, PICTURE = "fleet.toml", "calibration.png"
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Calibrate:
     logs: Path
     """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
     out: Path
-    """Folder for fleet.toml, figures.json and a picture of each log."""
+    """Folder for fleet.toml, figures.json and calibration.png."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     fleet: str | None = None
@@ -69,35 +69,34 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
         fitted = calibrated_fleet(problem, found)
         heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(replayers)}; spread is between motors."
         write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
-        covered = _draw_bands(config, problem, found, fitted, progress)
+        covered = _covered(config, problem, found, fitted, progress)
         rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted), *_motors(problem, found)]
         write_results(config.out, Results.of(rows))
     return read_results(config.out)
 
 
-def _draw_bands(
+def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
-    """Draw the 90 % band of samples of the fitted fleet, and return the share of the measured angles within it."""
-    from motorprior.report.plots_motor import closed_loop  # here: they import matplotlib
+    """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws the central motor."""
+    from motorprior.report.plots_motor import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
-    rng, covered = np.random.default_rng(config.seed), []
+    rng, traces, covered = np.random.default_rng(config.seed), [], []
     with progress.start(f"{config.draws} draws of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
-            log, joint = replayer.log, plotted_joint(problem.robot, replayer)
+            log = replayer.log
             motors = [with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
             replayed = [replayer.joint_pos(each.actuator()) for each in motors]
             low, high = np.quantile(replayed, [0.05, 0.95], axis=0)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
             covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-            central, rows = replayer.joint_pos(problem.actuator(name, found.center)), log.time < log.time[0] + 5.0
-            columns = (log.position_target, log.joint_pos, central, low, high)
-            target, measured, center, *band = (each[rows, joint] for each in columns)
-            title, models = f"log {name}, {log.joint_names[joint]}", {"physical": center}
-            figure = closed_loop(log.time[rows], target, measured, models, title, truth_label="measured", band=band)
-            (config.out / f"{name}.png").write_bytes(png_bytes(figure))
+            central = replayer.joint_pos(problem.actuator(name, found.center))
+            traces.append(
+                plotted_trace(name, problem.robot, replayer, {"central motor": central, "5 %": low, "95 %": high})
+            )
             task.advance()
+    (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
     return covered
 
 

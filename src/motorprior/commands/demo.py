@@ -93,7 +93,6 @@ def run_demo(
     """
     from motorprior.report import chapters  # here: it imports matplotlib
     from motorprior.report.page import page
-    from motorprior.report.real_motors import real_motors
 
     if config.logs is None and (config.suspended or config.columns is not None):
         name = "suspended" if config.suspended else "columns"
@@ -118,7 +117,7 @@ def run_demo(
             real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
             replayed = is_replayed(real, config.robot)
             results += run_real_motors(real, progress, show)
-            sections += real_motors(out)
+            sections.append(chapters.real_motors(out / "real_motors"))
             progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
         priors = _identify_priors(config, progress)
         validate = Validate(tuple(priors.values()), out / "validate", config.seed, held_out=False, robot=config.robot)

@@ -78,7 +78,8 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
                     simulated[model] = np.array([replayer.joint_pos(actuator) for actuator in actuators])
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
-                traces.append(_trace(name, robot, replayer, simulated))
+                medians = {model: np.median(runs, axis=0) for model, runs in simulated.items()}
+                traces.append(plotted_trace(name, robot, replayer, medians))
         write_results(config.out, Results.of(rows))
         write_traces(config.out, traces)
     return read_results(config.out)
@@ -129,15 +130,9 @@ def _errors(name: str, replayer: Replayer, simulated: Mapping[str, np.ndarray]) 
     return rows
 
 
-def plotted_joint(robot: Robot, replayer: Replayer) -> int:
-    """The joint of a log to plot: the first excited knee, or else the first excited joint."""
-    last = {leg.joints[-1] for leg in robot.legs}
-    knees = [joint for joint in replayer.excited if joint in last]
-    return int(knees[0] if knees else replayer.excited[0])
-
-
-def _trace(name: str, robot: Robot, replayer: Replayer, simulated: Mapping[str, np.ndarray]) -> Trace:
-    """The plotted joint of a log, for the report; samples as median."""
-    joint, log = plotted_joint(robot, replayer), replayer.log
-    models = {model: np.median(runs[:, :, joint], axis=0) for model, runs in simulated.items()}
+def plotted_trace(name: str, robot: Robot, replayer: Replayer, simulated: Mapping[str, np.ndarray]) -> Trace:
+    """The first excited knee of a log, or else its first excited joint; ``simulated`` (rows, joints) angles [rad]."""
+    last, log = {leg.joints[-1] for leg in robot.legs}, replayer.log
+    joint = next((joint for joint in replayer.excited if joint in last), replayer.excited[0])
+    models = {model: joint_pos[:, joint] for model, joint_pos in simulated.items()}
     return Trace(name, log.joint_names[joint], log.time, log.position_target[:, joint], log.joint_pos[:, joint], models)

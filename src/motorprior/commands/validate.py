@@ -18,6 +18,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import ModelOfMotors
+from motorprior.identification.evaluation.traces import write_traces
 from motorprior.identification.held_out import (
     adapt_all,
     adaptation,
@@ -33,9 +34,8 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity, write_traces
+from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity, traces
 
-TRACES = "traces.safetensors"
 GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"  # the PD with the best gains; also with armature and delay
 
 
@@ -114,7 +114,7 @@ def _measure(
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
         results = fidelity(robot, motors, models, "train", seed, task) + armature_results(motors, priors)
-        write_traces(config.out / TRACES, robot, motors, models, priors, seed)
+        write_traces(config.out, traces(robot, motors, models, seed))
         task.advance()
     if not config.held_out:
         return results

@@ -8,19 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_tensors
 from motorprior.bench.dynamometer import run
 from motorprior.bench.families import TrueMotors
-from motorprior.bench.recording import preset_of_period, trial
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.evaluation.bench_truth import (
     FLOOR_OFFSET,
@@ -32,6 +25,7 @@ from motorprior.identification.evaluation.bench_truth import (
     held_out_trials,
 )
 from motorprior.identification.evaluation.log_tables import MAX_ERROR, capped
+from motorprior.identification.evaluation.traces import Trace
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.trajectory_generator import open_loop_gait
 from motorprior.progress import Task
@@ -53,7 +47,7 @@ ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspe
 FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
 DIVERGED = 1e3  # torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is MAX_ERROR
 DRAWS = 12  # samples of one motor per joint
-ROBOT_STREAM, TORQUE_STREAM, TROT_STREAM = 19, 41, 43  # tags of random streams
+ROBOT_STREAM, TROT_STREAM = 19, 43  # tags of random streams
 STEPS = 200
 CUTOFF = 20.0  # [Hz] torque above counts as chatter
 
@@ -138,75 +132,28 @@ def _at_control_steps(recorded: Playback) -> np.ndarray:
     return recorded.joint_pos[substeps - 1 :: substeps]
 
 
-def write_traces(
-    path: Path,
-    robot: Robot,
-    motors: TrueMotors,
-    models: Mapping[str, ModelOfMotors],
-    priors: Mapping[str, MotorPrior],
-    seed: int,
-) -> None:
-    """Write traces for the report: of the motors and all models in a bench trial, and of one joint of the robot.
-
-    Networks also have a torque fit.
-    """
-    index = np.arange(len(motors))
+def traces(robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int) -> list[Trace]:
+    """The first motor in a bench trial and, for a legged robot, a joint of a standing trot; physical and all models."""
     case = held_out_trials("impacts", motors, seed, HELD_OUT.for_robot(robot))[0][0]
-    truth = run(motors.actuator(), case)
-    tensors = {"bench/target": case.position_target[:, 0], "bench/truth": truth.joint_pos[:, 0]}
-    tensors |= {f"bench/model/{name}": run(model(index), case).joint_pos[:, 0] for name, model in models.items()}
-    for name, prior in priors.items():
-        if not isinstance(prior.model, GreyBox):
-            tensors |= _torque_traces(f"torque/{name}", robot, prior.model, prior, motors, seed)
-    header = {"bench_dt": case.dt}
+    truth, index = run(motors.actuator(), case), np.arange(len(motors))
+    simulated = {name: run(model(index), case).joint_pos[:, 0] for name, model in models.items()}
+    time = case.dt * np.arange(len(truth.joint_pos))
+    found = [
+        Trace("gait with impacts", "first motor", time, case.position_target[:, 0], truth.joint_pos[:, 0], simulated)
+    ]
     if robot.legs:
-        joint = robot.legs[0].joints[-1]
-        tensors |= _robot_traces(robot, joint, motors, models, seed)
-        header |= {"robot_dt": robot.physics_dt, "joint": robot.joint_names[joint]}
-    write_tensors(path, tensors, header)
+        found.append(_robot_trace(robot, robot.legs[0].joints[-1], motors, models, seed))
+    return found
 
 
-def _torque_traces(
-    name: str, robot: Robot, network: LatentNetwork, prior: MotorPrior, motors: TrueMotors, seed: int
-) -> dict[str, np.ndarray]:
-    """Torque on the first joint [N·m] one step ahead, as in the paper: a network on the true motion of 1 s of a sine.
-
-    It is the actuator's torque minus its damping and minus armature·acceleration, from the first full history on.
-    """
-    period, first = network.period, network.taps[-1]
-    rng = np.random.default_rng([HELD_OUT_SEED, seed, TORQUE_STREAM])
-    preset = preset_of_period(period).for_robot(robot)
-    case = trial(rng, "sine", round(1.0 / period) + first, len(motors), preset, hold=False)
-    truth, actuator = run(motors.actuator(), case), prior.training_motors(np.arange(len(motors)))
-    arrays, torque = actuator.arrays(period), np.zeros(truth.joint_pos.shape)
-    reset_actuator(arrays, case.position_target[0].copy(), truth.joint_pos[0].copy())
-    for row, velocity in enumerate(truth.joint_vel):
-        target, joint_pos = case.position_target[row].copy(), truth.joint_pos[row].copy()
-        step_actuator(arrays, period, target, joint_pos, velocity.copy(), torque[row])
-        torque[row] -= arrays.damping * velocity
-    torque -= actuator.armature * np.gradient(truth.joint_vel, case.dt, axis=0)
-    return {
-        f"{name}/time": np.arange(first, len(torque)) * period,
-        f"{name}/measured": truth.joint_torque[first:, 0],
-        f"{name}/predicted": torque[first:, 0],
-    }
-
-
-def _robot_traces(
-    robot: Robot, joint: int, motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int
-) -> dict[str, np.ndarray]:
-    """One joint in a standing trot, positions [rad] and torques [N·m] at every physics step."""
+def _robot_trace(robot: Robot, joint: int, motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int) -> Trace:
     rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
     index, targets = np.arange(robot.num_joints), trot_targets(robot, rng, 100)
     coarse, fine = (World(robot, dt) for dt in (robot.physics_dt, robot.twin_physics_dt))
-    every = round(robot.physics_dt / robot.twin_physics_dt)
-    truth = replay(fine, motors.take(index).actuator(), targets)
-    tensors = {
-        "robot/position/truth": truth.joint_pos[every - 1 :: every, joint],
-        "robot/torque/truth": truth.joint_torque[every - 1 :: every, joint],
-    }
+    truth = _at_control_steps(replay(fine, motors.take(index).actuator(), targets))[:, joint]
+    simulated = {}
     for name, model in models.items():
-        played = replay(coarse, model(index), targets, tolerate_fault=True)
-        tensors[f"robot/position/{name}"] = played.joint_pos[:, joint]
-        tensors[f"robot/torque/{name}"] = played.joint_torque[:, joint]
-    return {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in tensors.items()}
+        played = _at_control_steps(replay(coarse, model(index), targets, tolerate_fault=True))[:, joint]
+        simulated[name] = np.nan_to_num(played, posinf=0.0, neginf=0.0)
+    time = robot.control_dt * np.arange(len(truth))
+    return Trace("standing trot", robot.joint_names[joint], time, targets[:, joint], truth, simulated)
