@@ -233,7 +233,7 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """Run the whole study, about two hours on two cores; a rerun resumes. The options from foreign to quick and those
+    """Run the whole study, about two hours on two cores; a rerun resumes. The options from foreign to seed and those
     of the executor need it."""
 
 
@@ -267,19 +267,15 @@ def _transferred(results: Results) -> None:
 
 @dataclass(frozen=True)
 class Report:
-    """Write a page of trained policies: learning curves, films, robustness."""
+    """Write a page of trained policies: learning curves and films."""
 
     run: Path
     """Folder that `motorprior walk` wrote, or a folder of such folders."""
     robot: str = DEFAULT_ROBOT
     """Robot of the policies: a shipped one by name, or a .toml file."""
-    robustness: bool = True
-    """Also measure how long policies stay upright with pushes, on slippery ground, with delay or load: about ten
-    seconds per policy."""
 
 
 def report(config: Report) -> None:
     """Write the page and print its path."""
-    words = ["motorprior", "report", str(config.run), "--robot", config.robot]
-    command = shlex.join([*words, *([] if config.robustness else ["--no-robustness"])])
-    print(build_walk_report(config.run, config.robot, command, config.robustness, TERMINAL))
+    command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
+    print(build_walk_report(config.run, config.robot, command))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from motorprior import stage
 from motorprior.actuator.registry import motor_text
-from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.artifacts import read_json, write_text
 from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
@@ -17,7 +17,7 @@ from motorprior.commands.real_motors import RealMotors, Show, is_replayed, run_r
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
+from motorprior.commands.walk import SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import network_steps
@@ -30,13 +30,10 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.studies.compare import TrainedPolicy
-from motorprior.studies.robustness import UprightMap, robustness
 
 if TYPE_CHECKING:
     from motorprior.report.page import Section
 
-MAPS = "robustness.json"
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 
 
@@ -138,9 +135,6 @@ def run_demo(
         transfer = Transfer(walks, out / "transfer", config.fleet, robot=config.robot, workers=config.workers)
         results += run_transfer(transfer, progress)
         sections.append(chapters.transfer(out / "transfer", robot))
-        works = [partial(_robustness, seeds[0], out / "robustness", robot) for seeds in folders.values()]
-        maps = in_parallel(works, config.workers, progress)
-        sections.append(chapters.robustness_section(dict(zip(folders, maps, strict=True))))
         stage.write_results(out, results)
         write_page(complete=True)
         return results
@@ -201,13 +195,3 @@ def _train(config: Demo, priors: dict[str, Path], robot: Robot, progress: Progre
     in_parallel(trainings, config.workers, progress)
     seeds = range(config.seeds)
     return {name: [config.out / "walk" / f"{name}_{seed}" for seed in seeds] for name in sorted(conditions)}
-
-
-def _robustness(walk: Path, out: Path, robot: Robot, progress: Progress) -> list[UprightMap]:
-    """Robustness maps of a policy, on its training motors."""
-    folder, wanted = out / walk.name, stage.description("robustness", {"file": MAPS}, [walk / POLICY, *robot.files])
-    if not stage.is_finished(folder, wanted):
-        with stage.working(folder, wanted):
-            trained = TrainedPolicy.load(walk / POLICY, robot)
-            write_json(folder / MAPS, [asdict(each) for each in robustness(trained, progress=progress)])
-    return [UprightMap(**each) for each in read_json(folder / MAPS)]

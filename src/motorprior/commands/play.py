@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from motorprior.artifacts import atomic_path
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_number, require_seed
 from motorprior.commands.walk import POLICY, SEED_FOLDER
@@ -72,6 +71,8 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
         ArtifactError, ConfigError, LogError: a policy, its motors, the schedule or the fleet cannot be used; a command
             is outside the range of the robot or of a policy's training; the viewer finds no screen.
     """
+    from motorprior.report import film  # here, since it imports matplotlib
+
     robot = load_robot(config.robot)
     policies = {name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()}
     require_number("seconds", config.seconds, positive=True)
@@ -90,10 +91,10 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
         walks = [_until_end(episode.trace, steps) for episode in episodes.values()]
         titles = [f"{name}, {_TITLES[config.environment]}" for name in policies]
         notes = [_notes(robot, each, walk, commanded) for each, walk in zip(episodes.values(), walks, strict=True)]
-        film = _write_film(config.out, robot, walks, titles, notes, progress)
+        path = film.write_film(config.out, robot, walks, titles, notes, progress)
     if config.viewer:
         show(robot, walks, robot.control_dt)
-    return film, results
+    return path, results
 
 
 def _names(policies: Iterable[Path]) -> dict[str, Path]:
@@ -166,24 +167,3 @@ def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarr
         state = f"command {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
         notes.append(f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {state}")
     return notes
-
-
-def _write_film(
-    folder: Path, robot: Robot, walks: list[np.ndarray], titles: list[str], notes: list[list[str]], progress: Progress
-) -> Path:
-    """Write play.mp4, or play.gif where the encoder is not installed; returns its path."""
-    from motorprior.report import film  # here, since it imports matplotlib
-
-    as_mp4 = film.can_write_mp4()
-    path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
-    stride = max(1, round(1.0 / (rate * robot.control_dt)))
-    walks, notes = [walk[::stride] for walk in walks], [each[::stride] for each in notes]
-    seconds, count = stride * robot.control_dt, len(walks[0])
-    with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
-        pictures = film.film(robot, walks, titles, notes, progress.note)
-        counted = (picture for picture in pictures if task.advance() is None)
-        if as_mp4:
-            film.write_mp4(temporary, counted, seconds)
-        else:
-            temporary.write_bytes(film.gif_bytes(counted, seconds))
-    return path

@@ -51,7 +51,7 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
     Raises:
         MotorPriorError: invalid settings, or a failed stage; finished stages stay.
     """
-    config = config.sized()
+    config.require_valid()
     with locked(config.out):
         threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)

@@ -6,7 +6,7 @@ Conditions are motor models fitted to one bench or to logs of single robots, and
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,17 +41,10 @@ FITTED_PDS = ("ideal_pd", "tuned_pd", "pd_friction")
 PRESETS = {name: name for name in ("paper", "paper_wide", "one_network")} | dict.fromkeys(
     ("prior_mean", "prior", "prior_adapted", "prior_robust"), "rollout"
 )  # condition -> preset of its prior
-LONGEST_FIRST = (
-    *PER_POPULATION, "prior", "prior_robust", "prior_mean", "paper", "paper_wide", "one_network", *FITTED_PDS,
-    "untrained", "pd_randomised",
-)  # fmt: skip
 FIXED_MOTORS = frozenset({*FITTED_PDS, "pd_adapted", "prior_mean", "one_network"})  # equal in all training episodes
 LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
 LOG_STREAM = 0x20B2  # random stream of these logs
 FITS = "fits.json"
-_QUICK = {
-    "seeds": 2, "draws": 4, "seconds": 6.0, "iterations": 8, "bench_steps": 4000, "adam_steps": 200, "spread": 0.2,
-}  # fmt: skip
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
 
 
@@ -91,8 +84,6 @@ class Study:
     """Adam steps of each identification; the preset's own number if not given."""
     seed: int = 0
     """Seed of the bench and the priors; policies of different studies share no search seed."""
-    quick: bool = False
-    """A smoke test in minutes: 2 seeds, 4 walks of 6 s, 8 iterations, a small bench."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -127,34 +118,25 @@ class Study:
         """Walks of one policy at a time; one per thread."""
         return self.workers if self.executor == "ray" else 1
 
-    def sized(self) -> Study:
-        """Checked settings, with the sizes of a quick study if ``quick``.
-
-        Raises:
-            ConfigError: names the invalid setting.
-        """
-        config, robot = self, load_robot(self.robot)
-        if self.quick:
-            few = _QUICK | {"motors": max(16, robot.num_joints)}
-            defaults = {field.name: field.default for field in fields(self)}
-            config = replace(self, **{name: few[name] for name in few if getattr(self, name) == defaults[name]})
-        if unknown := [name for name in config.conditions if name not in CONDITIONS]:
+    def require_valid(self) -> None:
+        """Check the settings; raises `ConfigError`, which names the invalid one."""
+        robot = load_robot(self.robot)
+        if unknown := [name for name in self.conditions if name not in CONDITIONS]:
             remedy = f"use some of {', '.join(CONDITIONS)}"
             raise ConfigError(f"no condition {unknown[0]!r}", argument="conditions", remedy=remedy)
         robot.require_legs()
         for name in ("seeds", "draws", "iterations", "workers"):
-            require_count(name, getattr(config, name))
-        require_count("motors", config.motors, robot.num_joints)
-        require_executor(config.executor, config.ray_address)
-        validation = config.validation_fleet(robot)
-        used = {load_robot_fleet(robot, config.fleet).name, load_robot_fleet(robot, config.foreign, "foreign").name}
+            require_count(name, getattr(self, name))
+        require_count("motors", self.motors, robot.num_joints)
+        require_executor(self.executor, self.ray_address)
+        validation = self.validation_fleet(robot)
+        used = {load_robot_fleet(robot, self.fleet).name, load_robot_fleet(robot, self.foreign, "foreign").name}
         if len(used) < 2 or (validation and load_robot_fleet(robot, validation, "validation").name in used):
             problem = "fleet, foreign and validation must be three different fleets"
             raise ConfigError(problem, argument="foreign", remedy="change one of them")
-        if config.spread is None and "pd_randomised" in config.conditions and validation is None:
+        if self.spread is None and "pd_randomised" in self.conditions and validation is None:
             problem = f"no fleet of {robot.name!r} to select the range of pd_randomised on"
             raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or a spread")
-        return config
 
 
 @dataclass(frozen=True)
@@ -185,9 +167,9 @@ class Condition:
 
 
 def conditions_of(config: Study, seed: int) -> list[Condition]:
-    """The policies of this seed, the longest trainings first."""
+    """The policies of this seed."""
     made = []
-    for name in (name for name in LONGEST_FIRST if name in config.conditions):
+    for name in config.conditions:
         if name in PER_POPULATION:
             for population in (OUT_OF_FAMILY, IN_FAMILY):
                 motors = _motors(config, name, population, seed)

@@ -47,8 +47,6 @@ class VirtualRobotSettings:
     """Telemetry frames per second, 100 or 200."""
     currents: bool = False
     """The firmware sends motor currents."""
-    imu: bool = True
-    """The firmware reads the IMU; without, it sends zeros like the present firmware."""
     homing: bool = True
     """Home at the start."""
 
@@ -105,7 +103,7 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
         raise ConfigError(problem, remedy="give 100 or 200", argument="robot.rate")
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = TwinBody(robot, motors, settings.suspended, settings.seed)
-    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu, settings.homing)
+    config = FirmwareConfig(1000 // settings.rate, settings.currents, homes=settings.homing)
     return VirtualRobot(robot, body, config), body
 
 

@@ -18,14 +18,13 @@ from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_motor import draw_traces, errors_by_joint, excitation_and_response
 from motorprior.report.plots_style import model_label
-from motorprior.report.plots_walk import learning_curves, read_curves, robustness_maps, transfer_bars
+from motorprior.report.plots_walk import learning_curves, read_curves, transfer_bars
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
 from motorprior.stage import read_results
 from motorprior.studies.compare import DRAWS
 from motorprior.studies.robot_fidelity import BENCH_METRICS, ROBOT_METRICS
 from motorprior.studies.robot_fidelity import DRAWS as ROBOT_DRAWS
-from motorprior.studies.robustness import ROBUSTNESS_DRAWS, UprightMap
 
 
 def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
@@ -158,12 +157,3 @@ def _gait_film(robot: Robot, trace: np.ndarray, name: str, where: str) -> Pictur
     notes = [f"{step * seconds:.1f} s    {x:z.2f} m" for step, x in enumerate(walk[:, 0] - walk[0, 0])]
     pictures = film(robot, [walk], [model_label(name)], [notes])
     return Picture(f"Trained on {model_label(name)}, {where}.", gif_bytes(pictures, seconds), "gif")
-
-
-def robustness_section(maps: Mapping[str, Sequence[UprightMap]]) -> Section:
-    """Time upright under disturbances: name of the training -> maps of its policy."""
-    text = (
-        "Time upright at the maximum commanded speed, with two disturbances varied at a time. Every cell has the same "
-        "samples of the training motors, in MuJoCo on flat ground."
-    )
-    return _section("Robustness", text, robustness_maps(maps), f"{ROBUSTNESS_DRAWS} walks of 5 s per cell.")

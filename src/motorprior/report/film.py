@@ -13,7 +13,9 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from motorprior.artifacts import atomic_path
 from motorprior.exceptions import ConfigError
+from motorprior.progress import Progress
 from motorprior.report.plots_style import INK, MUTED
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer, skeleton
@@ -45,6 +47,30 @@ def film(
                 _label(picture, title, texts[frame])
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
+
+
+def write_film(
+    folder: Path,
+    robot: Robot,
+    walks: Sequence[np.ndarray],
+    titles: Sequence[str],
+    notes: Sequence[Sequence[str]],
+    progress: Progress,
+) -> Path:
+    """Write a `film` of walks at control steps: play.mp4, or play.gif without the encoder; returns its path."""
+    as_mp4 = can_write_mp4()
+    path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
+    stride = max(1, round(1.0 / (rate * robot.control_dt)))
+    walks, notes = [walk[::stride] for walk in walks], [each[::stride] for each in notes]
+    seconds, count = stride * robot.control_dt, len(walks[0])
+    with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
+        pictures = film(robot, walks, titles, notes, progress.note)
+        counted = (picture for picture in pictures if task.advance() is None)
+        if as_mp4:
+            write_mp4(temporary, counted, seconds)
+        else:
+            temporary.write_bytes(gif_bytes(counted, seconds))
+    return path
 
 
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:

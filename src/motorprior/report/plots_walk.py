@@ -1,4 +1,4 @@
-"""Pictures of trainings and of walks: learning curves, transfer, robustness."""
+"""Pictures of trainings and of walks: learning curves, transfer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.artifacts import read_json
@@ -22,7 +21,6 @@ from motorprior.report.plots_style import (
     new_figure,
     panels,
 )
-from motorprior.studies.robustness import UprightMap
 
 Curve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
 
@@ -76,26 +74,3 @@ def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequenc
         axes.set_ylim(len(own) - 0.5, -0.5)
         describe(axes, x=title, y="trained on" if column == 0 else None)
     return figure
-
-
-def robustness_maps(maps: Mapping[str, Sequence[UprightMap]]) -> Figure:
-    """Time upright over two disturbances [%]: a row per training, a column per map."""
-    columns = len(next(iter(maps.values())))
-    figure = new_figure(2.6 * len(maps))
-    for row, (name, row_maps) in zip(panels(figure, len(maps), columns), maps.items(), strict=True):
-        for axes, each in zip(row, row_maps, strict=True):
-            _heat_map(axes, each)
-        describe(row[0], title=f"time upright [%], trained on {model_label(name)}")
-    return figure
-
-
-def _heat_map(axes: Axes, upright: UprightMap) -> None:
-    """Rows from bottom to top."""
-    axes.imshow(upright.share, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.7)
-    for row, values in enumerate(upright.share):
-        for column, value in enumerate(values):
-            axes.text(column, row, f"{100.0 * value:.0f}", ha="center", va="center", fontsize=TEXT)
-    axes.set_xticks(range(len(upright.columns)), [f"{value:g}" for value in upright.columns])
-    axes.set_yticks(range(len(upright.rows)), [f"{value:g}" for value in upright.rows])
-    axes.grid(False)
-    describe(axes, x=upright.titles[1], y=upright.titles[0])
