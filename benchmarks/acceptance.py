@@ -26,22 +26,8 @@ import tyro
 
 BENCHMARKS = Path(__file__).parent
 QUICK = [
-    "--seeds",
-    "2",
-    "--draws",
-    "4",
-    "--seconds",
-    "6",
-    "--iterations",
-    "8",
-    "--motors",
-    "16",
-    "--bench-steps",
-    "4000",
-    "--adam-steps",
-    "200",
-    "--spread",
-    "0.2",
+    *("--seeds", "2", "--draws", "4", "--seconds", "6", "--iterations", "8", "--spread", "0.2"),
+    *("--motors", "16", "--bench-steps", "4000", "--adam-steps", "200"),
 ]
 SMALL = ["--motors", "16", "--steps", "2000", "--adam-steps", "100"]
 COLLECTED = "acceptance.json"

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from swinging_bars import swing, write_table
@@ -75,17 +76,8 @@ def folder(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(load_fit, "MAX_ROUNDS", 1)
     monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
     monkeypatch.setattr(response_fit, "RESTARTS", 4)
-    monkeypatch.setattr(demo, "run_bench", begun)
+    monkeypatch.setattr(demo, "run_bench", Mock(side_effect=Begun))
     return tmp_path
-
-
-def begun(*args: object) -> None:
-    raise Begun
-
-
-def with_steps(words: list[str]) -> list[str]:
-    """With few Adam steps where a network is trained."""
-    return [*words, *WITH_STEPS.get(words[0], ())]
 
 
 def expanded(words: list[str]) -> list[str]:
@@ -102,7 +94,7 @@ def expanded(words: list[str]) -> list[str]:
 def test_every_command_of_the_page_runs(folder: Path, page: str):
     ran = 0
     for words in commands(page):
-        parsed = parse(with_steps(expanded(words)))
+        parsed = parse([*expanded(words), *WITH_STEPS.get(words[0], ())])
         with pytest.raises(Begun) if words[0] == "demo" else nullcontext():
             RUN[type(parsed)](parsed)
         ran += 1
@@ -113,10 +105,7 @@ def test_every_command_of_the_page_runs(folder: Path, page: str):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        (
-            "--logs go2 --columns go2_identification --robot go2.toml --suspended",
-            ("prior", "tuned_pd", "traj_3"),
-        ),
+        ("--logs go2 --columns go2_identification --robot go2.toml --suspended", ("prior", "tuned_pd", "traj_3")),
         ("--logs go2 --columns go2_identification", ("loads: unknown", "dead band")),
         ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid bodies of so101", "prior")),
         ("--logs xl330", ("loads: from the logs", "pendulum")),
@@ -132,18 +121,13 @@ def test_a_demo_begins_with_the_logs(
     assert "Your motors" in page and all(word in shown for word in words), shown
 
 
-def test_the_column_map_on_the_page_is_understood(tmp_path: Path):
+def test_the_column_maps_on_the_page_are_understood(tmp_path: Path):
     path = tmp_path / "columns.toml"
     path.write_text(blocks("your-motors.md", "toml")[0], "utf-8")
     known = load_column_map(path)
     assert [joint.name for joint in known.joints] == ["shoulder_pan", "shoulder_lift"]
     assert known.gain_unit == "firmware" and {joint.kp for joint in known.joints} == {16.0}
     assert known.firmware == {"profile_acceleration": 39} and known.posture == "fixed"
-
-
-def test_the_map_of_a_bag_on_the_page_names_topics_and_fields(tmp_path: Path):
-    path = tmp_path / "columns.toml"
-    (unitree,) = blocks("your-motors.md", "toml")[2:]
-    path.write_text(unitree, "utf-8")
-    known = load_column_map(path)
-    assert known.columns_of("joint_pos", known.joints) == ["/lowstate:motor_state[0].q"] and known.time == CLOCK
+    path.write_text(blocks("your-motors.md", "toml")[2], "utf-8")
+    bag = load_column_map(path)
+    assert bag.columns_of("joint_pos", bag.joints) == ["/lowstate:motor_state[0].q"] and bag.time == CLOCK

@@ -144,10 +144,8 @@ def _fidelity(results: Results) -> None:
         "held_out": "The same on held-out motors, adapted to 10 s of log each",
     }
     for motors, title in titles.items():
-        columns = tuple(column for column in FIDELITY_METRICS if results.where(quantity=column, motors=motors))
-        names = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
-        if columns:
-            table(title, ["model", *names], tables.fidelity_rows(results, columns, motors))
+        if results.where(motors=motors):
+            table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
     if figures := results.where(quantity=_DISTRIBUTION).to_figures():
         rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
         table("Preset rollout on held-out motors", ["figure", "value"], rows)
@@ -173,8 +171,7 @@ def replay(config: Replay) -> None:
 
 
 def _replayed(results: Results) -> None:
-    columns = ["log", "joint", *tables.replay_models(results)]
-    table("Real logs: joint RMSE [mrad], start included", columns, tables.replay_rows(results))
+    table("Real logs: joint RMSE [mrad], start included", *tables.replay_table(results))
 
 
 def calibrate(config: Calibrate) -> None:
@@ -214,12 +211,7 @@ def walk(config: WalkCommand) -> None:
 def play(config: Play) -> None:
     """See `run_play`."""
     film, results = run_play(config, TERMINAL)
-    names, rows = results.distinct("model"), []
-    for quantity, unit, part in dict.fromkeys((row.quantity, row.unit, row.part) for row in results):
-        title = " ".join(filter(None, (quantity, part))) + ("" if unit == "1" else f" [{unit}]")
-        found = [results.where(quantity=quantity, part=part, model=name) for name in names]
-        rows.append((title, *(f"{each.rows[0].value:.3g}" if each else "-" for each in found)))
-    table("From the first second on (docs/play.md)", ("measure", *names), rows)
+    table("From the first second on (docs/play.md)", *tables.measure_table(results))
     print(film)
 
 
@@ -261,8 +253,7 @@ def _study(config: Study) -> None:
 
 
 def _transferred(results: Results) -> None:
-    title = f"Transfer, {DRAWS} motor samples x 5 s, means over seeds"
-    table(title, tables.TRANSFER_COLUMNS, tables.transfer_rows(results))
+    table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", *tables.transfer_table(results))
 
 
 @dataclass(frozen=True)

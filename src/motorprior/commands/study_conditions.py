@@ -6,6 +6,7 @@ Conditions are motor models fitted to one bench or to logs of single robots, and
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -26,7 +27,7 @@ from motorprior.identification.presets import network_steps
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, require_executor
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.progress import SILENT, Progress, Task, in_parallel
+from motorprior.progress import Progress, in_parallel
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -37,7 +38,7 @@ from motorprior.studies.summary import ADAPTED, CONDITIONS
 
 MOTORS_ONLY = Randomization()  # only the motors differ between episodes
 PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
-FITTED_PDS = ("ideal_pd", "tuned_pd", "pd_friction")
+FITTED_PDS = {"ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "pd_friction": WITH_FRICTION}  # to the bench; their constants
 PRESETS = {name: name for name in ("paper", "paper_wide", "one_network")} | dict.fromkeys(
     ("prior_mean", "prior", "prior_adapted", "prior_robust"), "rollout"
 )  # condition -> preset of its prior
@@ -189,9 +190,10 @@ def _motors(config: Study, name: str, population: str, seed: int) -> str:
         return motor_text("pd", fleet=config.fleet)
     if name == "pd_randomised":
         return randomized_pd(config, config.spread or 0.0)
-    if name == "pd_adapted" or name in FITTED_PDS:
-        folder = config.out / "fits" if name in FITTED_PDS else _robot_folder(config, population, seed, name)
-        return motor_text("pd", **_constants(folder, name))
+    if name in FITTED_PDS:
+        return motor_text("pd", **_constants(config.out / "fits", name))
+    if name == "pd_adapted":
+        return motor_text("pd", **_constants(_robot_folder(config, population, seed, name), name))
     prior = prior_path(config, PRESETS[name])
     if name == "prior_adapted":
         return motor_text("posterior", file=_robot_folder(config, population, seed) / POSTERIOR, prior=prior)
@@ -234,12 +236,8 @@ def fit_models(config: Study, threads: int, progress: Progress) -> None:
     in_parallel(works, threads, progress)
 
 
-def _fit_pds(config: Study, log: Path, folder: Path, names: tuple[str, ...], progress: Progress) -> None:
+def _fit_pds(config: Study, log: Path, folder: Path, kinds: Mapping[str, tuple[str, ...]], progress: Progress) -> None:
     """Fit PDs to a log with known loads; FITS has constants and error."""
-    every: dict[str, tuple[str, ...]] = {
-        "ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "pd_friction": WITH_FRICTION, "pd_adapted": WITH_FRICTION
-    }  # fmt: skip
-    kinds = {name: every[name] for name in names}
     robot = load_robot(config.robot)
     nominal = nominal_pd(load_robot_fleet(robot, config.fleet), 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
@@ -257,15 +255,14 @@ def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
     if not any(name in config.conditions for name in ADAPTED):
         return
     robots = [(population, seed) for seed in range(config.seeds) for population in (IN_FAMILY, OUT_OF_FAMILY)]
-    with progress.start(f"adapt to {len(robots)} robots", len(robots)) as task:
-        in_parallel([partial(_adapt, config, *robot, task) for robot in robots], threads, progress)
+    in_parallel([partial(_adapt, config, *robot) for robot in robots], threads, progress)
 
 
 def _robot_folder(config: Study, population: str, seed: int, fit: str = "") -> Path:
     return config.out / "robots" / "_".join(filter(None, (population, str(seed), fit)))
 
 
-def _adapt(config: Study, population: str, seed: int, task: Task, progress: Progress) -> None:
+def _adapt(config: Study, population: str, seed: int, progress: Progress) -> None:
     robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
     fleet, preset = load_robot_fleet(robot, config.fleet_of(population)), bench_preset("adapt").for_robot(robot)
     log = _robot_folder(config, population, seed, "log") / f"{folder.name}.parquet"
@@ -279,5 +276,6 @@ def _adapt(config: Study, population: str, seed: int, task: Task, progress: Prog
     if "prior_adapted" in config.conditions:
         run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True), progress)
     if "pd_adapted" in config.conditions:
-        _fit_pds(config, log, _robot_folder(config, population, seed, "pd_adapted"), ("pd_adapted",), SILENT)
-    task.advance(1, folder.name)
+        _fit_pds(
+            config, log, _robot_folder(config, population, seed, "pd_adapted"), {"pd_adapted": WITH_FRICTION}, progress
+        )

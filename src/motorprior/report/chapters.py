@@ -85,15 +85,14 @@ def validate(folder: Path) -> list[Section]:
         "(docs/why-the-paper-oscillates.md)."
     )
     bench_caption = "Joint RMSE [rad] over 1 s, median of the motors. physical: the lower bound."
-    robot_caption = f"Joint RMSE [rad] and torque above 20 Hz [N·m], medians of {ROBOT_DRAWS} samples of motors."
+    robot_caption = f"Joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians of {ROBOT_DRAWS} samples of motors."
     chapters = {
         "Closed loop on the bench": (on_bench, tuple(BENCH_METRICS), bench_caption),
         "Closed loop inside the robot": (in_robot, ROBOT_METRICS, robot_caption),
     }
     found = []
     for trace, (title, (text, columns, caption)) in zip(traces, chapters.items(), strict=False):
-        titles = tuple(column.replace("_", " ").replace("hf", "> 20 Hz") for column in columns)
-        table = Table(("model", *titles), tables.fidelity_rows(results, columns), caption)
+        table = Table(*tables.fidelity_table(results, columns), caption)
         found.append(_section(title, text, draw_traces([trace]), "Physical motor (measured) and models.", table))
     return found
 
@@ -102,7 +101,7 @@ def replay(folder: Path) -> Section:
     """Real logs; the pictures are of the first two."""
     results, (traces, _) = read_results(folder), read_traces(folder)
     caption = "Joint RMSE [mrad], no offset removed; samples: median (5-95 %)."
-    table = Table(("log", "joint", *tables.replay_models(results)), tables.replay_rows(results), caption)
+    table = Table(*tables.replay_table(results), caption)
     text = (
         "The commands recorded on the real robot are replayed on a simulated one. physical is the central motor of the "
         "fleet, physical_draws are samples of it. For a fleet that was calibrated on these logs, this is a fit, not a "
@@ -128,7 +127,7 @@ def transfer(folder: Path, robot: Robot) -> Section:
     caption = "Pale: in the training simulation. Full colour: on the twin."
     bars = picture(transfer_bars(*(_means(results, names, motors) for motors in ("own", "twin"))), caption)
     films = (_gait_film(robot, tensors[f"twin/{name}"], name, "on the twin") for name in names)
-    table = Table(tables.TRANSFER_COLUMNS, tables.transfer_rows(results), f"{DRAWS} samples of motors, 5 s each.")
+    table = Table(*tables.transfer_table(results), f"{DRAWS} samples of motors, 5 s each.")
     text = (
         "Each policy is evaluated in its training simulation and on the twin, the held-out virtual robot: unseen "
         "physical motors, 1 kHz physics, sensor noise. The twin's motors are the same for all policies.",
