@@ -95,13 +95,6 @@ def demo(config: Demo) -> None:
     # the result does not depend on out and workers
     results = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")), _real_motors)
     _fidelity(results)
-    if results.where(quantity="real_rmse"):
-        _replayed(results)
-    if config.logs is None:
-        print(
-            "No real logs were given. Those of the shipped robot are in jietan/puppersim, puppersim/data/system_id "
-            "(Apache-2.0): --logs FOLDER"
-        )
     _transferred(results)
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
@@ -126,9 +119,7 @@ def _adapted(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: 
     cells = [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows]
     table("Motors", ["motor", "loss", "p-value", "largest deviation"], cells)
     if constants:
-        units = "SI units"
-        if any(name.endswith(PER_LOGGED) for name in constants):
-            units += f"; …{PER_LOGGED}: per unit of the firmware's gain in the log"
+        units = f"SI units; …{PER_LOGGED}: per unit of the firmware's gain in the log"
         table(f"Constants of these motors [{units}]", *constant_table(constants))
 
 
@@ -167,11 +158,7 @@ def validate_log(config: ValidateLog) -> None:
 
 def replay(config: Replay) -> None:
     """See `run_replay`."""
-    _replayed(run_replay(config, TERMINAL))
-
-
-def _replayed(results: Results) -> None:
-    table("Real logs: joint RMSE [mrad], start included", *tables.replay_table(results))
+    table("Real logs: joint RMSE [mrad], start included", *tables.replay_table(run_replay(config, TERMINAL)))
 
 
 def calibrate(config: Calibrate) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
-from motorprior.commands.replay import plotted_trace, read_logs
+from motorprior.commands.replay import read_logs
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -78,7 +78,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
 def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
-    """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws the central motor."""
+    """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws a joint of each log."""
     from motorprior.report.plots_motor import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
@@ -91,10 +91,11 @@ def _covered(
             low, high = np.quantile(replayed, [0.05, 0.95], axis=0)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
             covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-            central = replayer.joint_pos(problem.actuator(name, found.center))
-            traces.append(
-                plotted_trace(name, problem.robot, replayer, {"central motor": central, "5 %": low, "95 %": high})
-            )
+            central, joint = replayer.joint_pos(problem.actuator(name, found.center)), replayer.excited[-1]
+            columns = (log.position_target, log.joint_pos, central, low, high)
+            target, measured, *drawn = (each[:, joint] for each in columns)
+            models = dict(zip(("central motor", "5 %", "95 %"), drawn, strict=True))
+            traces.append(Trace(name, log.joint_names[joint], log.time, target, measured, models))
             task.advance()
     (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
     return covered
@@ -102,14 +103,12 @@ def _covered(
 
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     """Source of each constant, for the fleet's file."""
-    start = problem.fleet.name
-    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {start}")
+    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
-        result = "identified" if unknown.is_identifiable(error) else f"not identified, near fleet {start}"
-        spread = "" if unknown.name in found.spread else f"; spread as in fleet {start}"
-        sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}{spread}"
+        result = "identified" if unknown.is_identifiable(error) else f"not identified, near {problem.fleet.name}"
+        sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
     return sources
 
 

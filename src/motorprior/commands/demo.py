@@ -13,8 +13,7 @@ from motorprior.artifacts import read_json, write_text
 from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.real_motors import RealMotors, Show, is_replayed, run_real_motors
-from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.real_motors import RealMotors, Show, run_real_motors
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
 from motorprior.commands.walk import SEEDS_APART, Walk, run_walk
@@ -109,10 +108,8 @@ def run_demo(
     with stage.locked(out):
         for name in (stage.RESULTS, stage.FIGURES):  # of other settings
             (out / name).unlink(missing_ok=True)
-        replayed = False
         if given.logs is not None:
             real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
-            replayed = is_replayed(real, config.robot)
             results += run_real_motors(real, progress, show)
             sections.append(chapters.real_motors(out / "real_motors"))
             progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
@@ -121,14 +118,6 @@ def run_demo(
         results += run_validate(validate, progress)
         sections += [chapters.bench(out / "bench" / "rollout"), *chapters.validate(out / "validate")]
         progress.note(f"first pictures: {write_page()}")
-        if replayed and config.logs is not None:
-            posture = "suspended" if config.suspended else "auto"
-            replay = Replay(
-                config.logs, priors["rollout"], out / "replay", config.fleet, seed=config.seed, robot=config.robot,
-                posture=posture,
-            )  # fmt: skip
-            results += run_replay(replay, progress)
-            sections.append(chapters.replay(out / "replay"))
         folders = _train(config, priors, robot, progress)
         sections.append(chapters.learning(folders))
         walks = tuple(folder for seeds in folders.values() for folder in seeds)

@@ -101,12 +101,6 @@ def read_logs_of(config: RealMotors) -> LogFolder:
     return found
 
 
-def is_replayed(config: RealMotors, robot: str) -> bool:
-    """Whether the logs were recorded on this robot, so that its simulation can replay them; see `read_logs_of`."""
-    first = next(iter(read_logs_of(config).logs.values()))
-    return first.joint_names == load_robot(robot).joint_names and robot == config.robot and config.columns is None
-
-
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
 

@@ -13,7 +13,6 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
-from motorprior.identification.evaluation.traces import Trace, write_traces
 from motorprior.identification.prior_file import gains_for, load_prior
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.log_folder import LogFolder, read_log_folder
@@ -35,7 +34,7 @@ class Replay:
     prior: Path
     """Prior to sample."""
     out: Path
-    """Folder for figures.json and the traces of the report."""
+    """Folder for figures.json."""
     fleet: str | None = None
     """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace both."""
     draws: int = 20
@@ -70,7 +69,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
             for finding in check_log(log, robot).findings:
                 if finding.severity != "info":
                     progress.note(f"log {name}: {finding.severity}: {finding.message}")
-        rows, traces, count = [], [], len(replayers)
+        rows, count = list[Result](), len(replayers)
         with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.draws)) as task:
             for name, replayer in replayers.items():
                 simulated: dict[str, np.ndarray] = {}
@@ -78,10 +77,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
                     simulated[model] = np.array([replayer.joint_pos(actuator) for actuator in actuators])
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
-                medians = {model: np.median(runs, axis=0) for model, runs in simulated.items()}
-                traces.append(plotted_trace(name, robot, replayer, medians))
         write_results(config.out, Results.of(rows))
-        write_traces(config.out, traces)
     return read_results(config.out)
 
 
@@ -128,11 +124,3 @@ def _errors(name: str, replayer: Replayer, simulated: Mapping[str, np.ndarray]) 
             value, part = float(np.median(per_joint[:, joint])), replayer.log.joint_names[joint]
             rows.append(Result("real_joint_rmse", "rad", value, model, statistic="median", log=name, part=part))
     return rows
-
-
-def plotted_trace(name: str, robot: Robot, replayer: Replayer, simulated: Mapping[str, np.ndarray]) -> Trace:
-    """The first excited knee of a log, or else its first excited joint; ``simulated`` (rows, joints) angles [rad]."""
-    last, log = {leg.joints[-1] for leg in robot.legs}, replayer.log
-    joint = next((joint for joint in replayer.excited if joint in last), replayer.excited[0])
-    models = {model: joint_pos[:, joint] for model, joint_pos in simulated.items()}
-    return Trace(name, log.joint_names[joint], log.time, log.position_target[:, joint], log.joint_pos[:, joint], models)

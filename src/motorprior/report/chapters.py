@@ -97,19 +97,6 @@ def validate(folder: Path) -> list[Section]:
     return found
 
 
-def replay(folder: Path) -> Section:
-    """Real logs; the pictures are of the first two."""
-    results, (traces, _) = read_results(folder), read_traces(folder)
-    caption = "Joint RMSE [mrad], no offset removed; samples: median (5-95 %)."
-    table = Table(*tables.replay_table(results), caption)
-    text = (
-        "The commands recorded on the real robot are replayed on a simulated one. physical is the central motor of the "
-        "fleet, physical_draws are samples of it. For a fleet that was calibrated on these logs, this is a fit, not a "
-        "prediction."
-    )
-    return _section("Real robot logs", text, draw_traces(traces[:2]), "The real robot and simulated motors.", table)
-
-
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     """Learning curves of trainings: name -> a folder with curve.json per seed."""
     figure = learning_curves({name: read_curves(seeds) for name, seeds in folders.items()})
