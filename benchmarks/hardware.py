@@ -52,20 +52,8 @@ MAX_FAULTS, NUM_KILLS = 5, 5
 def trot_policy(robot: Robot, folder: Path) -> Path:
     """Save a policy of zero weights, the robot's own trot; returns its path."""
     path, wire, ones = folder / "trot.safetensors", robot.require_wire(), np.ones(robot.num_joints)
-    zero = zero_policy(robot.num_joints)
-    Policy(
-        weights=zero.weights,
-        hidden=zero.hidden,
-        readout=zero.readout,
-        observation_mean=zero.mean,
-        observation_std=zero.std,
-        kp=wire.kp * wire.torque_constant * ones,
-        kd=wire.kd * wire.torque_constant * ones,
-        control_dt=robot.control_dt,
-        robot=robot.name,
-        joint_names=robot.joint_names,
-        forward=robot.require_legs().forward,
-    ).save(path)
+    kp, kd = (gain * wire.torque_constant * ones for gain in (wire.kp, wire.kd))
+    Policy.of(robot, "trot", zero_policy(robot.num_joints), kp, kd, {}).save(path)
     return path
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.replay import read_logs
+from motorprior.identification.evaluation.traces import Trace
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
