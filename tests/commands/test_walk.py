@@ -11,11 +11,11 @@ import pytest
 from motorprior import stage
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.commands.walk import CURVE, PICTURE, POLICY, Walk, run_walk, run_walk_seeds
-from motorprior.commands.walk_report import build_walk_report
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, PolicySearch, episode_seed
+from motorprior.report.trainings import write_training_page
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motors import motor_sampler
 from motorprior.simulation.scene import Scene
@@ -131,9 +131,9 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
 def test_the_page_shows_each_training_once_by_the_name_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     with pytest.raises(ConfigError, match=r"no policy.safetensors"):
-        build_walk_report(tmp_path, "pupper_v2", "motorprior report")
+        write_training_page(tmp_path, "pupper_v2", "motorprior report")
     for name, changes in {"slow_0": {}, "slow_1": {"seed": 1}, "pace": {"gait": "pace"}}.items():
         run_walk(walk(tmp_path / name, iterations=1, episode_steps=5, **changes))
-    page = unescape(build_walk_report(tmp_path, "pupper_v2", "motorprior report").read_text("utf-8"))
+    page = unescape(write_training_page(tmp_path, "pupper_v2", "motorprior report").read_text("utf-8"))
     assert page.count("data:image/gif") == 2
     assert all(f"Trained on {name}, in its training simulation" in page for name in ("slow", "pace"))

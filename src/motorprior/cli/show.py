@@ -24,7 +24,6 @@ from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
-from motorprior.commands.walk_report import build_walk_report
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.adapt import OutlierTest
 from motorprior.identification.evaluation.log_tables import (
@@ -255,5 +254,7 @@ class Report:
 
 def report(config: Report) -> None:
     """Write the page and print its path."""
+    from motorprior.report.trainings import write_training_page  # here: it imports matplotlib
+
     command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
-    print(build_walk_report(config.run, config.robot, command))
+    print(write_training_page(config.run, config.robot, command))

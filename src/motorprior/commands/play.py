@@ -25,7 +25,7 @@ from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import TrainedPolicy, evaluation_seed, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
-from motorprior.studies.gait_quality import gait_quality, headings, quality_results, steps_along_heading
+from motorprior.studies.gait_quality import gait_quality, quality_results
 
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
 _STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures that need one constant command
@@ -88,12 +88,10 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
                 task.advance()
         results = sum((_measured(config, robot, *named, commanded) for named in episodes.items()), Results())
         write_results(config.out, results)
-        walks = [_until_end(episode.trace, steps) for episode in episodes.values()]
-        titles = [f"{name}, {_TITLES[config.environment]}" for name in policies]
-        notes = [_notes(robot, each, walk, commanded) for each, walk in zip(episodes.values(), walks, strict=True)]
-        path = film.write_film(config.out, robot, walks, titles, notes, progress)
+        titled = {f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()}
+        path = film.write_film(config.out, robot, titled, commanded, progress)
     if config.viewer:
-        show(robot, walks, robot.control_dt)
+        show(robot, [film.until_end(episode.trace, steps) for episode in episodes.values()], robot.control_dt)
     return path, results
 
 
@@ -152,18 +150,3 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
         return measured
     rows = [row for row in measured if row.quantity not in _STEADY_ONLY]
     return Results.of([*rows, Result("speed_off", "m/s", episode.speed_error, name, config.environment)])
-
-
-def _until_end(trace: np.ndarray, steps: int) -> np.ndarray:
-    """The trace, its last frame repeated up to ``steps``."""
-    return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
-
-
-def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarray) -> list[str]:
-    """Per frame: time, distance along the heading, and the command or, after a fall, "fell"."""
-    distance = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
-    notes = []
-    for step, (way, (forward, turn)) in enumerate(zip(distance, commanded, strict=True)):
-        state = f"command {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
-        notes.append(f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {state}")
-    return notes

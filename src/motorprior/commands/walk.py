@@ -21,8 +21,9 @@ from motorprior.simulation.motors import motors_as_json
 from motorprior.simulation.training import Training, WalkSettings
 from motorprior.simulation.training_files import CHECKPOINT, TrainingFiles
 from motorprior.stage import description, digest, is_finished, working, write_results
+from motorprior.studies.compare import POLICY
 
-POLICY, CURVE, PICTURE, SEED_FOLDER = "policy.safetensors", "curve.json", "seeds.png", "seed_{}"
+CURVE, PICTURE, SEED_FOLDER = "curve.json", "seeds.png", "seed_{}"
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
 _WITHOUT_EFFECT = ("workers", "executor", "ray_address", "tensorboard")  # on the result
 

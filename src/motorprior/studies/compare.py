@@ -27,6 +27,7 @@ from motorprior.simulation.scene import Engine, Scene, WalkConfig
 from motorprior.studies.environments import ENCODER_NOISE, twin_scene
 from motorprior.studies.gait_quality import share_upright
 
+POLICY = "policy.safetensors"  # in the folder of a training
 DURATION_STEPS = 500  # control steps of a walk of 5 s
 DRAWS = 24  # walks of an evaluation
 EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes

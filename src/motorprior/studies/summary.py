@@ -17,7 +17,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from motorprior.artifacts import write_text
-from motorprior.files import read_text
 from motorprior.results import Result, Results
 from motorprior.studies import statistics
 from motorprior.studies.environments import ENVIRONMENTS
@@ -33,7 +32,6 @@ COMPARED = ("speed", "upright")
 OWN, OWN_FOREIGN = "own", "own_foreign"  # training simulations, the second of policies for out-of-family motors
 PLACES = (OWN, OWN_FOREIGN, *ENVIRONMENTS)
 _KEYS = {"place": str, "condition": str, "seed": int, "draw": int}
-_MAX_TABLE = 100_000_000  # bytes
 
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
@@ -80,7 +78,7 @@ def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:
 
 def read_walks(path: Path) -> list[WalkRow]:
     """Read what `write_walks` wrote."""
-    rows = csv.DictReader(io.StringIO(read_text(path, _MAX_TABLE), newline=""))
+    rows = csv.DictReader(io.StringIO(path.read_text("utf-8"), newline=""))
     return [
         {name: _KEYS[name](text) if name in _KEYS else float(text or "nan") for name, text in row.items()}
         for row in rows

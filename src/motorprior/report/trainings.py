@@ -6,15 +6,16 @@ import re
 from pathlib import Path
 
 from motorprior.artifacts import write_text
-from motorprior.commands.walk import CURVE, POLICY
 from motorprior.exceptions import ConfigError
+from motorprior.report.chapters import gaits, learning
+from motorprior.report.page import page
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import PAGE
-from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
+from motorprior.studies.compare import DURATION_STEPS, POLICY, TrainedPolicy, run_walks, straight_ahead
 
 
-def build_walk_report(run: Path, robot_name: str, command: str) -> Path:
+def write_training_page(run: Path, robot_name: str, command: str) -> Path:
     """Write report.html on the policies in ``run`` or one folder below it; returns its path.
 
     Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
@@ -28,9 +29,6 @@ def build_walk_report(run: Path, robot_name: str, command: str) -> Path:
     Raises:
         ConfigError, ArtifactError: no policy there, or one that cannot be read or whose motors cannot be found.
     """
-    from motorprior.report.chapters import gaits, learning  # here, since they import matplotlib
-    from motorprior.report.page import page
-
     trainings: dict[str, list[Path]] = {}
     for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):
         trainings.setdefault(_training(run, policy.parent), []).append(policy.parent)
@@ -42,7 +40,7 @@ def build_walk_report(run: Path, robot_name: str, command: str) -> Path:
         trained = TrainedPolicy.load(seeds[0] / POLICY, robot)
         walk = WalkConfig(DURATION_STEPS, randomization=trained.randomization, commands=straight_ahead(trained.robot))
         traces[name] = run_walks(trained.scene(walk), trained.policy.arrays(), [0])[0].trace
-        if with_curve := [folder for folder in seeds if (folder / CURVE).is_file()]:
+        if with_curve := [folder for folder in seeds if (folder / "curve.json").is_file()]:
             learned[name] = with_curve
     sections = [*([learning(learned)] if learned else []), gaits(robot, traces)]
     settings = {"robot": robot_name, "policies": sum(map(len, trainings.values()))}
