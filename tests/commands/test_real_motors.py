@@ -36,8 +36,7 @@ def logs(tmp_path: Path) -> Path:
 
 
 def report_of(logs: Path, out: Path) -> tuple[Results, list[str]]:
-    shown: list[str] = []
-    return run_real_motors(RealMotors(logs, out), show=lambda results, lines: shown.extend(lines)), shown
+    return run_real_motors(RealMotors(logs, out)), read_traces(out)[1]
 
 
 def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):

@@ -92,20 +92,15 @@ def logs_check(config: LogsCheck) -> None:
 def demo(config: Demo) -> None:
     """See `run_demo`."""
     # the result does not depend on out and workers
-    results = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")), _real_motors)
+    results = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")))
+    if config.logs is not None:
+        spans = {FREE_RUN_RMSE: "1 s", WHOLE_RUN_RMSE: "whole log"}
+        titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
+        table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
+        table("Constants of your motors", *constant_table(constants_in(results)))
     _fidelity(results)
     _transferred(results)
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
-
-
-def _real_motors(results: Results, lines: list[str]) -> None:
-    spans = {FREE_RUN_RMSE: "1 s", WHOLE_RUN_RMSE: "whole log"}
-    titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
-    table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
-    if constants := constants_in(results):
-        table("Constants of your motors", *constant_table(constants))
-    for line in lines:
-        print(f"- {line}")
 
 
 def adapt(config: Adapt) -> None:
@@ -223,6 +218,8 @@ def transfer(config: TransferCommand) -> None:
             raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
         _study(Study(**study))
     else:
+        if not config.walks:
+            raise ConfigError("no policy given", remedy="give the folders of at least one walk")
         for field in fields(Study):
             if field.name not in settings and study[field.name] != field.default:
                 raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)

@@ -13,7 +13,7 @@ from motorprior.artifacts import read_json, write_text
 from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.real_motors import RealMotors, Show, run_real_motors
+from motorprior.commands.real_motors import RealMotors, run_real_motors
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
 from motorprior.commands.walk import SEEDS_APART, Walk, run_walk
@@ -70,16 +70,13 @@ class Demo:
     the shipped one replaces a robot that cannot walk or has no fleet."""
 
 
-def run_demo(
-    config: Demo, progress: Progress = SILENT, command: str = "", show: Show = lambda found, lines: None
-) -> Results:
+def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
     Args:
         config: settings.
         progress: reports to the user.
         command: command line that makes the same page, to print on it.
-        show: called with the comparison of the motors of real logs.
 
     Returns:
         All measurements, also in results.json and, by name, in figures.json.
@@ -110,7 +107,7 @@ def run_demo(
             (out / name).unlink(missing_ok=True)
         if given.logs is not None:
             real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
-            results += run_real_motors(real, progress, show)
+            results += run_real_motors(real, progress)
             sections.append(chapters.real_motors(out / "real_motors"))
             progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
         priors = _identify_priors(config, progress)

@@ -98,11 +98,10 @@ def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
         target = out / f"{recording_name(path)}.parquet"
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
-        targets[target] = path
-    for target in targets:
-        if target.exists() and any(path.exists() and target.samefile(path) for path in paths):
+        if path.exists() and target.exists() and target.samefile(path):
             problem = "out: the import would overwrite the recording"
             raise ConfigError(problem, where=target, remedy="give another folder", argument="out")
+        targets[target] = path
     return targets
 
 

@@ -6,12 +6,11 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.evaluation.traces import read_traces, write_traces
+from motorprior.identification.evaluation.traces import write_traces
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.log_folder import LogFolder, read_log_folder
 from motorprior.logs.motor_log import POSTURES, MotorLog
@@ -50,16 +49,8 @@ class RealMotors:
     """Robot of the logs: a shipped one by name, or a .toml file; not used for logs with other joints."""
 
 
-Show: TypeAlias = Callable[[Results, list[str]], None]
-
-
-def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show = lambda found, lines: None) -> Results:
+def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
     """Fit and evaluate, or read the results if the folder holds them already.
-
-    Args:
-        config: settings.
-        progress: where to report to.
-        show: called with the results and lines for the user, also if they are not new.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, column map or robot that cannot be used.
@@ -71,9 +62,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             _write_report(config, folder, robot, progress)
-    results = read_results(config.out)
-    show(results, read_traces(config.out)[1])
-    return results
+    return read_results(config.out)
 
 
 def read_logs_of(config: RealMotors) -> LogFolder:

@@ -1,10 +1,9 @@
 """The transfer study: policies trained on each model of a bench's motors, evaluated on held-out robots.
 
-1. Record a bench of motors; fit the models to it.
+1. Record a bench of motors; fit the models to it. Adapt the prior and a PD to ten seconds of log of each robot.
 2. Select the range of the randomised PD on a fleet that no test environment uses.
-3. Adapt the prior and a PD to ten seconds of log of each robot.
-4. Train a policy per condition and seed; evaluate it in its training simulation and in four environments.
-5. Summarise: interquartile mean speed and mean time upright with 95 % intervals; differences from the sampled prior
+3. Train a policy per condition and seed; evaluate it in its training simulation and in four environments.
+4. Summarise: interquartile mean speed and mean time upright with 95 % intervals; differences from the sampled prior
    with permutation p-values, corrected by Holm.
 """
 
@@ -85,8 +84,7 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
         own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, name)]
         found[spread] = {measure: summary.estimate(own, measure).value for measure in summary.COMPARED}
     best = max(found, key=lambda spread: (found[spread]["upright"], found[spread]["speed"]))
-    by_range = {f"{spread:g}": walked for spread, walked in found.items()}
-    write_json(search.out / SPREADS, {"fleet": fleet, "tried": by_range, "chosen": best})
+    write_json(search.out / SPREADS, {"fleet": fleet, "tried": found, "chosen": best})
     progress.note(f"range of the randomised PD, selected on the fleet {fleet!r}: {best:g}")
     return replace(config, spread=best)
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -29,7 +28,6 @@ if TYPE_CHECKING:  # they import msgpack, which is an extra
     from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 
 TWIN_STREAM = 0x7710  # separates the motors of virtual robots from those of benches, training and transfer studies
-_MAX_START = 60.0  # [s]
 _HOMING_TIME = 1.0  # [s], a little more than homing takes
 
 
@@ -121,13 +119,12 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
     process.start()
     other_end.close()
     try:
-        answer = None
-        with suppress(EOFError):
-            answer = connection.recv() if connection.poll(_MAX_START) else None
+        try:
+            answer = connection.recv()
+        except EOFError:
+            raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above") from None
         if isinstance(answer, MotorPriorError):
             raise answer
-        if answer is None:
-            raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above")
         if settings.homing:
             time.sleep(_HOMING_TIME)
         yield answer
@@ -143,13 +140,10 @@ def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection
 
     os.setsid()  # the terminal's signals go to the host, which must crouch the robot
     try:
-        virtual, body = make_virtual_robot(load_robot(robot_name), settings)
+        virtual, _ = make_virtual_robot(load_robot(robot_name), settings)
     except MotorPriorError as error:
         connection.send(error)
         return
-    start = body.simulated.position()
     connection.send(virtual.port)
     with real_time():
         virtual.run(connection.poll)
-    forward, left = body.simulated.position() - start
-    print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)
