@@ -45,38 +45,31 @@ def damaged(table: Path, change: Callable[[np.ndarray], np.ndarray | None]) -> N
     np.savetxt(table, rows if changed is None else changed, delimiter=",", header=head, comments="")
 
 
-def scaled(columns: slice, factor: float) -> Callable[[np.ndarray], None]:
-    def change(rows: np.ndarray) -> None:
-        rows[:, columns] *= factor
-
-    return change
+def reversed_command(rows: np.ndarray) -> None:
+    rows[:, 2] *= -1.0
 
 
-def wrapped(rows: np.ndarray) -> None:
-    rows[:, 1:] %= 2 * np.pi
+def in_degrees(rows: np.ndarray) -> None:
+    rows[:, 1:] *= 180.0 / np.pi
+
+
+def in_milliseconds(rows: np.ndarray) -> None:
+    rows[:, 0] *= 1e3
 
 
 def failed_reads(rows: np.ndarray) -> None:
     rows[200:203, 5] = -np.pi
 
 
-DEGREES = 180.0 / np.pi
-
-
 @pytest.mark.parametrize(
     ("damage", "says", "entry", "mend"),
     [
-        (scaled(slice(2, 3), -1), "[joints.….position_target]", "[joints.FR_knee.position_target]\nsign = -1\n", None),
-        (scaled(slice(1, 7), DEGREES), 'angle = "deg"', '[units]\nangle = "deg"\n', None),
-        (
-            scaled(slice(4, 7), DEGREES), 'angle = "deg"',
-            "".join(f'[joints.{joint}.joint_pos]\nangle = "deg"\n' for joint in JOINTS), None,
-        ),
-        (scaled(slice(1), 1e3), 'time = "s", "ms"', '[units]\ntime = "ms"\n', None),
-        (wrapped, "numpy.unwrap", "", lambda rows: np.column_stack([rows[:, 0], np.unwrap(rows[:, 1:], axis=0)])),
+        (reversed_command, "[joints.….position_target]", "[joints.FR_knee.position_target]\nsign = -1\n", None),
+        (in_degrees, 'angle = "deg"', '[units]\nangle = "deg"\n', None),
+        (in_milliseconds, 'time = "s", "ms"', '[units]\ntime = "ms"\n', None),
         (failed_reads, "delete these rows", "", lambda rows: np.delete(rows, slice(200, 203), axis=0)),
     ],
-)  # fmt: skip
+)
 def test_what_the_doctor_advises_can_be_done(
     motorprior: Command, tmp_path: Path, damage: Callable, says: str, entry: str, mend: Callable | None
 ):

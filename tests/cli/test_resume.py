@@ -12,6 +12,7 @@ import pytest
 
 from motorprior.artifacts import read_json, read_tensors
 from motorprior.bench.fleet import fleet_path
+from motorprior.identification.fit_prior import CHECKPOINT, PRIOR
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
@@ -116,3 +117,18 @@ def test_a_policy_finds_its_prior_after_both_were_moved(motorprior: Command, tmp
     assert motorprior("walk", "--motors", motors, *small, "--out", old / "walk").code == 0
     old.rename(new)
     assert motorprior("transfer", new / "walk", "--out", new / "transfer").code == 0
+
+
+def test_an_interrupted_identification_ends_at_the_same_bytes(
+    motorprior: Command, ctrl_c: Callable[[int], None], bench: Path, tmp_path: Path
+):
+    line = ("identify", bench, "--preset", "paper_wide", "--steps", 1200, "--out")  # checkpoints at 500 and 1000
+    assert motorprior(*line, tmp_path / "whole").code == 0
+    out = tmp_path / "prior"
+    for losses in (5, 10):
+        ctrl_c(6)
+        assert motorprior(*line, out).code == 130
+        assert not (out / PRIOR).exists() and len(read_tensors(out / CHECKPOINT)[0]["losses"]) == losses
+    ctrl_c(0)
+    assert motorprior(*line, out).code == 0
+    assert (out / PRIOR).read_bytes() == (tmp_path / "whole" / PRIOR).read_bytes() and not (out / CHECKPOINT).exists()

@@ -142,11 +142,11 @@ def validate_log(config: ValidateLog) -> None:
     trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
     table(f"Free runs, joint RMSE [mrad], over joints{warning}", *error_table(results, SPANS))
-    shares = []
-    for model in (ADAPTED, "prior"):
-        for quantity, span in SPANS.items():
-            values = [results.value(quantity=f"{COVERAGE[quantity]}{level}", model=model) for level in (50, 90)]
-            shares.append([model, span, *(f"{100 * value:.0f}" for value in values)])
+    shares = [
+        [model, span, *(f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}" for level in (50, 90))]
+        for model in (ADAPTED, "prior")
+        for coverage, span in zip(COVERAGE.values(), SPANS.values(), strict=True)
+    ]
     table(f"Recorded angles inside the bands [%]{warning}", ["model", "free runs", "50 % band", "90 % band"], shares)
 
 
@@ -216,23 +216,19 @@ def transfer(config: TransferCommand) -> None:
     if config.study:
         if config.walks or config.engine is not None:
             raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
-        _study(Study(**study))
-    else:
-        if not config.walks:
-            raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-        for field in fields(Study):
-            if field.name not in settings and study[field.name] != field.default:
-                raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
-        _transferred(run_transfer(Transfer(**settings), TERMINAL))
+        from motorprior.report.study import difference_table, headline_table  # here: it imports matplotlib
 
-
-def _study(config: Study) -> None:
-    from motorprior.report.study import difference_table, headline_table  # here: it imports matplotlib
-
-    found = run_study(config, TERMINAL, command_line("transfer --study", config))
-    for each in (headline_table(found), difference_table(found)):
-        table(each.caption, each.columns, each.rows)
-    print(config.out / PAGE)
+        found = run_study(Study(**study), TERMINAL, command_line("transfer --study", Study(**study)))
+        for each in (headline_table(found), difference_table(found)):
+            table(each.caption, each.columns, each.rows)
+        print(config.out / PAGE)
+        return
+    if not config.walks:
+        raise ConfigError("no policy given", remedy="give the folders of at least one walk")
+    for field in fields(Study):
+        if field.name not in settings and study[field.name] != field.default:
+            raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
+    _transferred(run_transfer(Transfer(**settings), TERMINAL))
 
 
 def _transferred(results: Results) -> None:

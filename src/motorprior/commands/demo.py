@@ -91,7 +91,8 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         name = "suspended" if config.suspended else "columns"
         raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     given, config = config, with_walking_robot(config)
-    robot, out, results, sections = load_robot(config.robot), config.out, Results(), list[Section]()
+    robot, out, results = load_robot(config.robot), config.out, Results()
+    sections: list[Section] = []
     robot.require_legs()
     require_count("motors", config.motors, robot.num_joints)
     for name in ("iterations", "seeds", "workers"):
