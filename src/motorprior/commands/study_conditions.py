@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
@@ -191,9 +190,10 @@ def _motors(config: Study, name: str, population: str, seed: int) -> str:
     if name == "pd_randomised":
         return randomized_pd(config, config.spread or 0.0)
     if name in FITTED_PDS:
-        return motor_text("pd", **_constants(config.out / "fits", name))
+        return motor_text("pd", **read_json(config.out / "fits" / FITS)[name]["constants"])
     if name == "pd_adapted":
-        return motor_text("pd", **_constants(_robot_folder(config, population, seed, name), name))
+        fits = read_json(_robot_folder(config, population, seed, name) / FITS)
+        return motor_text("pd", **fits[name]["constants"])
     prior = prior_path(config, PRESETS[name])
     if name == "prior_adapted":
         return motor_text("posterior", file=_robot_folder(config, population, seed) / POSTERIOR, prior=prior)
@@ -202,11 +202,7 @@ def _motors(config: Study, name: str, population: str, seed: int) -> str:
 
 def randomized_pd(config: Study, spread: float) -> str:
     """The PD with friction; its constants vary by a relative range ``spread``."""
-    return motor_text("pd", spread=spread, **_constants(config.out / "fits", "pd_friction"))
-
-
-def _constants(folder: Path, fit: str) -> dict[str, Any]:
-    return read_json(folder / FITS)[fit]["constants"]
+    return motor_text("pd", spread=spread, **read_json(config.out / "fits" / FITS)["pd_friction"]["constants"])
 
 
 def prior_path(config: Study, preset: str) -> Path:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import Fleet, load_robot_fleet
 from motorprior.bounds import require_seed
-from motorprior.exceptions import ConfigError, MotorPriorError, RobotFault
+from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.settings import require_robot_extra
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -41,8 +41,8 @@ class VirtualRobotSettings:
     """Number of the robot; every number has other motors."""
     suspended: bool = False
     """Suspended in the air instead of on the ground."""
-    rate: int = 100
-    """Telemetry frames per second, 100 or 200."""
+    rate: Literal[100, 200] = 100
+    """Telemetry frames per second."""
     currents: bool = False
     """The firmware sends motor currents."""
     homing: bool = True
@@ -96,9 +96,6 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
     from motorprior.hardware.virtual.virtual_robot import VirtualRobot
 
     require_seed(settings.seed)
-    if settings.rate not in (100, 200):
-        problem = f"robot.rate {settings.rate} is not a rate of the firmware"
-        raise ConfigError(problem, remedy="give 100 or 200", argument="robot.rate")
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = TwinBody(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, homes=settings.homing)
