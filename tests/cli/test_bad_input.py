@@ -123,13 +123,12 @@ BROKEN_PRIORS = {
 
 @pytest.mark.parametrize(("edit", "words"), BROKEN_PRIORS.values(), ids=list(BROKEN_PRIORS))
 def test_a_broken_prior_is_rejected_by_every_reader(
-    refused: Command, tmp_path: Path, bench: Path, prior: Path, edit: Edit, words: tuple[str, ...]
+    refused: Command, tmp_path: Path, prior: Path, edit: Edit, words: tuple[str, ...]
 ):
     copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
     edit(copy)
     out = ("--out", tmp_path / "out")
     refused("validate", copy, *out, words=(str(copy), *words))
-    refused("adapt", copy, bench / "log.parquet", *out, words=(str(copy), *words))
     refused("walk", "--motors", f"prior:{copy}", *out, words=(str(copy), *words))
 
 

@@ -95,7 +95,7 @@ def _covered(
             central, joint = replayer.joint_pos(problem.actuator(name, found.center)), replayer.excited[-1]
             columns = (log.position_target, log.joint_pos, central, low, high)
             target, measured, *drawn = (each[:, joint] for each in columns)
-            models = dict(zip(("central motor", "5 %", "95 %"), drawn, strict=True))
+            models: dict[str, np.ndarray] = dict(zip(("central motor", "5 %", "95 %"), drawn, strict=True))
             traces.append(Trace(name, log.joint_names[joint], log.time, target, measured, models))
             task.advance()
     (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
