@@ -141,13 +141,11 @@ def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
         bench = Bench(out, config.fleet, preset, config.motors, config.bench_steps, config.seed, config.robot)
         run_bench(bench, progress)
     folders = {preset: config.out / "priors" / preset for preset in PRESETS}
-    fits = [
-        Identify(
-            benches.get(preset, benches["rollout"]), out, preset, config.seed, network_steps(preset, config.adam_steps)
-        )
-        for preset, out in folders.items()
-    ]
-    in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
+    works = []
+    for preset, out in folders.items():
+        bench, steps = benches.get(preset, benches["rollout"]), network_steps(preset, config.adam_steps)
+        works.append(partial(run_identify, Identify(bench, out, preset, config.seed, steps)))
+    in_parallel(works, config.workers, progress)
     return {preset: out / PRIOR for preset, out in folders.items()}
 
 

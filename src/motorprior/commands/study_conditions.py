@@ -213,20 +213,17 @@ def prior_path(config: Study, preset: str) -> Path:
 def fit_models(config: Study, threads: int, progress: Progress) -> None:
     """Record the benches; identify the priors and fit the PDs that the conditions need."""
     used = {PRESETS[name] for name in config.conditions if name in PRESETS}
-    presets = [preset for preset in ("rollout", "paper", "paper_wide", "one_network") if preset in used]
+    presets = sorted(used, reverse=True)  # the longest first
     needs_pds = any(name in config.conditions for name in (*FITTED_PDS, "pd_randomised"))
     benches = {preset: config.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in presets}
     rollout = config.out / "bench" / "rollout"
     for out in dict.fromkeys((*benches.values(), rollout) if needs_pds else benches.values()):
         bench = Bench(out, config.fleet, out.name, config.motors, config.bench_steps, config.seed, config.robot)
         run_bench(bench, progress)
-    fits = [
-        Identify(
-            bench, prior_path(config, preset).parent, preset, config.seed, network_steps(preset, config.adam_steps)
-        )
-        for preset, bench in benches.items()
-    ]
-    works = [partial(run_identify, fit) for fit in fits]
+    works = []
+    for preset, bench in benches.items():
+        out, steps = prior_path(config, preset).parent, network_steps(preset, config.adam_steps)
+        works.append(partial(run_identify, Identify(bench, out, preset, config.seed, steps)))
     if needs_pds:
         works.append(partial(_fit_pds, config, rollout / "log.parquet", config.out / "fits", FITTED_PDS))
     in_parallel(works, threads, progress)

@@ -95,10 +95,8 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
             problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
             raise ConfigError(problem, where=path, remedy=remedy)
     if robot.legs and benches[0].motors < robot.num_joints:
-        raise ConfigError(
-            f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
-            remedy=f"record a bench of {robot.num_joints} motors or more",
-        )  # fmt: skip
+        problem = f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}"
+        raise ConfigError(problem, where=paths[0], remedy="record a bench of as many motors or more")
     return priors, benches[0]
 
 

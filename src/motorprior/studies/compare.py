@@ -147,6 +147,11 @@ class TrainedPolicy:
             where = self.path if error.where is None else f"{self.path}: {error.where}"
             raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
 
+    @property
+    def randomization(self) -> Randomization:
+        """Randomization of its training; none if the file records none."""
+        return Randomization(**self.policy.provenance.get("randomization", {}))
+
     def scene(self, walk: WalkConfig, engine: Engine | None = None) -> Scene:
         """The simulation of its training.
 
@@ -157,14 +162,9 @@ class TrainedPolicy:
         Raises:
             ArtifactError, ConfigError: missing motors, or an engine that is not installed.
         """
-        motors, recorded = self.motors, self.policy.provenance
-        walk = replace(walk, gait=self.policy.gait, engine=engine or recorded.get("engine", "mujoco"))
+        motors, engine = self.motors, engine or self.policy.provenance.get("engine", "mujoco")
+        walk = replace(walk, gait=self.policy.gait, engine=engine)
         return Scene(self.robot, motors.draw, walk, motors.physics_dt)
-
-    @property
-    def randomization(self) -> Randomization:
-        """Randomization of its training; none if the file records none."""
-        return Randomization(**self.policy.provenance.get("randomization", {}))
 
 
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:

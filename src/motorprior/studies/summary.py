@@ -78,11 +78,11 @@ def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:
 
 def read_walks(path: Path) -> list[WalkRow]:
     """Read what `write_walks` wrote."""
-    rows = csv.DictReader(io.StringIO(path.read_text("utf-8"), newline=""))
-    return [
-        {name: _KEYS[name](text) if name in _KEYS else float(text or "nan") for name, text in row.items()}
-        for row in rows
-    ]
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            {name: _KEYS[name](text) if name in _KEYS else float(text or "nan") for name, text in row.items()}
+            for row in csv.DictReader(file)
+        ]
 
 
 def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
