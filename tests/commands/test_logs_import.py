@@ -61,11 +61,11 @@ def write_swing(folder: Path) -> tuple[Path, str]:
     return path, str(folder / "map.toml")
 
 
-def of_pupper(**channels: np.ndarray) -> MotorLog:
+def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
     angle = np.tile(ANGLE[:, :1], (1, PUPPER.num_joints))
     return MotorLog(
         time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER.joint_names, robot=PUPPER.name,
-        motor=PUPPER.motor, source="a test", **channels,
+        motor=PUPPER.motor, source="a test", posture=posture,
     )  # fmt: skip
 
 

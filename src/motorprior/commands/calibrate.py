@@ -117,8 +117,8 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
     """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
     rows: list[Result] = []
     for name in problem.replayers:
-        fits = {"start": (problem.mean, None), "center": (found.center, None)}
-        fits["per_motor"] = (found.center, found.offsets)
+        center = found.center
+        fits = {"start": (problem.mean, None), "center": (center, None), "per_motor": (center, found.offsets)}
         if found.left_out:
             center, offsets = found.left_out[name]
             fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
