@@ -3,7 +3,7 @@
     python benchmarks/acceptance.py run --data DIR --out runs/acceptance
     python benchmarks/acceptance.py compare benchmarks/acceptance.json runs/acceptance/acceptance.json
 
-`run` runs the demo, the quick transfer study and the benchmarks on real logs and on fleets, with one fold per robot and
+`run` runs the demo, a small transfer study and the benchmarks on real logs and on fleets, with one fold per robot and
 few motors, and collects their figures in acceptance.json. Finished runs are reused; about 40 minutes on two cores.
 `compare` lists changed and missing figures and exits with 1 if there are any. The same seed gives the same figures for
 any number of workers, so the tolerance only covers differences between processors.
@@ -25,6 +25,10 @@ import numpy as np
 import tyro
 
 BENCHMARKS = Path(__file__).parent
+QUICK = [
+    *("--seeds", "2", "--draws", "4", "--seconds", "6", "--iterations", "8", "--spread", "0.2"),
+    *("--motors", "16", "--bench-steps", "4000", "--adam-steps", "200"),
+]
 SMALL = ["--motors", "16", "--steps", "2000", "--adam-steps", "100"]
 COLLECTED = "acceptance.json"
 
@@ -52,7 +56,7 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
     product, real = ["-m", "motorprior"], [str(BENCHMARKS / "real_logs.py"), "--data", str(data)]
     return {
         "demo": [*product, "demo", "--out", str(out / "demo")],
-        "study": [*product, "transfer", "--study", "--quick", "--out", str(out / "study")],
+        "study": [*product, "transfer", "--study", *QUICK, "--out", str(out / "study")],
         "real_logs": [*real, "--folds", "1", "--seconds", "12", "--adam-steps", "100", "--out", str(out / "real_logs")],
         "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL, "--out", str(out / "fidelity")],
         "foreign": [str(BENCHMARKS / "foreign.py"), *SMALL, "--out", str(out / "foreign")],

@@ -123,14 +123,9 @@ class Training:
         iterations = self.iterations if start is None else self.further
         speeds, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
         walk = Walk(
-            out=out,
-            motors=motors,
-            start=start,
-            iterations=iterations,
-            episode_steps=EPISODE_STEPS,
-            commands=speeds,
+            out=out, motors=motors, start=start, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
             search=search,
-        )
+        )  # fmt: skip
         run_walk(walk, Lines(sys.stderr), out.name)
         return out / POLICY
 

@@ -3,12 +3,11 @@
     python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
 
 Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, suspended
-and on the ground, 12 random trots of 2 s; then the time of an iteration of ARS in both.
+and on the ground, 12 random trots of 2 s.
 """
 
 import argparse
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,23 +17,15 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
-from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import make_executor
-from motorprior.locomotion.policy_search import PolicySearch
-from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
-from motorprior.simulation import bullet_world
 from motorprior.simulation.bullet_world import BulletWorld
-from motorprior.simulation.env import simulator_of
 from motorprior.simulation.playback import replay
-from motorprior.simulation.scene import ENGINES, Scene, WalkConfig
 from motorprior.simulation.world import World
 from motorprior.studies.robot_fidelity import trot_targets
 
 DRAWS, STEPS = 12, 200
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
 # (control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step
 Motion = tuple[np.ndarray, np.ndarray]
@@ -99,43 +90,10 @@ def main() -> None:
             medians = np.median(rows, axis=0)
             figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
             print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
-    figures |= convergence(prior) | iteration_seconds(prior)
     if options.json:
         write_json(options.json, figures)
     if options.figure:
         draw_figure(options.figure, motions)
-
-
-def convergence(prior: MotorPrior) -> dict[str, float]:
-    """Difference between the shipped number of solver iterations and ten times as many, on the ground."""
-    rng = np.random.default_rng(0)
-    targets, motors = trot_targets(PUPPER_V2, rng, STEPS), motors_of("pd_armature_delay", prior, rng)
-    motions = []
-    shipped = bullet_world.SOLVER_ITERATIONS
-    for iterations in (shipped, 10 * shipped):
-        bullet_world.SOLVER_ITERATIONS = iterations
-        world = BulletWorld(PUPPER_V2)
-        motions.append(in_bullet(world, motors, targets))
-        world.close()
-    bullet_world.SOLVER_ITERATIONS = shipped
-    apart = 1e3 * float(rmse(motions[0][0], motions[1][0]))
-    print(f"{shipped} against {10 * shipped} solver iterations: {apart:.2g} mrad")
-    return {"iterations_rmse_mrad": apart}
-
-
-def iteration_seconds(prior: MotorPrior) -> dict[str, float]:
-    """Time of the second ARS iteration (32 episodes of up to 250 control steps) on one core."""
-    figures = {}
-    for kind in KINDS[:-1]:
-        for engine in ENGINES:
-            scene = Scene(PUPPER_V2, partial(motors_of, kind, prior), WalkConfig(engine=engine), 0.001)
-            search, executor = PolicySearch(ArsConfig(), SHAPE), make_executor(partial(simulator_of, scene), 1)
-            search.advance(executor)
-            started = time.perf_counter()
-            steps = search.advance(executor).mean_steps
-            figures[f"iteration_s/{kind}/{engine}"] = time.perf_counter() - started
-            print(f"{kind}, {engine}: {figures[f'iteration_s/{kind}/{engine}']:.2f} s per iteration, {steps:.0f} steps")
-    return figures
 
 
 def draw_figure(path: str, motions: dict[str, tuple[Motion, Motion]]) -> None:

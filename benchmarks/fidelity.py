@@ -28,8 +28,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import seconds_of, write_results
-from motorprior.studies.metrics import FIDELITY_METRICS
-from motorprior.studies.robot_fidelity import fidelity
+from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -74,7 +73,10 @@ def measure(settings: Settings) -> Results:
     found = run_validate(
         Validate((position_only,), settings.out / "validate" / "position_only", settings.seed), PROGRESS
     )
-    return results + found.where(model="rollout").having(model="position_only") + ensemble(settings)
+    paths = dict(zip(PRESETS, priors, strict=True)) | {"position_only": position_only}
+    times = (Result("identify_seconds", "s", seconds_of(path.parent), model) for model, path in paths.items())
+    results += found.where(model="rollout").having(model="position_only") + Results.of(times)
+    return results + ensemble(settings)
 
 
 def ensemble(settings: Settings) -> Results:

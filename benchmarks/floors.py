@@ -61,6 +61,7 @@ def gaussian(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuato
 def copula(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
     """Samples of the copula that a prior fits to the given motors."""
     box, _ = standardised(given.model, given.z)
+    assert isinstance(box, GreyBox)
     return GreyBoxActuator(box, rng.standard_normal((POPULATION, len(PARAMETERS))))
 
 

@@ -5,10 +5,6 @@
 MOTORS motors of the fleet, unchanged and with one constant changed, each adapted to some seconds of log:
     noticed/CHANGE/SECONDS     fraction of motors with a p-value below FALSE_ALARMS
     rmse_mrad/CHANGE/SECONDS   median closed-loop error of the posterior means on held-out gait + impacts
-
-For each shipped fleet of the robot, LOGS logs of MOTORS_PER_LOG motors:
-    refused/FLEET              fraction of the logs that `adapt` rejects
-    odd/FLEET                  fraction of the motors that are outliers
 """
 
 from __future__ import annotations
@@ -21,12 +17,10 @@ import numpy as np
 import tyro
 
 from motorprior.artifacts import write_json
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.commands.validate import load_priors
 from motorprior.identification.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED, bench_errors
-from motorprior.identification.prior_file import load_prior
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -43,7 +37,6 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 SECONDS = (2.0, 10.0, 30.0)
 MOTORS, STREAM = 16, 57
-LOGS, MOTORS_PER_LOG, LOG_SECONDS = 6, 12, 5.0
 
 
 @dataclass(frozen=True)
@@ -51,7 +44,6 @@ class Settings:
     """Settings of the benchmark."""
 
     prior: tyro.conf.Positional[Path]  # prior of preset rollout, identified from a bench
-    fleets_only: bool = False  # skip the changed motors; takes some minutes
     json: Path | None = None  # file for the figures
 
 
@@ -76,47 +68,19 @@ def measure(path: Path) -> Results:
     return Results.of(rows)
 
 
-def measure_fleets(path: Path) -> Results:
-    """Fraction of rejected logs and of outlying motors, for every shipped fleet of the robot."""
-    robot = load_robot(DEFAULT_ROBOT)
-    prior, preset = load_prior(path, robot), bench_preset("adapt").for_robot(robot)
-    rows: list[Result] = []
-    for name, _ in robot.fleets:
-        fleet, outliers = load_fleet(name), []
-        for number in range(LOGS):
-            motors = fleet.sample(
-                MOTORS_PER_LOG, np.random.default_rng([HELD_OUT_SEED, STREAM, number]), of_one_robot=True
-            )
-            log = record(motors, preset, round(LOG_SECONDS / preset.period), HELD_OUT_SEED + number, fleet)
-            found = outlier_test(prior, log, adapt_to(prior, log))
-            outliers.append([bool(reason) for reason in found.reason])
-        rows.append(Result("refused", "1", float(np.mean(np.any(outliers, axis=1))), part=name))
-        rows.append(Result("odd", "1", float(np.mean(outliers)), part=name))
-    return Results.of(rows)
-
-
 def main() -> None:
     """Measure, print a table, write."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    results = measure_fleets(settings.prior)
-    for row in results:
-        print(f"{row.part}: {row.quantity} {row.value:.2f}")
-    if not settings.fleets_only:
-        changed = measure(settings.prior)
-        _print_changes(changed)
-        results += changed
-    if settings.json is not None:
-        write_json(settings.json, results.to_figures())
-
-
-def _print_changes(results: Results) -> None:
+    results = measure(settings.prior)
     print(f"| changed constant | {' | '.join(f'detected, {s:g} s | error [mrad]' for s in SECONDS)} |")
     print("|---" * (1 + 2 * len(SECONDS)) + "|")
     for name in CHANGES:
         found = [results.where(part=name, seconds=seconds) for seconds in SECONDS]
         cells = [f"{one.value(quantity='noticed'):.2f} | {one.value(quantity='rmse_mrad'):.1f}" for one in found]
         print(f"| {name} | {' | '.join(cells)} |")
+    if settings.json is not None:
+        write_json(settings.json, results.to_figures())
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import BenchSettings, read_bench
@@ -94,6 +95,7 @@ def figures(settings: Settings, case: Case, priors: dict[str, MotorPrior], bench
         f"{kind}/{case.name}/{name}": float(np.median(errors[kind][name])) for kind in EXCITATIONS for name in PRESETS
     }
     for name, prior in priors.items():
+        assert isinstance(prior.model, GreyBox)
         fitted, true = prior.model.constants(prior.mean), require_geared(motors)
         for constant in CONSTANTS:
             value = float(np.corrcoef(fitted[constant], getattr(true, constant))[0, 1])

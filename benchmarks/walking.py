@@ -8,19 +8,16 @@ figures.json contains
                                            motors, noisy sensors) or hard (a twin with other friction, masses, slope,
                                            delayed sensors and pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
-    PLACE/commanded/QUANTITY/told …        commands to turn, walk backward, stand, stop and go (`turning.py`)
-    seconds_to_…, seeds_to_…               training time to 0.25 m/s if most seeds reach it, and the fraction that does,
-                                           see `seconds_to_goal`
-    oracle_/sampled_/twin_top_speed        maximum speeds, see `top_speeds`
+    PLACE/commanded/QUANTITY/told …        commands to turn, walk backward, stand, stop and go (COMMANDS)
 
 Finished benches, priors and policies are reused. Half an hour on two cores.
 """
 
 from __future__ import annotations
 
+import math
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -39,8 +36,6 @@ from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands, Timetable
 from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy import Policy, PolicyArrays, zero_policy
-from motorprior.locomotion.policy_search import PolicySearch
-from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -51,17 +46,28 @@ from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
 from motorprior.studies.compare import EVALUATION_SEED
 from motorprior.studies.environments import HARD, NOISY, twin_scene
-from motorprior.studies.gait_quality import gait_quality, quality_results
-from turning import TURNS, command_cases, command_errors, command_results
+from motorprior.studies.gait_quality import (
+    WARM_UP,
+    completed,
+    distance_along_heading,
+    gait_quality,
+    headings,
+    quality_results,
+)
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)  # 0.15, 0.275 and 0.4 m/s for the shipped robot
 PLACES = ("sampled", "twin", "hard")
-GOAL_SPEED, GOAL_UPRIGHT, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS = 0.25, 0.98, 0.3, 50, 10.0
-GOAL_EVERY, GOAL_ITERATIONS, TOP_UPRIGHT = 5, 100, 0.9
-GOAL_HEADING, GOAL_SIDEWAYS = 3.0, 0.05  # maximum heading error [°/m] and lateral share [-] of a straight walk
 UNTRAINED = "untrained_"
-TOP = 1.5  # maximum command over the robot's usual maximum, for the top speed; at 2.4 the gait falls at the start
+TURNS = "commanded/"  # prefix of the names of these quantities
+# commanded speed and yaw rate over the robot's fastest; forward and left are positive
+COMMANDS = (
+    (0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.1, 0.0),
+    (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),
+)  # fmt: skip
+STOP_AND_GO = ((0.8, 0.0), (1.0, 0.0, -1.0))  # schedules of commanded speeds over the fastest, straight on
+HOLD = 2.0  # duration of each command in STOP_AND_GO [s]
+UNITS = {"upright": "1", "speed_off": "m/s", "speed": "m/s", "yaw_rate": "rad/s"}
 
 
 @dataclass(frozen=True)
@@ -76,8 +82,7 @@ class Settings:
     iterations: int = 150  # of training
     draws: int = 24  # walks per environment and speed
     seconds: float = 20.0  # of a walk [s]
-    top_iterations: int = 150  # of training for the top speed; 0 skips the top speeds and the training times
-    hidden_units: int = 0  # of the policies; 0: linear. Training times and top speeds are those of linear policies
+    hidden_units: int = 0  # of the policies; 0: linear
     robust: bool = True  # randomise ground, masses, sensors and pushes in training; otherwise motors and commands only
     workers: int = 2  # threads
 
@@ -100,12 +105,11 @@ class Environments:
     workers: int
 
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
-        """Simulator of one environment, or of the twin's motors as in training ("oracle")."""
+        """Simulator of one environment."""
         if place == "sampled":
             motors = simulated_motors(MotorPrior.load(self.prior), self.robot)
             return WalkSimulator(Scene(self.robot, motors.draw, walk, motors.physics_dt))
-        if place != "oracle":
-            walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
+        walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
         return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
 
     def episodes(
@@ -126,7 +130,7 @@ class Environments:
         return Results.of(row for each in qualities for row in quality_results(each, "walk", place))
 
     def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
-        """How a policy follows the commands of `turning`."""
+        """How a policy follows COMMANDS and STOP_AND_GO."""
         steps, rows = round(settings.seconds / self.robot.control_dt), []
         for name, commands in command_cases(self.robot, settings.seconds).items():
             episodes = self.episodes(place, policy, commands, settings.draws, steps)
@@ -143,6 +147,54 @@ class Environments:
             walks = self.walks(place, policy, share * fastest, settings.draws, settings.seconds)
             found += means(walks, f"{share * fastest:.3g}")
         return Results.of(found)
+
+
+def command_cases(robot: Robot, seconds: float) -> dict[str, Commands | Timetable]:
+    """COMMANDS and STOP_AND_GO for walks of so many seconds, by their names in figures.json."""
+    cases: dict[str, Commands | Timetable] = {}
+    for share, turn in COMMANDS:
+        forward, yaw_rate = _speed(robot, share), turn * robot.require_legs().yaw_rate
+        cases[f"told {forward:.3g} m/s {yaw_rate:.3g} rad/s"] = Commands.steady(forward, yaw_rate)
+    for shares in STOP_AND_GO:
+        speeds = [_speed(robot, share) for share in shares]
+        rows = tuple((HOLD * k, speeds[k % len(speeds)], 0.0) for k in range(math.ceil(seconds / HOLD)))
+        cases[f"told {', '.join(f'{speed:.3g}' for speed in speeds)} m/s in turn"] = Timetable(rows)
+    return cases
+
+
+def _speed(robot: Robot, share: float) -> float:
+    """Speed [m/s] from a fraction of the fastest, forward if positive."""
+    slowest, fastest = robot.require_legs().forward
+    return share * (fastest if share > 0.0 else -slowest)
+
+
+def command_errors(robot: Robot, episodes: Sequence[Episode], steps: int) -> dict[str, float]:
+    """Fraction of walks without a fall, and means over these walks.
+
+    speed_off is the mean |filtered speed - command| [m/s], see `Episode.speed_error`; speed [m/s] is the distance along
+    the heading over time, and yaw_rate [rad/s] the turn over time.
+    """
+    whole = [each for each in episodes if completed(each, steps)]
+    found = {"upright": len(whole) / len(episodes)}
+    if whole:
+        found["speed_off"] = float(np.mean([each.speed_error for each in whole]))
+        rates = [_rates(robot, each) for each in whole]
+        found |= dict(zip(("speed", "yaw_rate"), map(float, np.mean(rates, axis=0)), strict=True))
+    return found
+
+
+def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
+    """Speed along the heading [m/s] and yaw rate [rad/s] after the first second."""
+    qpos = episode.trace[round(WARM_UP / robot.control_dt) :]
+    yaw = headings(qpos)
+    time = robot.control_dt * (len(qpos) - 1)
+    return distance_along_heading(qpos[:, :2], yaw) / time, float(yaw[-1] - yaw[0]) / time
+
+
+def command_results(place: str, name: str, seed: int, found: dict[str, float]) -> Iterator[Result]:
+    """The quantities of `command_errors` for one policy and one of the `command_cases`."""
+    for quantity, value in found.items():
+        yield Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed)
 
 
 def means(walks: Results, speed: str) -> list[Result]:
@@ -176,84 +228,6 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     return folder / POLICY
 
 
-def seconds_to_goal(environments: Environments, seed: int) -> tuple[float, float]:
-    """Training time until the best policy walks at 0.25 m/s, 98 % upright, on sampled motors [s]; infinite if never.
-
-    The second number is the time until it also walks straight: mean heading error <= 3 °/m, lateral share <= 5 %.
-    """
-    motors = simulated_motors(MotorPrior.load(environments.prior), environments.robot)
-    shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
-    scene = Scene(
-        environments.robot, motors.draw, WalkConfig(Walk.episode_steps, randomization=ROBUST), motors.physics_dt
-    )
-    search = PolicySearch(ArsConfig(seed=seed), shape)
-    executor, seconds, walking = make_executor(partial(WalkSimulator, scene), environments.workers), 0.0, float("inf")
-    for iterations in range(0, GOAL_ITERATIONS + 1, GOAL_EVERY):
-        began = time.monotonic()
-        search.train(executor, iterations)
-        seconds += time.monotonic() - began
-        rows = environments.walks("sampled", search.best, GOAL_COMMAND, GOAL_DRAWS, GOAL_SECONDS)
-        speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
-        heading, aside = (
-            rows.mean(quantity=name) if rows.where(quantity=name) else float("inf")  # all fell within two seconds
-            for name in ("heading_deg_per_m", "lateral_share")
-        )
-        PROGRESS.note(
-            f"seed {seed}: {seconds:.0f} s, {iterations} iterations: {speed:.2f} m/s, {upright:.0%} upright, "
-            f"heading {heading:.1f} °/m, {aside:.1%} lateral"
-        )
-        if speed >= GOAL_SPEED and upright >= GOAL_UPRIGHT:
-            walking = min(walking, seconds)
-            if heading <= GOAL_HEADING and aside <= GOAL_SIDEWAYS:
-                break
-    else:
-        seconds = float("inf")
-    executor.close()
-    return walking, seconds
-
-
-def top_speeds(settings: Settings, environments: Environments) -> list[Result]:
-    """Maximum speeds of two policies trained only on commands above the robot's usual range.
-
-    One is trained and tested on the twin's physical motors (oracle_top_speed). The other is trained on samples of the
-    prior and tested on samples (sampled_top_speed) and on the twin (twin_top_speed). Training randomises only motors
-    and commands.
-    """
-    slowest, usual = environments.robot.require_legs().forward
-    robot = environments.robot.with_speed_range((slowest, TOP * usual))
-    environments = replace(environments, robot=robot)
-    walk = WalkConfig(Walk.episode_steps, commands=Commands((usual, TOP * usual), (0.0, 0.0), still=0.0))
-    oracle = fast_policy(settings, environments, partial(environments.simulator, "oracle", walk))
-    sampled = fast_policy(settings, environments, partial(environments.simulator, "sampled", walk))
-    tested = (("oracle", "twin", oracle), ("sampled", "sampled", sampled), ("twin", "twin", sampled))
-    return [
-        Result(f"{name}_top_speed", "m/s", top_speed(environments, place, policy)) for name, place, policy in tested
-    ]
-
-
-def fast_policy(settings: Settings, environments: Environments, simulator: Callable[[], WalkSimulator]) -> PolicyArrays:
-    """The best policy of a training in this simulator, seed 0."""
-    shape = PolicyShape.of(environments.robot, "trot", 0, symmetric=True)
-    executor = make_executor(simulator, environments.workers)
-    search = PolicySearch(ArsConfig(seed=0), shape)
-    search.train(executor, settings.top_iterations)
-    executor.close()
-    return search.best
-
-
-def top_speed(environments: Environments, place: str, policy: PolicyArrays) -> float:
-    """Maximum mean speed over the commands with which 90 % of the samples stay upright [m/s]."""
-    speeds, highest = [], environments.robot.require_legs().forward[1]
-    for share in np.linspace(0.4, 1.0, 7):
-        rows = environments.walks(place, policy, share * highest, GOAL_DRAWS, GOAL_SECONDS)
-        speed, upright = (rows.mean(quantity=name) for name in ("speed", "upright"))
-        PROGRESS.note(
-            f"top speed, {place}, commanded {share * highest:.3g} m/s: {speed:.2f} m/s, {upright:.0%} upright"
-        )
-        speeds.append(speed if upright >= TOP_UPRIGHT else 0.0)
-    return max(speeds)
-
-
 def measure(settings: Settings) -> Results:
     """All results."""
     robot = load_robot(settings.robot)
@@ -271,20 +245,7 @@ def measure(settings: Settings) -> Results:
                 values = ", ".join(f"{row.quantity} {row.value:.3g}" for row in evaluated.where(part=speed))
                 PROGRESS.note(f"seed {seed}, {place}, commanded {speed} m/s: {values}")
             found += environments.turns(place, policy, settings, seed).rows
-    if settings.top_iterations:
-        write(settings, Results.of(found))  # the rest takes long
-        found += goals([seconds_to_goal(environments, seed) for seed in range(settings.seeds)])
-        found += top_speeds(settings, environments)
     return Results.of(found)
-
-
-def goals(times: Sequence[tuple[float, float]]) -> Iterator[Result]:
-    """Fraction of the seeds that reach a goal, and the median training time if more than half of them do."""
-    for kind, seconds in zip(("", "straight_"), np.transpose(times), strict=True):
-        name, median = f"{kind}quarter_meter_per_second", float(np.median(seconds))
-        yield Result(f"seeds_to_{name}", "1", float(np.isfinite(seconds).mean()))
-        if np.isfinite(median):
-            yield Result(f"seconds_to_{name}", "s", median)
 
 
 def write(settings: Settings, results: Results) -> None:
@@ -298,9 +259,6 @@ def figures_of(results: Results) -> dict[str, float]:
     """PLACE/QUANTITY, means over speeds and seeds; with /SPEED over seeds, and with /seed_K over speeds."""
     figures: dict[str, float] = {}
     for row in results:
-        if row.motors is None:
-            figures[row.quantity] = row.value
-            continue
         name, here = f"{row.motors}/{row.quantity}", {"quantity": row.quantity, "motors": row.motors}
         figures[f"{name}/{row.part}"] = results.mean(**here, part=row.part)
         if not row.quantity.startswith(TURNS):
@@ -310,12 +268,11 @@ def figures_of(results: Results) -> dict[str, float]:
 
 
 def tables(results: Results) -> str:
-    """Markdown tables of the policies, of the untrained gait and of turns, and the other numbers."""
+    """Markdown tables of the policies, of the untrained gait and of turns."""
     walked = Results.of(row for row in results if not row.quantity.startswith(TURNS))
     turns = Results.of(row for row in results if row.quantity.startswith(TURNS))
-    numbers = [f"{row.quantity}: {row.value:.3g} {row.unit}" for row in results.where(motors=None)]
     untrained = tuple(UNTRAINED + place for place in PLACES)
-    return "\n\n".join([table(walked, PLACES), table(walked, untrained), table(turns, PLACES), *numbers])
+    return "\n\n".join([table(walked, PLACES), table(walked, untrained), table(turns, PLACES)])
 
 
 def table(results: Results, places: tuple[str, ...]) -> str:

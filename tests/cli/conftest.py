@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from third_party_files import csv_columns
 
-from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.console import Bar
@@ -83,16 +82,9 @@ def refused(motorprior: Command, tmp_path: Path) -> Callable[..., None]:
 
 
 @pytest.fixture
-def interruptible() -> Iterator[None]:
-    """Ctrl-C raises KeyboardInterrupt, also where the tests run in the background and it is ignored."""
-    old = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, old)
-
-
-@pytest.fixture
-def ctrl_c(monkeypatch: pytest.MonkeyPatch, interruptible: None) -> Callable[[int], None]:
+def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Send this process SIGINT at the n-th advance of a progress bar from now on; 0 for never again."""
+    old = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
 
     def at(advance_number: int) -> None:
         calls = 0
@@ -105,7 +97,8 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch, interruptible: None) -> Callable[[in
 
         monkeypatch.setattr(Bar, "advance", advance)
 
-    return at
+    yield at
+    signal.signal(signal.SIGINT, old)
 
 
 @pytest.fixture(scope="session")
@@ -117,16 +110,11 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def prior_of_bench(bench: Path) -> MotorPrior:
-    """An untrained network for the motors of `bench`."""
-    return tiny_prior(bench)
-
-
-@pytest.fixture(scope="session")
-def prior(bench: Path, prior_of_bench: MotorPrior) -> Path:
-    """Its file."""
-    path = bench.parent / "prior.safetensors"
-    prior_of_bench.save(path)
+def prior(bench: Path, grey_box: Callable[..., GreyBox]) -> Path:
+    """The file of a prior for the motors of `bench`."""
+    path, settings, motors = bench.parent / "prior.safetensors", read_bench(bench)[1], np.zeros((12, 3))
+    provenance = {"bench": settings.as_json()}
+    MotorPrior(grey_box(), motors, motors, "rollout", spec.ROBOT_NAME, settings.fleet.motor, provenance, {}).save(path)
     return path
 
 
@@ -136,47 +124,3 @@ def walk(bench: Path) -> Path:
     folder = bench.parent / "walk"
     run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
     return folder
-
-
-@pytest.fixture
-def pupper_logs(tmp_path: Path) -> Path:
-    """A folder with one small log in the format of the real robot's."""
-    folder = tmp_path / "logs"
-    folder.mkdir()
-    write_pupper_csv(folder / "env_real_tiny_log.csv")
-    return folder
-
-
-def tiny_prior(bench: Path) -> MotorPrior:
-    """Zero torque for any z: enough for everything but walking."""
-    settings = read_bench(bench)[1]
-    taps, latents, neurons = (0, 1), 2, 4
-    network = LatentNetwork(
-        w1=np.zeros((2 * len(taps), neurons)),
-        v1=np.zeros((latents, neurons)),
-        b1=np.zeros(neurons),
-        w2=np.zeros((neurons, neurons)),
-        b2=np.zeros(neurons),
-        w3=np.zeros(neurons),
-        b3=np.zeros(()),
-        log_armature=np.array(-6.0),
-        armature_slope=np.zeros(latents),
-        taps=taps,
-        period=spec.PHYSICS_DT,
-        error_scale=0.1,
-        velocity_scale=1.0,
-        torque_scale=1.0,
-        torque_limit=3.0,
-        has_armature=True,
-    )
-    motors = np.zeros((settings.motors, latents))
-    provenance = {"bench": settings.as_json()}
-    return MotorPrior(network, motors, motors, "rollout", spec.ROBOT_NAME, settings.fleet.motor, provenance, {})
-
-
-def write_pupper_csv(path: Path, rows: int = 40) -> None:
-    """Every joint follows a slow sine, 20 ms late."""
-    time = 0.01 * np.arange(rows)
-    command, angle = (spec.NOMINAL_POSE + 0.1 * np.sin(2 * np.pi * (time - late))[:, None] for late in (0.0, 0.02))
-    table = np.column_stack([time, command, angle, np.zeros((rows, 4))])
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(csv_columns(spec.NUM_JOINTS)), comments="")

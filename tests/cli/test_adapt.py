@@ -1,13 +1,11 @@
 """From a log of new motors to a posterior that walk and transfer accept."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import closing_the_loop
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
@@ -16,7 +14,6 @@ from motorprior.commands.identify import Identify, run_identify
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.physics import term_selection
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.robots.pupper_v2.spec import JOINT_NAMES
 from motorprior.stage import read_results
 
 LOG_BASELINES = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "tuned_pd")
@@ -28,7 +25,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("adapt")
     run_bench(Bench(root / "bench", motors=12, steps=2000))
     run_bench(Bench(root / "new", motors=12, steps=1200, seed=5))
-    run_bench(Bench(root / "few", motors=3, steps=1200, seed=5))
     run_bench(Bench(root / "held_out", motors=3, steps=3000, seed=7))
     run_identify(Identify(root / "bench", root / "prior", "pace"))
     return root
@@ -46,12 +42,8 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
     assert (out / "posterior.safetensors").stat().st_mtime_ns == written
     motors = f"posterior:{out / 'posterior.safetensors'},prior={prior}"
-    assert (
-        motorprior(
-            "walk", "--motors", motors, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk"
-        ).code
-        == 0
-    )
+    walk = ("walk", "--motors", motors, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk")
+    assert motorprior(*walk).code == 0
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
@@ -80,19 +72,8 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_fewer_seconds_give_a_wider_posterior(folder: Path, tmp_path: Path, motorprior):
-    volumes, prior = [], MotorPrior.load(folder / "prior" / "prior.safetensors")
-    for seconds in (1.0, 2.4):
-        out = tmp_path / f"{seconds}"
-        line = ("adapt", folder / "prior" / "prior.safetensors", folder / "new" / "log.parquet", "--seconds", seconds)
-        assert motorprior(*line, "--anyway", "--out", out).code == 0
-        volumes.append(np.linalg.det(MotorPosterior.load(out / "posterior.safetensors", prior).covariance))
-    assert np.median(volumes[1] / volumes[0]) < 1.0
-
-
-@pytest.mark.slow
 def test_outliers_are_rejected(folder: Path, tmp_path: Path, motorprior):
-    log = read_parquet(folder / "few" / "log.parquet")
+    log = read_parquet(folder / "held_out" / "log.parquet")
     shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
     write_log(tmp_path / "shaken.parquet", replace(log, joint_pos=shaken))
     line = ("adapt", folder / "prior" / "prior.safetensors", tmp_path / "shaken.parquet", "--out", tmp_path / "out")
@@ -106,38 +87,12 @@ def test_outliers_are_rejected(folder: Path, tmp_path: Path, motorprior):
 def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):
     line = ("validate", folder / "prior" / "prior.safetensors", "--adapt-seconds", 1, "--out", tmp_path / "v")
     assert motorprior(*line).code == 0
-    figures = read_json(tmp_path / "v" / "figures.json")
-    for metric in ("bench_impact_rmse", "standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf"):
+    figures, found = read_json(tmp_path / "v" / "figures.json"), read_results(tmp_path / "v")
+    for metric in ("bench_impact_rmse", "standing_rmse", "suspended_torque_hf"):
         for model in ("ideal_pd", "tuned_pd", "pace", "physical"):
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])
-    assert figures["bench_impact_rmse/ideal_pd/held_out"] != figures["bench_impact_rmse/ideal_pd/train"]
-    found = read_results(tmp_path / "v")
-    for level in (50, 90):
-        parts = [row.value for row in found.where(quantity=f"coverage{level}") if row.part is not None]
-        assert len(parts) == 5 and figures[f"coverage{level}"] == pytest.approx(np.mean(parts))
     assert 0.1 < figures["coverage50"] < figures["coverage90"]
     areas = [found.where(quantity="two_sample_auc").value(statistic=name) for name in ("low", "median", "high")]
     assert areas == sorted(areas) and areas[1] > 0.5
-    alarms = 12 * figures["adapt_false_alarms/1"]  # of twelve motors
-    assert alarms == pytest.approx(round(alarms)) and alarms < 6 and 0.5 < figures["adapt_rmse_ratio/1"] < 20.0
-
-
-@pytest.mark.slow
-def test_the_loop_closes_on_a_virtual_robot(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    """Record, import, adapt, walk on, deploy, as `benchmarks/closing_the_loop.py` does; figures are of its walks."""
-    sizes = {"robots": 1, "seeds": 1, "walks": 2, "recorded": 3, "iterations": 1, "further": 1}
-    words = [f"--{name}={value}" for name, value in sizes.items()]
-    prior = folder / "prior" / "prior.safetensors"
-    monkeypatch.setattr(sys, "argv", ["closing_the_loop", "--prior", str(prior), "--out", str(tmp_path), *words])
-    closing_the_loop.main()
-    told = read_json(tmp_path / "figures_0.5.json")
-    assert [pair["policy"] for pair in told["pairs"]] == ["before", "longer", "adapted"]
-    paths = [np.median([walk["path"] for walk in pair["walks"]]) for pair in told["pairs"]]
-    assert told["figures"]["adapted/gain_path_m/p50"] == pytest.approx(paths[2] - paths[1])
-    assert told["figures"]["robots_unlike_the_prior"] in (0.0, 1.0)
-    assert "robot_0 seed 0 adapted" in capsys.readouterr().out
-    posterior = tmp_path / "robot_0" / "posterior_varied_3" / "posterior.safetensors"
-    assert MotorPosterior.load(posterior, MotorPrior.load(prior)).joint_names == JOINT_NAMES
+    assert 12 * figures["adapt_false_alarms/1"] < 6 and 0.5 < figures["adapt_rmse_ratio/1"] < 20.0

@@ -1,7 +1,6 @@
 """``motorprior calibrate`` from a log to a fleet that a bench takes; every command of docs/calibrate.md runs."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import read_log
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
@@ -40,7 +38,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, logs: Path, tmp_path: Path):
+def test_a_folder_of_logs_becomes_the_same_fleet_each_time(motorprior, logs: Path, tmp_path: Path):
     out = tmp_path / "fitted"
     outcome = motorprior("calibrate", logs, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
@@ -56,22 +54,7 @@ def test_a_folder_of_logs_becomes_a_fleet_and_is_not_fitted_twice(motorprior, lo
     )
     text = (out / "fleet.toml").read_text("utf-8")
     assert "the logs in_the_air, on_the_floor" in text and "as in fleet pupper_v2" in text
-    before = {path: path.stat().st_mtime_ns for path in out.iterdir()}
-    again = motorprior("calibrate", logs, "--out", out, *SMALL)
-    assert again.out == outcome.out and {path: path.stat().st_mtime_ns for path in out.iterdir()} == before
     other = motorprior("calibrate", logs, "--out", tmp_path / "again", *SMALL)
-    assert other.code == 0
+    assert other.out == outcome.out
     for name in ("fleet.toml", "figures.json", "calibration.png"):
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes(), name
-
-
-def test_logged_gains_are_not_fitted(motorprior, logs: Path, tmp_path: Path):
-    log, center = read_log(logs / "in_the_air.parquet"), load_fleet("pupper_v2").center(1)
-    gains = {"stated_kp": np.full(log.joint_pos.shape, center.kp), "stated_kd": np.full(log.joint_pos.shape, center.kd)}
-    write_log(tmp_path / "gains.parquet", replace(log, **gains))
-    outcome = motorprior("calibrate", tmp_path / "gains.parquet", "--out", tmp_path / "out", *SMALL)
-    assert outcome.code == 0, outcome.err
-    figures = json.loads((tmp_path / "out" / "figures.json").read_text("utf-8"))
-    fitted = {name.split("/")[1] for name in figures if name.startswith("calibrate_center/")}
-    assert fitted == {"coulomb", "load_friction", "armature", "delay"}
-    load_fleet(tmp_path / "out" / "fleet.toml")

@@ -38,25 +38,19 @@ main()
 """
 
 
-def walk(out: Path, workers: int, fail_at: int | None = None) -> subprocess.CompletedProcess[str]:
-    head = ["-m", "motorprior.cli.main"] if fail_at is None else ["-c", SABOTAGE]
-    tail = [] if fail_at is None else [str(fail_at)]
-    words = [sys.executable, *head, *WALK, "--workers", str(workers), "--out", str(out), *tail]
-    return subprocess.run(words, capture_output=True, text=True, check=False, cwd=out.parent)
-
-
 def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tmp_path: Path):
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert walk(whole, 1).returncode == 0
+    words = [*WALK, "--workers", "2", "--out", str(tmp_path / "walk")]
+
+    def run(*head: str, tail: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
+        line = [sys.executable, *head, *words, *tail]
+        return subprocess.run(line, capture_output=True, text=True, check=False, cwd=tmp_path)
+
     # an iteration has 32 episodes, the evaluations at the start and after the tenth 16 each: episode 366 is in the 11th
-    failed = walk(broken, 2, fail_at=366)
+    failed = run("-c", SABOTAGE, tail=("366",))
     assert failed.returncode == 2
     said = failed.stderr.strip().splitlines()[-1]
     assert said.startswith("error: MuJoCo stopped: mj_stackAlloc") and " -> run again" in said
-    state, header = read_tensors(broken / "search.safetensors")
+    state, header = read_tensors(tmp_path / "walk" / "search.safetensors")
     assert int(state["iteration"]) == len(header["curve"]) == 10
-    assert not (broken / "stage.json").exists()
-    assert not list(tmp_path.glob("MUJOCO_LOG*"))
-    assert walk(broken, 2).returncode == 0
-    for name in ("policy.safetensors", "curve.json"):
-        assert (broken / name).read_bytes() == (whole / name).read_bytes()
+    assert not (tmp_path / "walk" / "stage.json").exists() and not list(tmp_path.glob("MUJOCO_LOG*"))
+    assert run("-m", "motorprior.cli.main").returncode == 0

@@ -37,12 +37,6 @@ def test_a_table_without_a_map_is_told_to_bring_one(refused: Command, tmp_path: 
     refused("logs", *command, table, words=("mine.csv: no header", "begin it with names"))
 
 
-def test_degrees_that_are_read_as_radians_are_refused(motorprior: Command, tmp_path: Path):
-    table, columns = written(tmp_path, size=45.8)
-    outcome = motorprior("logs", "check", table, "--columns", columns)
-    assert outcome.code == 2 and "beyond 4 turns" in outcome.out
-
-
 def damaged(table: Path, change: Callable[[np.ndarray], np.ndarray | None]) -> None:
     """Change the numbers of a table: time, three commands, three angles."""
     head, *_ = table.read_text().splitlines()
@@ -59,16 +53,8 @@ def in_degrees(rows: np.ndarray) -> None:
     rows[:, 1:] *= 180.0 / np.pi
 
 
-def angles_in_degrees(rows: np.ndarray) -> None:
-    rows[:, 4:] *= 180.0 / np.pi
-
-
 def in_milliseconds(rows: np.ndarray) -> None:
     rows[:, 0] *= 1e3
-
-
-def wrapped(rows: np.ndarray) -> None:
-    rows[:, 1:] %= 2 * np.pi
 
 
 def failed_reads(rows: np.ndarray) -> None:
@@ -80,9 +66,7 @@ def failed_reads(rows: np.ndarray) -> None:
     [
         (reversed_command, "[joints.….position_target]", "[joints.FR_knee.position_target]\nsign = -1\n", None),
         (in_degrees, 'angle = "deg"', '[units]\nangle = "deg"\n', None),
-        (angles_in_degrees, 'angle = "deg"', "".join(f'[joints.{j}.joint_pos]\nangle = "deg"\n' for j in JOINTS), None),
         (in_milliseconds, 'time = "s", "ms"', '[units]\ntime = "ms"\n', None),
-        (wrapped, "numpy.unwrap", "", lambda rows: np.column_stack([rows[:, 0], np.unwrap(rows[:, 1:], axis=0)])),
         (failed_reads, "delete these rows", "", lambda rows: np.delete(rows, slice(200, 203), axis=0)),
     ],
 )

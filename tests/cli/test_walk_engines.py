@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +19,6 @@ RESULTS = ("policy.safetensors", "curve.json")
 
 def contents(folder: Path) -> list[bytes]:
     return [(folder / name).read_bytes() for name in RESULTS]
-
-
-@pytest.mark.slow
-def test_pybullet_trains_and_gives_the_same_bytes_again(motorprior: Command, tmp_path: Path):
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    few = ("--search.num-directions", 2, "--search.num-top-directions", 1)
-    line = (*SMALL, *few, "--engine", "pybullet", "--workers", 2)
-    for name in ("threads", "ray") if find_spec("ray") else ("threads",):
-        assert motorprior(*line, "--executor", name, "--out", tmp_path / name).code == 0
-        assert contents(tmp_path / name) == contents(tmp_path / "threads")
-    assert motorprior(*SMALL, *few, "--out", tmp_path / "mujoco").code == 0
-    assert contents(tmp_path / "threads") != contents(tmp_path / "mujoco")
-    assert Policy.load(tmp_path / "threads" / "policy.safetensors").provenance["engine"] == "pybullet"
 
 
 def test_a_policy_is_measured_where_it_was_trained_or_in_the_engine_asked_for_and_on_one_twin(
@@ -63,8 +49,6 @@ def test_randomisation_is_recorded_with_the_result_and_changes_it(motorprior: Co
     assert motorprior(*SMALL, *ranges, "--out", tmp_path / "random").code == 0
     recorded = Policy.load(tmp_path / "random" / "policy.safetensors").provenance["randomization"]
     assert (recorded["friction"], recorded["push"], recorded["mass"]) == ([0.5, 1.5], 0.1, list(ROBUST.mass))
-    stage = read_json(tmp_path / "random" / "stage.json")["config"]["randomization"]
-    assert stage["friction"] == [0.5, 1.5]
     assert contents(tmp_path / "plain") != contents(tmp_path / "random")
 
 

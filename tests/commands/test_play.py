@@ -11,7 +11,6 @@ from motorprior.commands.play import Play, run_play
 from motorprior.exceptions import MotorPriorError
 from motorprior.locomotion.command import Timetable
 from motorprior.report import film
-from motorprior.results import Results
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -23,23 +22,19 @@ def stick_figures_in_a_gif(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(gait_walk: Path, tmp_path: Path):
     config = Play((gait_walk, gait_walk / "policy.safetensors"), tmp_path / "a", forward=0.2, seconds=1.0)
-    first, second = run_play(config), run_play(replace(config, out=tmp_path / "b"))
-    assert first.film.read_bytes() == second.film.read_bytes()
-    with Image.open(first.film) as image:
+    (first, results), (second, _) = run_play(config), run_play(replace(config, out=tmp_path / "b"))
+    assert first.read_bytes() == second.read_bytes()
+    with Image.open(first) as image:
         found = image.n_frames, image.size  # pyright: ignore[reportAttributeAccessIssue]
     assert found == (20, (480, 2 * 288))
-    assert set(first.steps) == {"gait_0", "gait_0 (2)"}
-    assert [(row.quantity, row.value) for row in first.results] == 2 * [("upright", 1.0)], "too short for the rest"
+    rows = [(row.model, row.quantity, row.value) for row in results]
+    assert rows == [(name, "upright", 1.0) for name in ("gait_0", "gait_0 (2)")], "too short for the rest"
     assert (tmp_path / "a" / "figures.json").is_file()
 
 
-def scheduled(rows: str, walk: Path, folder: Path) -> Results:
-    (folder / "s.csv").write_text(f"time_s,forward_m_s,yaw_rate_rad_s\n{rows}\n")
-    return run_play(Play((walk,), folder / "out", schedule=folder / "s.csv", seconds=2.5)).results
-
-
 def test_a_walk_with_changing_commands_has_no_measures_of_one_command(gait_walk: Path, tmp_path: Path):
-    found = scheduled("0,0.3,0\n1.75,0.1,0", gait_walk, tmp_path)
+    (tmp_path / "s.csv").write_text("time_s,forward_m_s,yaw_rate_rad_s\n0,0.3,0\n1.75,0.1,0\n")
+    _, found = run_play(Play((gait_walk,), tmp_path / "out", schedule=tmp_path / "s.csv", seconds=2.5))
     measured = set(found.distinct("quantity"))
     assert not {"lateral_share", "heading_deg_per_m", "speed_error"} & measured
     assert {"slip", "transport", "dragged_steps"} <= measured
@@ -47,8 +42,8 @@ def test_a_walk_with_changing_commands_has_no_measures_of_one_command(gait_walk:
 
 
 def test_a_turn_on_the_spot_has_no_measures_per_metre(gait_walk: Path, tmp_path: Path):
-    played = run_play(Play((gait_walk,), tmp_path / "a", forward=0.0, yaw_rate=0.6, seconds=2.5))
-    measured = set(played.results.distinct("quantity"))
+    _, found = run_play(Play((gait_walk,), tmp_path / "a", forward=0.0, yaw_rate=0.6, seconds=2.5))
+    measured = set(found.distinct("quantity"))
     assert not {"speed_error", "speed_off", "heading_deg_per_m", "lateral_share", "slip", "transport"} & measured
     assert {"upright", "speed", "foot_lift_mm"} <= measured
 
@@ -58,9 +53,7 @@ def test_a_turn_on_the_spot_has_no_measures_per_metre(gait_walk: Path, tmp_path:
     [
         ("time_s,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n1,fast,0\n", ("row 1", "forward_m_s", "fast")),
         ("time_s,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n1,9,0\n", ("row 1", "forward_m_s is 9", "-0.2 to 0.5")),
-        ("time_s,forward_m_s,yaw_rate_rad_s\n0,0.1,nan\n", ("row 0", "yaw_rate_rad_s is nan", "0.6")),
         ("time_s,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n0,0.2,0\n", ("row 1", "time_s is 0", "increase")),
-        ("time_s,forward_m_s,yaw_rate_rad_s\n-1,0.1,0\n", ("row 0", "time_s is -1")),
         ("time,forward_m_s,yaw_rate_rad_s\n0,0.1,0\n", ("time_s",)),
     ],
 )

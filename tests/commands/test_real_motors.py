@@ -16,8 +16,8 @@ from motorprior.identification.evaluation.free_runs import TRACES, read_traces
 from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+from motorprior.report.chapters import real_motors
 from motorprior.report.page import page
-from motorprior.report.real_motors import real_motors
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 
@@ -36,12 +36,11 @@ def logs(tmp_path: Path) -> Path:
 
 
 def report_of(logs: Path, out: Path) -> tuple[Results, list[str]]:
-    shown: list[str] = []
-    return run_real_motors(RealMotors(logs, out), show=lambda results, lines: shown.extend(lines)), shown
+    return run_real_motors(RealMotors(logs, out)), read_traces(out)[1]
 
 
 def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
-    out = tmp_path / "run" / "real_motors"
+    out = tmp_path / "run"
     found, lines = report_of(logs, out)
     for quantity in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
         prior, pd = (
@@ -52,7 +51,7 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert any("armature" in name for name in constants_in(found))
     assert {"loads: from the logs", "train: first; test: second"} <= set(lines)
     assert read_traces(out)[0][0].log == "second"
-    html = page("t", real_motors(tmp_path / "run"), {}, "c")
+    html = page("t", [real_motors(out)], {}, "c")
     assert "Your motors" in html and html.count("<img") == 2
     before = (out / TRACES).stat().st_mtime_ns
     assert report_of(logs, out) == (found, lines)

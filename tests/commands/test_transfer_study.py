@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.commands.transfer_study.conditions import FIXED_MOTORS
-from motorprior.commands.transfer_study.settings import Study
-from motorprior.commands.transfer_study.study import WALKS, run_study
+from motorprior.commands.study import WALKS, run_study
+from motorprior.commands.study_conditions import FIXED_MOTORS, Study
 from motorprior.exceptions import MotorPriorError
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.summary import CONDITIONS, OWN, OWN_FOREIGN, read_walks, scores
@@ -78,5 +77,5 @@ def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
 )
 def test_invalid_settings_are_an_error(tmp_path: Path, change: dict, argument: str):
     with pytest.raises(MotorPriorError) as error:
-        Study(tmp_path, **change).sized()
+        Study(tmp_path, **change).require_valid()
     assert error.value.argument == argument

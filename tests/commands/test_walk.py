@@ -1,27 +1,32 @@
-"""A training in a folder: resumable, with one seed or several, never over the policy that it starts from."""
+"""A training in a folder: resumable, with one seed or several, validated on another fleet, and its page."""
 
+from contextlib import contextmanager
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from motorprior import stage
-from motorprior.artifacts import read_tensors
-from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import PICTURE, run_walk_seeds
+from motorprior.artifacts import read_json, read_tensors
+from motorprior.commands.walk import CURVE, PICTURE, POLICY, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.policy_search import PolicySearch
+from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, PolicySearch, episode_seed
+from motorprior.report.trainings import write_training_page
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.motors import simulated_motors
+from motorprior.simulation.scene import Scene, WalkSimulator
 from motorprior.simulation.training import CHECKPOINT, METRICS
 from motorprior.stage import MARKER
 
 
 def walk(folder: Path, seed: int = 2, **changes) -> Walk:
     search = ArsConfig(seed=seed, num_directions=2, num_top_directions=2)
-    return replace(
-        Walk(out=folder, motors="pd:kp=8", iterations=3, episode_steps=10, workers=1, search=search),
-        **changes,
-    )
+    settings = {"motors": "pd:kp=8", "iterations": 3, "episode_steps": 10, "workers": 1, "search": search} | changes
+    return Walk(out=folder, **settings)
 
 
 def test_killed_before_its_marker_a_training_continues_from_its_checkpoint(
@@ -56,6 +61,19 @@ def test_a_training_does_not_overwrite_the_policy_that_it_starts_from(tmp_path: 
     assert run_walk(replace(again, out=tmp_path / "further"))
 
 
+def test_a_start_that_nothing_improves_on_is_kept_and_one_of_another_shape_is_rejected(tmp_path: Path):
+    run_walk(walk(tmp_path / "first", episode_steps=20))
+    start = tmp_path / "first" / POLICY
+    wild = ArsConfig(seed=2, num_directions=2, num_top_directions=2, step_size=100.0)
+    run_walk(walk(tmp_path / "second", episode_steps=20, iterations=1, start=start, search=wild))
+    first, second = (Policy.load(tmp_path / name / POLICY) for name in ("first", "second"))
+    np.testing.assert_array_equal(second.arrays.weights, first.arrays.weights)
+    assert second.provenance["start_sha256"] and first.provenance["start_sha256"] is None
+    for name, other in (("gait", "pace"), ("hidden_units", 4)):
+        with pytest.raises(ConfigError):
+            run_walk(replace(walk(tmp_path / "other", start=start), **{name: other}))
+
+
 def test_every_seed_is_the_training_of_that_seed_and_is_not_repeated(tmp_path: Path):
     config = walk(tmp_path / "seeds", seed=3, workers=2)
     results = run_walk_seeds(config, 3)
@@ -67,3 +85,56 @@ def test_every_seed_is_the_training_of_that_seed_and_is_not_repeated(tmp_path: P
     assert len({path.read_bytes() for path in written}) == 3 and (config.out / PICTURE).is_file()
     assert run_walk_seeds(config, 3) == results
     assert {path: path.stat().st_mtime_ns for path in written} == written
+
+
+def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fleet(tmp_path: Path):
+    config = walk(tmp_path, validation="mixed", episode_steps=30)
+    run_walk(config)
+    policy = Policy.load(tmp_path / POLICY)
+    robot = PUPPER_V2.with_speed_range(policy.forward)
+    motors = simulated_motors("fleet:mixed", robot)
+    there = WalkSimulator(Scene(robot, motors.draw, config, motors.physics_dt))
+    seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
+    assert policy.provenance["own_return"] == np.mean([there.run(policy.arrays, seed).total for seed in seeds])
+    assert policy.provenance["validation"] == "mixed"
+
+
+def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupts(tmp_path: Path):
+    early = {"validation": "mixed", "patience": 1, "iterations": 40, "episode_steps": 30}
+    run_walk(walk(tmp_path / "whole", **early))
+    ended = len(read_json(tmp_path / "whole" / CURVE))
+
+    class Stops:
+        def __init__(self, after: int):
+            self.left = after
+
+        @contextmanager
+        def start(self, name: str, total: int):
+            yield self
+
+        def advance(self, count: int = 1, note: str = "") -> None:
+            self.left -= bool(note)
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+        def note(self, text: str) -> None:
+            """Nobody reads it."""
+
+    parts = walk(tmp_path / "parts", **early, workers=2)
+    for after in (ended - 1, 1):  # the second: all iterations are made, and nothing is written yet
+        with pytest.raises(KeyboardInterrupt):
+            run_walk(parts, Stops(after))
+    run_walk(parts, Stops(99))
+    for name in (POLICY, CURVE, METRICS):
+        assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_the_page_shows_each_training_once_by_the_name_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    with pytest.raises(ConfigError, match=r"no policy.safetensors"):
+        write_training_page(tmp_path, "pupper_v2", "motorprior report")
+    for name, seed, gait in (("slow_0", 0, "trot"), ("slow_1", 1, "trot"), ("pace", 0, "pace")):
+        run_walk(walk(tmp_path / name, seed, iterations=1, episode_steps=5, gait=gait))
+    page = unescape(write_training_page(tmp_path, "pupper_v2", "motorprior report").read_text("utf-8"))
+    assert page.count("data:image/gif") == 2
+    assert all(f"Trained on {name}, in its training simulation" in page for name in ("slow", "pace"))

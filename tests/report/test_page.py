@@ -3,10 +3,8 @@
 import re
 from html.parser import HTMLParser
 
-import numpy as np
-
 from motorprior.report.page import Picture, Section, Table, page, picture
-from motorprior.report.plots_motor import closed_loop
+from motorprior.report.plots_walk import transfer_bars
 
 VOID = {"meta", "img", "br"}
 
@@ -37,8 +35,7 @@ class Reader(HTMLParser):
 
 
 def made(complete: bool = True) -> str:
-    time = np.linspace(0, 1, 400)
-    drawing = picture(closed_loop(time, time, time, {"rollout": time + 0.01}, "motor"), "A motor.")
+    drawing = picture(transfer_bars({"rollout": (0.4, 1.0)}, {"rollout": (0.3, 0.9)}), "A policy.")
     table = Table(("trained on", "speed [m/s]"), (("rollout", "0.45"), ("tuned_pd", "–")), "Speeds.")
     sections = (
         Section("What & why", ("Because <b> is text.", "Two <script>."), (drawing,), (table,)),

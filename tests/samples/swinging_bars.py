@@ -1,6 +1,6 @@
 """Virtual motors that each swing a bar of known inertia and weight, recorded as a user would: command and angle."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +27,9 @@ class Bars:
         return np.stack([WEIGHT * np.cos(HANGS_AT), -WEIGHT * np.sin(HANGS_AT)], axis=1)
 
 
-def swing(seconds: float, seed: int = 2, profile_speed: float = 0.0, law: float = 1.0) -> Bars:
-    """Sines, then steps; angles with 0.3 mrad of noise; of motors that follow no faster than this [rad/s], if told.
-
-    Their law gives ``law`` times the torque of the gains that the log states.
-    """
-    motors, rng = load_fleet("mixed").sample(2, seed), np.random.default_rng(seed)
+def swing(seconds: float) -> Bars:
+    """Sines, then steps; angles with 0.3 mrad of noise."""
+    motors, rng = load_fleet("mixed").sample(2, 2), np.random.default_rng(2)
     assert isinstance(motors, MotorParameters)
     time = PERIOD * np.arange(round(seconds / PERIOD))
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, len(SPEED)))
@@ -40,24 +37,14 @@ def swing(seconds: float, seed: int = 2, profile_speed: float = 0.0, law: float 
     second_half = time >= 0.5 * time[-1]
     steps = rng.uniform(-0.8, 0.8, (len(time) // 400 + 1, 2)).repeat(400, axis=0)[: len(time)]
     target[second_half] = steps[second_half]
-    driven = replace(motors, kp=law * motors.kp, kd=law * motors.kd, torque_limit=law * motors.torque_limit)
-    angle = _angles(driven, _followed(target, PERIOD * profile_speed) if profile_speed else target)
+    angle = _angles(motors, target)
     seen = angle + 3e-4 * rng.standard_normal(angle.shape)
     kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
     log = MotorLog(
         time=time, position_target=target, joint_pos=seen, joint_names=("left", "right"), robot="bars", motor="any",
         source="bars", stated_kp=kp, stated_kd=kd,
-        firmware={"profile_speed": profile_speed, "profile_acceleration": 0.0} if profile_speed else {},
     )  # fmt: skip
     return Bars(log, motors)
-
-
-def _followed(target: np.ndarray, most: float) -> np.ndarray:
-    """What moves towards the target by ``most`` [rad] per row."""
-    followed = target.copy()
-    for row in range(1, len(target)):
-        followed[row] = followed[row - 1] + np.clip(target[row] - followed[row - 1], -most, most)
-    return followed
 
 
 def _angles(motors: MotorParameters, target: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ import io
 import json
 import pickle
 import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,19 +46,13 @@ def write_bam(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def write_sage(
-    folder: Path,
-    control_late: float = 0.0,
-    joints: Sequence[str] = JOINTS,
-    target: np.ndarray = TARGET,
-    angle: np.ndarray = ANGLE,
-) -> Path:
+def write_sage(folder: Path, control_late: float = 0.0) -> Path:
     path = folder / "motion"
     path.mkdir(exist_ok=True)
-    (path / "joint_list.txt").write_text("\n".join(joints) + "\n")
-    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, target.tolist(), strict=True)]
-    zeros = [0.0] * len(joints)
-    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, angle.tolist(), strict=True)]
+    (path / "joint_list.txt").write_text("\n".join(JOINTS) + "\n")
+    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, TARGET.tolist(), strict=True)]
+    zeros = [0.0] * len(JOINTS)
+    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, ANGLE.tolist(), strict=True)]
     (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
     header = "type,timestamp,positions,velocities,torques"
     (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")
@@ -87,24 +80,17 @@ def write_lerobot(folder: Path, fps: Any = 50.0, **columns: Any) -> Path:
     return path
 
 
-def write_csv(folder: Path) -> Path:
-    return _write_table(folder, folder / "log.csv")
-
-
-def write_parquet(folder: Path) -> Path:
-    return _write_table(folder, folder / "log.parquet")
-
-
-def _write_table(folder: Path, path: Path) -> Path:
+def write_csv(folder: Path, suffix: str = "csv") -> Path:
     (folder / "columns.toml").write_text(TENSOR_MAP.replace("[{joint}]", "_{joint}"))
     series = {"des_dof_pos": TARGET, "dof_pos": ANGLE}
     columns = {f"{name}_{k}": values[:, k] for name, values in series.items() for k in range(len(JOINTS))}
-    table = pa.table({"time": TIME, **columns})
-    if path.suffix == ".parquet":
-        pq.write_table(table, path)
-    else:
-        pa_csv.write_csv(table, path)
+    table, path = pa.table({"time": TIME, **columns}), folder / f"log.{suffix}"
+    (pq.write_table if suffix == "parquet" else pa_csv.write_csv)(table, path)
     return path
+
+
+def write_parquet(folder: Path) -> Path:
+    return write_csv(folder, "parquet")
 
 
 class Storage:

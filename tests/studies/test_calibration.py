@@ -38,7 +38,6 @@ def test_the_centre_of_two_logs_is_recovered(record_log, fleet):
     true = {name: np.full(ROBOT.num_joints, value) for name, value in TRUE.items()}
     problem = problem_of(with_uncertain(fleet, *TRUE), record_log, actuator_of(fleet, **true), logs=2)
     found = calibrate(problem, starts=2, iterations=5, seed=0)
-    assert len(found.optima) == 2
     center = {each.name: each.value(x) for each, x in zip(problem.unknowns, found.center, strict=True)}
     assert center["kp"] == pytest.approx(TRUE["kp"], rel=0.01)
     assert center["kd_over_kp"] == pytest.approx(TRUE["kd_over_kp"], rel=0.01)

@@ -5,15 +5,7 @@ import pytest
 from scipy.special import ndtr
 
 from motorprior.studies import statistics
-from motorprior.studies.statistics import (
-    compare_on_robots,
-    compare_scores,
-    estimate,
-    holm,
-    iqms,
-    means,
-    permutation_p,
-)
+from motorprior.studies.statistics import compare_on_robots, compare_scores, estimate, holm, iqms, means, permutation_p
 
 
 def studies(count: int, seeds: int = 8, draws: int = 16, spread: float = 0.05, luck: float = 0.03):
@@ -27,18 +19,11 @@ def studies(count: int, seeds: int = 8, draws: int = 16, spread: float = 0.05, l
         ]
 
 
-def test_the_interquartile_mean_is_that_of_the_middle_half():
+def test_the_interquartile_mean_is_that_of_the_middle_half_of_the_finite_scores():
     assert iqms(np.array([100.0, 3.0, 1.0, 4.0, 2.0, -100.0, 5.0, 6.0])) == np.mean([2, 3, 4, 5])
     assert iqms(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
-    assert iqms(np.array([7.0])) == 7.0
-
-
-def test_nan_scores_are_ignored():
-    known = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
-    with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, np.inf, 4.0])
-    assert iqms(np.where(np.isinf(with_gaps), np.nan, with_gaps)) == iqms(known) == 3.0
-    assert means(with_gaps) == 3.0
-    assert np.isnan(iqms(np.full(3, np.nan)))
+    with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, 4.0])
+    assert iqms(with_gaps) == means(with_gaps) == 3.0 and np.isnan(iqms(np.full(3, np.nan)))
     rows = iqms(np.array([[1.0, np.nan, 3.0, np.nan], [1.0, 1.0, 2.0, 40.0]]))
     np.testing.assert_allclose(rows, [2.0, 1.5])
 
@@ -95,6 +80,4 @@ def test_holm_is_the_textbooks():
     """Four tests: .005 · 4, .01 · 3, .03 · 2, and .04, which must not fall below the one before it."""
     corrected = holm({"a": 0.01, "b": 0.04, "c": 0.03, "d": 0.005})
     assert corrected == pytest.approx({"a": 0.03, "b": 0.06, "c": 0.06, "d": 0.02})
-    assert list(corrected) == ["a", "b", "c", "d"]
-    assert holm({"a": 0.6, "b": 0.9}) == {"a": 1.0, "b": 1.0}
-    assert holm({}) == {}
+    assert holm({"a": 0.6, "b": 0.9}) == {"a": 1.0, "b": 1.0} and holm({}) == {}

@@ -24,20 +24,16 @@ class Bar:
 
     def __init__(self, progress: Progress, name: str, total: int):
         self._progress, self._name, self._total, self._done = progress, name, total, 0
-        self._task = progress.add_task(name, total=total, note="")
+        self.task = progress.add_task(name, total=total, note="")
         self._printed = time.monotonic()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Count ``count`` more finished parts."""
         self._done += count
-        self._progress.update(self._task, completed=self._done, note=note)
+        self._progress.update(self.task, completed=self._done, note=note)
         if not CONSOLE.is_terminal and time.monotonic() - self._printed > 10.0:
             self._printed = time.monotonic()
             TERMINAL.note(f"  {self._name}: {self._done}/{self._total} {note}")
-
-    def remove(self) -> None:
-        """Remove it from the terminal."""
-        self._progress.remove_task(self._task)
 
 
 class Terminal:
@@ -61,7 +57,7 @@ class Terminal:
         try:
             yield bar
         finally:
-            bar.remove()
+            self._progress.remove_task(bar.task)
             self._count(-1)
         self.note(f"{name}: {time.monotonic() - started:.1f} s")
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import MISSING, fields, make_dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, Union
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -12,52 +14,51 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import tyro  # noqa: E402
 
+from motorprior.cli import robot, show  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
-from motorprior.cli.demo import demo  # noqa: E402
-from motorprior.cli.logs import LogsCheck, LogsImportCommand, run_logs_check  # noqa: E402
-from motorprior.cli.motors import (  # noqa: E402
-    AdaptCommand,
-    IdentifyCommand,
-    ValidateCommand,
-    ValidateLogCommand,
-    adapt,
-    validate,
-    validate_log,
-)
-from motorprior.cli.play import PlayCommand, play  # noqa: E402
-from motorprior.cli.replay import CalibrateCommand, ReplayCommand, calibrate, replay  # noqa: E402
-from motorprior.cli.report import MakeReport, run_report  # noqa: E402
-from motorprior.cli.robot import Deploy, Doctor, Record, deploy, doctor, record  # noqa: E402
-from motorprior.cli.transfer import TransferCommand, transfer  # noqa: E402
-from motorprior.cli.walk import WalkCommand, walk  # noqa: E402
+from motorprior.commands.adapt import Adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
+from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
-from motorprior.commands.identify import run_identify  # noqa: E402
-from motorprior.commands.logs_import import import_logs  # noqa: E402
+from motorprior.commands.identify import Identify, run_identify  # noqa: E402
+from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
+from motorprior.commands.play import Play  # noqa: E402
+from motorprior.commands.replay import Replay  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
-from motorprior.exceptions import MotorPriorError  # noqa: E402
+from motorprior.commands.validate import Validate  # noqa: E402
+from motorprior.commands.validate_log import ValidateLog  # noqa: E402
+from motorprior.exceptions import ConfigError, MotorPriorError  # noqa: E402
 
+
+def _positional(settings: type, **types: Any) -> type:
+    """The settings with these fields, of these types, as positional arguments."""
+    changed = [(name, tyro.conf.Positional[kind]) for name, kind in types.items()]
+    documented = {"__doc__": settings.__doc__}
+    return make_dataclass(settings.__name__, changed, bases=(settings,), frozen=True, namespace=documented)
+
+
+PATHS = tuple[Path, ...]
 LOGS: dict[str, tuple[type, Any]] = {
-    "import": (LogsImportCommand, partial(import_logs, progress=TERMINAL)),
-    "check": (LogsCheck, run_logs_check),
+    "import": (_positional(LogsImport, paths=PATHS), partial(import_logs, progress=TERMINAL)),
+    "check": (_positional(show.LogsCheck, paths=PATHS), show.logs_check),
 }
 COMMANDS: dict[str, tuple[type, Any]] = {
-    "demo": (Demo, demo),
-    "calibrate": (CalibrateCommand, calibrate),
+    "demo": (Demo, show.demo),
+    "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
-    "identify": (IdentifyCommand, partial(run_identify, progress=TERMINAL)),
-    "validate": (ValidateCommand, validate),
-    "validate-log": (ValidateLogCommand, validate_log),
-    "adapt": (AdaptCommand, adapt),
+    "identify": (_positional(Identify, bench=PATHS), partial(run_identify, progress=TERMINAL)),
+    "validate": (_positional(Validate, priors=PATHS), show.validate),
+    "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
+    "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
-    "replay": (ReplayCommand, replay),
-    "walk": (WalkCommand, walk),
-    "play": (PlayCommand, play),
-    "transfer": (TransferCommand, transfer),
-    "doctor": (Doctor, doctor),
-    "deploy": (Deploy, deploy),
-    "record": (Record, record),
-    "report": (MakeReport, run_report),
+    "replay": (_positional(Replay, logs=Path), show.replay),
+    "walk": (show.WalkCommand, show.walk),
+    "play": (_positional(Play, policies=PATHS), show.play),
+    "transfer": (show.TransferCommand, show.transfer),
+    "doctor": (robot.Doctor, robot.doctor),
+    "deploy": (robot.Deploy, robot.deploy),
+    "record": (robot.Record, robot.record),
+    "report": (_positional(show.Report, run=Path), show.report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])
 
@@ -66,7 +67,7 @@ def _one_of(commands: dict[str, tuple[type, Any]]) -> list[Any]:
     return [Annotated[settings, tyro.conf.subcommand(name)] for name, (settings, _) in commands.items()]
 
 
-def parse(args: list[str]) -> object:
+def parse(args: list[str]) -> Any:
     """Parse a command line into settings.
 
     Raises:
@@ -75,7 +76,11 @@ def parse(args: list[str]) -> object:
     """
     logs = Annotated[Union[*_one_of(LOGS)], tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
     first, *others = _one_of(COMMANDS)
-    return tyro.cli(Union[first, logs, *others], prog="motorprior", args=args, description=__doc__)  # pyright: ignore
+    config: Any = tyro.cli(Union[first, logs, *others], prog="motorprior", args=args, description=__doc__)  # pyright: ignore
+    for field in fields(config):
+        if field.default is MISSING and getattr(config, field.name) == ():
+            raise ConfigError(f"no {field.name} given", remedy="give at least one file or folder")
+    return config
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import ModuleType
 
 import tyro
 
@@ -64,47 +65,41 @@ class Doctor(RobotChoice):
 
 
 @contextmanager
-def _opened(choice: RobotChoice) -> Iterator[tuple[Robot, str]]:
-    """The robot and its port, while this is open.
+def _opened(choice: RobotChoice) -> Iterator[tuple[ModuleType, Robot, str]]:
+    """`hardware.commands`, the robot and its port, while this is open.
 
     Raises:
         ConfigError: both a port and a virtual robot; no port, or several; pyserial or msgpack is not installed.
         RobotFault: the virtual robot did not start.
     """
     require_robot_extra()
+    from motorprior.hardware import commands, serial_link
+
     if choice.virtual and choice.port is not None:
         raise ConfigError(f"--port {choice.port} and --virtual", remedy="give one of them")
     robot = load_robot(choice.kind)
     if choice.virtual:
         with running_virtual_robot(choice.kind, choice.robot) as port:
-            yield robot, port
+            yield commands, robot, port
     else:
-        from motorprior.hardware.serial_link import resolve_port
-
-        yield robot, resolve_port(choice.port)
+        yield commands, robot, serial_link.resolve_port(choice.port)
 
 
 def deploy(config: Deploy) -> None:
     """See `hardware.commands.run_deploy`."""
     Policy.load(config.policy)  # an error comes before a virtual robot is started
-    with _opened(config) as (robot, port):
-        from motorprior.hardware.commands import run_deploy
-
-        run_deploy(robot, config.policy, port, config, SHOW)
+    with _opened(config) as (commands, robot, port):
+        commands.run_deploy(robot, config.policy, port, config, SHOW)
 
 
 def record(config: Record) -> None:
     """See `hardware.commands.run_record`."""
     choice = replace(config, robot=replace(config.robot, suspended=config.robot.suspended or not config.standing))
-    with _opened(choice) as (robot, port):
-        from motorprior.hardware.commands import run_record
-
-        run_record(robot, port, config, SHOW)
+    with _opened(choice) as (commands, robot, port):
+        commands.run_record(robot, port, config, SHOW)
 
 
 def doctor(config: Doctor) -> None:
     """See `hardware.commands.run_doctor`."""
-    with _opened(config) as (robot, port):
-        from motorprior.hardware.commands import run_doctor
-
-        run_doctor(robot, port, config.seconds, config.idle, SHOW)
+    with _opened(config) as (commands, robot, port):
+        commands.run_doctor(robot, port, config.seconds, config.idle, SHOW)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from motorprior.bounds import require_number
-from motorprior.identification.adapt import Show, adapt, note_training_log
+from motorprior.identification.adapt import Show, adapt
 from motorprior.identification.prior_file import load_prior
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.logs.splits import first_seconds
 from motorprior.progress import SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
@@ -26,8 +24,6 @@ class Adapt:
     """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path
     """Folder for posterior.safetensors."""
-    seconds: float | None = None
-    """Use only the first seconds of the log [s]; all of it if not given."""
     anyway: bool = False
     """Write the posterior even if motors are outliers of the prior."""
 
@@ -46,17 +42,13 @@ def run_adapt(
         LogError: the log does not fit, or has outliers and ``anyway`` is not set.
         ArtifactError: another command writes to the folder.
     """
-    if config.seconds is not None:
-        require_number("seconds", config.seconds)
     log = replace(read_parquet(config.log), source=str(config.log))
     prior = load_prior(config.prior, log)
     wanted = description("adapt", asdict(config), [config.prior, config.log])
-    if config.seconds is not None:  # otherwise `adapt` compares the same rows
-        note_training_log(prior, log, progress)
     if is_finished(config.out, wanted):
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
         return
     with locked(config.out):
-        posterior = adapt(prior, first_seconds(log, config.seconds), anyway=config.anyway, progress=progress, show=show)
+        posterior = adapt(prior, log, anyway=config.anyway, progress=progress, show=show)
         with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
             posterior.save(config.out / POSTERIOR)

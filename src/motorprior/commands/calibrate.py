@@ -9,7 +9,8 @@ import numpy as np
 
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
-from motorprior.commands.replay import plotted_joint, read_logs
+from motorprior.commands.replay import read_logs
+from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -69,46 +70,46 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
         fitted = calibrated_fleet(problem, found)
         heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(replayers)}; spread is between motors."
         write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
-        covered = _draw_bands(config, problem, found, fitted, progress)
+        covered = _covered(config, problem, found, fitted, progress)
         rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted), *_motors(problem, found)]
         write_results(config.out, Results.of(rows))
     return read_results(config.out)
 
 
-def _draw_bands(
+def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
-    """Draw the 90 % band of samples of the fitted fleet, and return the share of the measured angles within it."""
-    from motorprior.report.plots_motor import LogPanel, calibration  # here: they import matplotlib
+    """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws a joint of each log."""
+    from motorprior.report.plots_motor import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
-    rng, panels, covered = np.random.default_rng(config.seed), [], []
+    rng, traces, covered = np.random.default_rng(config.seed), [], []
     with progress.start(f"{config.draws} draws of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
-            log, joint = replayer.log, plotted_joint(problem.robot, replayer)
+            log = replayer.log
             motors = [with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
             replayed = [replayer.joint_pos(each.actuator()) for each in motors]
             low, high = np.quantile(replayed, [0.05, 0.95], axis=0)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
             covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-            central = replayer.joint_pos(problem.actuator(name, found.center))
-            columns = (each[:, joint] for each in (log.position_target, log.joint_pos, central, low, high))
-            panels.append(LogPanel(f"log {name}, {log.joint_names[joint]}", log.time, *columns))
+            central, joint = replayer.joint_pos(problem.actuator(name, found.center)), replayer.excited[-1]
+            columns = (log.position_target, log.joint_pos, central, low, high)
+            target, measured, *drawn = (each[:, joint] for each in columns)
+            models: dict[str, np.ndarray] = dict(zip(("central motor", "5 %", "95 %"), drawn, strict=True))
+            traces.append(Trace(name, log.joint_names[joint], log.time, target, measured, models))
             task.advance()
-    (config.out / PICTURE).write_bytes(png_bytes(calibration(panels)))
+    (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
     return covered
 
 
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     """Source of each constant, for the fleet's file."""
-    start = problem.fleet.name
-    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {start}")
+    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
     for unknown, error in zip(problem.unknowns, found.error, strict=True):
-        result = "identified" if unknown.is_identifiable(error) else f"not identified, near fleet {start}"
-        spread = "" if unknown.name in found.spread else f"; spread as in fleet {start}"
-        sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}{spread}"
+        result = "identified" if unknown.is_identifiable(error) else f"not identified, near {problem.fleet.name}"
+        sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
     return sources
 
 
@@ -116,11 +117,8 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
     """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
     rows: list[Result] = []
     for name in problem.replayers:
-        fits = {
-            "start": (problem.mean, None),
-            "center": (found.center, None),
-            "per_motor": (found.center, found.offsets),
-        }
+        center = found.center
+        fits = {"start": (problem.mean, None), "center": (center, None), "per_motor": (center, found.offsets)}
         if found.left_out:
             center, offsets = found.left_out[name]
             fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
@@ -130,7 +128,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
 
 
 def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:
-    """Fitted value and standard errors of every constant, and all optima; of logarithms if lognormal."""
+    """Fitted value and standard errors of every constant; of logarithms if lognormal."""
     rows = []
     for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
         share = "1" if unknown.is_log else unknown.unit
@@ -145,11 +143,6 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
         rows += [
             Result(f"calibrate_{key}", unit, float(value), part=unknown.name) for key, (unit, value) in values.items()
         ]
-    for place, optimum in enumerate(found.optima, start=1):
-        model = f"optimum_{place}"
-        rows.append(Result("calibrate_cost", "1", optimum.cost, model=model))
-        for unknown, x in zip(problem.unknowns, optimum.x, strict=True):
-            rows.append(Result("calibrate_optimum", unknown.unit, unknown.value(x), model, part=unknown.name))
     return rows
 
 

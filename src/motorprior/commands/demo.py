@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING
 
 from motorprior import stage
 from motorprior.actuator.registry import motor_text
-from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.artifacts import read_json, write_text
 from motorprior.bounds import require_count
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.real_motors import RealMotors, Show, is_replayed, run_real_motors
-from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.real_motors import RealMotors, run_real_motors
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import SEEDS_APART
+from motorprior.commands.walk import SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import network_steps
@@ -31,12 +29,10 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.studies.robustness import UprightMap, robustness
 
 if TYPE_CHECKING:
     from motorprior.report.page import Section
 
-MAPS = "robustness.json"
 PRESETS = ("rollout", "paper", "one_network", "paper_wide")
 
 
@@ -74,16 +70,13 @@ class Demo:
     the shipped one replaces a robot that cannot walk or has no fleet."""
 
 
-def run_demo(
-    config: Demo, progress: Progress = SILENT, command: str = "", show: Show = lambda found, lines: None
-) -> Results:
+def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
     Args:
         config: settings.
         progress: reports to the user.
         command: command line that makes the same page, to print on it.
-        show: called with the comparison of the motors of real logs.
 
     Returns:
         All measurements, also in results.json and, by name, in figures.json.
@@ -93,22 +86,17 @@ def run_demo(
     """
     from motorprior.report import chapters  # here: it imports matplotlib
     from motorprior.report.page import page
-    from motorprior.report.real_motors import real_motors
 
-    for name, is_given in {"suspended": config.suspended, "columns": config.columns is not None}.items():
-        if is_given and config.logs is None:
-            raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
+    if config.logs is None and (config.suspended or config.columns is not None):
+        name = "suspended" if config.suspended else "columns"
+        raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
     given, config = config, with_walking_robot(config)
-    real = RealMotors(
-        given.logs, given.out / "real_motors", given.columns, given.suspended, given.seed, given.robot
-    ) if given.logs is not None else None  # fmt: skip
-    replayed = real is not None and is_replayed(real, config.robot)
     robot, out, results = load_robot(config.robot), config.out, Results()
+    sections: list[Section] = []
     robot.require_legs()
     require_count("motors", config.motors, robot.num_joints)
     for name in ("iterations", "seeds", "workers"):
         require_count(name, getattr(config, name))
-    sections: list[Section] = []
 
     def write_page(complete: bool = False) -> Path:
         title = "motorprior: motor logs, motor prior, walking policies, transfer"
@@ -118,43 +106,22 @@ def run_demo(
     with stage.locked(out):
         for name in (stage.RESULTS, stage.FIGURES):  # of other settings
             (out / name).unlink(missing_ok=True)
-        if real is not None:
-            results += run_real_motors(real, progress, show)
-            sections += real_motors(out)
+        if given.logs is not None:
+            real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
+            results += run_real_motors(real, progress)
+            sections.append(chapters.real_motors(out / "real_motors"))
             progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
         priors = _identify_priors(config, progress)
         validate = Validate(tuple(priors.values()), out / "validate", config.seed, held_out=False, robot=config.robot)
         results += run_validate(validate, progress)
         sections += [chapters.bench(out / "bench" / "rollout"), *chapters.validate(out / "validate")]
         progress.note(f"first pictures: {write_page()}")
-        if replayed and config.logs is not None:
-            posture = "suspended" if config.suspended else "auto"
-            replay = Replay(
-                config.logs, priors["rollout"], out / "replay", config.fleet, seed=config.seed, robot=config.robot,
-                posture=posture,
-            )  # fmt: skip
-            results += run_replay(replay, progress)
-            sections.append(chapters.replay(out / "replay"))
-        walks = _walks(config, priors)
-        # the longest training first, otherwise it runs alone at the end
-        longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
-        trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
-        in_parallel(trainings, config.workers, progress)
-        folders: dict[str, list[Path]] = {}
-        for folder in sorted(walk.out for walk in walks):
-            folders.setdefault(folder.name.rsplit("_", 1)[0], []).append(folder)
+        folders = _train(config, priors, robot, progress)
         sections.append(chapters.learning(folders))
-        transfer = Transfer(
-            tuple(folder for seeds in folders.values() for folder in seeds), out / "transfer", config.fleet,
-            robot=config.robot, workers=config.workers,
-        )  # fmt: skip
+        walks = tuple(folder for seeds in folders.values() for folder in seeds)
+        transfer = Transfer(walks, out / "transfer", config.fleet, robot=config.robot, workers=config.workers)
         results += run_transfer(transfer, progress)
         sections.append(chapters.transfer(out / "transfer", robot))
-        works = [
-            partial(_robustness, seeds[0], out / "robustness" / seeds[0].name, robot) for seeds in folders.values()
-        ]
-        maps = in_parallel(works, config.workers, progress)
-        sections.append(chapters.robustness_section(dict(zip(folders, maps, strict=True))))
         stage.write_results(out, results)
         write_page(complete=True)
         return results
@@ -174,18 +141,16 @@ def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
         bench = Bench(out, config.fleet, preset, config.motors, config.bench_steps, config.seed, config.robot)
         run_bench(bench, progress)
     folders = {preset: config.out / "priors" / preset for preset in PRESETS}
-    fits = [
-        Identify(
-            benches.get(preset, benches["rollout"]), out, preset, config.seed, network_steps(preset, config.adam_steps)
-        )
-        for preset, out in folders.items()
-    ]
-    in_parallel([partial(run_identify, fit) for fit in fits], config.workers, progress)
+    works = []
+    for preset, out in folders.items():
+        bench, steps = benches.get(preset, benches["rollout"]), network_steps(preset, config.adam_steps)
+        works.append(partial(run_identify, Identify(bench, out, preset, config.seed, steps)))
+    in_parallel(works, config.workers, progress)
     return {preset: out / PRIOR for preset, out in folders.items()}
 
 
-def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
-    """Trainings of all policies, the first seed of every condition first."""
+def _train(config: Demo, priors: dict[str, Path], robot: Robot, progress: Progress) -> dict[str, list[Path]]:
+    """Condition -> folders of its policies, one per seed."""
     gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
     conditions = {
         "rollout": motor_text("prior", file=priors["rollout"]),
@@ -194,8 +159,7 @@ def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
         "tuned_pd": motor_text("pd", **tuned),
         "paper": motor_text("prior", file=priors["paper"]),
     }
-    policies = config.seeds * len(conditions)
-    return [
+    walks = [
         Walk(
             out=config.out / "walk" / f"{name}_{seed}",
             motors=motors,
@@ -204,18 +168,15 @@ def _walks(config: Demo, priors: dict[str, Path]) -> list[Walk]:
             commands=Commands(hold=1.25),
             randomization=Randomization(),  # only the motors differ between conditions
             search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
-            workers=max(1, config.workers // policies),  # more than one where cores are left over
+            workers=max(1, config.workers // (config.seeds * len(conditions))),  # more where cores are left over
             robot=config.robot,
         )
         for seed in range(config.seeds)
         for name, motors in conditions.items()
     ]
-
-
-def _robustness(walk: Path, out: Path, robot: Robot, progress: Progress) -> list[UprightMap]:
-    """Robustness maps of a policy, on its training motors."""
-    wanted = stage.description("robustness", {"file": MAPS}, [walk / POLICY, *robot.files])
-    if not stage.is_finished(out, wanted):
-        with stage.working(out, wanted):
-            write_json(out / MAPS, [asdict(each) for each in robustness(walk / POLICY, robot, progress=progress)])
-    return [UprightMap(**each) for each in read_json(out / MAPS)]
+    # the longest training first, otherwise it runs alone at the end
+    longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
+    trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
+    in_parallel(trainings, config.workers, progress)
+    seeds = range(config.seeds)
+    return {name: [config.out / "walk" / f"{name}_{seed}" for seed in seeds] for name in sorted(conditions)}

@@ -1,4 +1,4 @@
-"""Import recordings as motor logs: `load_log`, and a file per log."""
+"""Import recordings as motor logs: `load_log`, fitted loads if they are unknown, and a file per log."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.commands.fit_loads import with_fitted_loads
 from motorprior.exceptions import ConfigError, listed
 from motorprior.logs.load_log import PERIOD, load_log
 from motorprior.logs.motor_log import MotorLog, settings_text
+from motorprior.logs.operations import joined, smooth_on_grid
 from motorprior.logs.read_log import recording_name
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import locked
+
+if TYPE_CHECKING:  # importing it compiles
+    from motorprior.identification.load_fit import FittedLoad
 
 
 @dataclass(frozen=True)
@@ -51,21 +55,11 @@ class LogsImport:
     as `identify` and `adapt` need. Logs that record another posture are rejected."""
     fit_load: bool = False
     """The motors are on a static base and each carries a rigid body of unknown inertia, the same in all logs: fit
-    inertia and weight, print them with standard deviations, and save them in loads.json. Needs ``columns``, kp in
-    N·m/rad and the default period; not with a robot, whose model gives the loads."""
+    inertia and weight, and print them with standard deviations. Needs ``columns``, kp in N·m/rad and the default
+    period; not with a robot, whose model gives the loads."""
     robot: str | None = None
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). The default is the shipped one
     for logs that do not name their joints; tables use the names of their map."""
-
-
-def require_paths(paths: tuple[Path, ...]) -> None:
-    """Reject an empty list of logs.
-
-    Raises:
-        ConfigError: no log is given.
-    """
-    if not paths:
-        raise ConfigError("no log given", remedy="give at least one file")
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
@@ -75,7 +69,6 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         ConfigError: two logs with one name, a log that would overwrite a recording, or as `load_log`.
         LogError, ArtifactError: as `load_log`, or a folder that cannot be written or is in use.
     """
-    require_paths(config.paths)
     if config.fit_load and (config.suspended or config.robot or not config.columns or config.period != PERIOD):
         problem, remedy = "fit_load needs columns and the default period, and no robot", "give these, or suspended"
         raise ConfigError(problem, remedy=remedy, argument="fit_load")
@@ -87,7 +80,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     )  # fmt: skip
     with locked(config.out):
         logs = ((target, load(path)) for target, path in targets.items())
-        for target, log in with_fitted_loads(dict(logs), config.out, progress).items() if config.fit_load else logs:
+        for target, log in _with_fitted_loads(dict(logs), progress).items() if config.fit_load else logs:
             write_log(target, log)
             progress.note(f"{target}: {_summary(log)}")
             progress.note(f"{target}: records {settings_text(log) or 'no gain, register, condition or posture'}")
@@ -104,11 +97,10 @@ def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
         target = out / f"{recording_name(path)}.parquet"
         if target in targets:
             raise ConfigError(f"it and {targets[target]} would both become {target}", where=path, remedy="rename one")
-        targets[target] = path
-    for target in targets:
-        if target.exists() and any(path.exists() and target.samefile(path) for path in paths):
+        if path.exists() and target.exists() and target.samefile(path):
             problem = "out: the import would overwrite the recording"
             raise ConfigError(problem, where=target, remedy="give another folder", argument="out")
+        targets[target] = path
     return targets
 
 
@@ -122,3 +114,36 @@ def _summary(log: MotorLog) -> str:
         low, high = np.rad2deg([values.min(), values.max()])
         parts.append(f"{name} from {low:.1f} to {high:.1f}°")
     return ", ".join(parts)
+
+
+def _with_fitted_loads(logs: Mapping[Path, MotorLog], progress: Progress) -> dict[Path, MotorLog]:
+    """The logs of the same motors and loads on a grid, with one load per joint that is fitted to all of them."""
+    from motorprior.identification import load_fit
+
+    for log in logs.values():
+        load_fit.require_physical_kp(log)
+    smooth = {target: smooth_on_grid(log, PERIOD) for target, log in logs.items()}
+    log = joined(list(smooth.values()))
+    with progress.start(f"fit the loads of {log.num_joints} joints", load_fit.MAX_ROUNDS * log.num_joints) as task:
+        loads = load_fit.fit_loads(log, task.advance)
+    for name, load, motion in zip(log.joint_names, loads, np.std(log.joint_pos, axis=0).tolist(), strict=True):
+        progress.note(_load_text(name, load, motion))
+    return {target: load_fit.with_fitted_loads(each, loads) for target, each in smooth.items()}
+
+
+def _load_text(name: str, load: FittedLoad, motion: float) -> str:
+    """The result for a joint whose angle has a standard deviation of ``motion`` [rad].
+
+    Gravity is W·sin(q - h) = s·sin q + c·cos q with W = √(s² + c²); its deviation is that along (s, c).
+    """
+    weight = float(np.hypot(*load.gravity))
+    along = load.gravity / max(weight, 1e-12)
+    std = float(np.sqrt(along @ load.gravity_covariance @ along))
+    gravity = f"{weight:.2g} ± {std:.1g} N·m" if weight > 2.0 * std else f"below {weight + 2.0 * std:.1g} N·m"
+    text = (
+        f"joint {name}: inertia {load.inertia:.2g} kg·m² (×/÷ {np.exp(load.inertia_deviation):.2f}, 1 σ); "
+        f"weight {gravity}; residual {1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion"
+    )
+    if load.armature_deviation > 0.3:
+        text += f"; the armature identified with it may be off by a factor of {np.exp(load.armature_deviation):.1f}"
+    return text

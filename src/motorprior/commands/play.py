@@ -9,14 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from motorprior.artifacts import atomic_path
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_number, require_seed
-from motorprior.commands.walk import POLICY
-from motorprior.commands.walk_seeds import SEED_FOLDER
+from motorprior.commands.walk import POLICY, SEED_FOLDER
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands, Timetable
-from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -25,13 +22,10 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import locked, write_results
-from motorprior.studies.compare import evaluation_seed, run_walks, with_shared_speeds
+from motorprior.studies.compare import TrainedPolicy, evaluation_seed, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
-from motorprior.studies.gait_quality import completed, gait_quality, headings, quality_results, steps_along_heading
-from motorprior.studies.trained_policy import TrainedPolicy
+from motorprior.studies.gait_quality import gait_quality, quality_results
 
-EnvironmentName = Literal["own", "twin", "hard"]
-MAX_SECONDS, MAX_POLICIES = 600.0, 4
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
 _STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures that need one constant command
 
@@ -44,7 +38,7 @@ class Play:
     """Policies, or folders that `motorprior walk` wrote."""
     out: Path = Path("runs/play")
     """Folder for the film (play.mp4 or play.gif) and figures.json."""
-    environment: EnvironmentName = "own"
+    environment: Literal["own", "twin", "hard"] = "own"
     """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and noise; hard: the twin
     on unknown ground, with an unknown load and pushes."""
     forward: float | None = None
@@ -66,67 +60,55 @@ class Play:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
-@dataclass(frozen=True)
-class Played:
-    """Path of the film, measures of the walks, and number of control steps of each."""
-
-    film: Path
-    results: Results
-    steps: dict[str, int]
-
-
-def run_play(config: Play, progress: Progress = SILENT) -> Played:
+def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     """Simulate the walks, measure them, write the film, and open the viewer if requested.
+
+    Returns:
+        Path of the film, and measures of the walks.
 
     Raises:
         ArtifactError, ConfigError, LogError: a policy, its motors, the schedule or the fleet cannot be used; a command
             is outside the range of the robot or of a policy's training; the viewer finds no screen.
     """
-    robot, names = load_robot(config.robot), _names(config.policies)
-    require_number("seconds", config.seconds, robot.control_dt, MAX_SECONDS)
+    from motorprior.report import film  # here, since it imports matplotlib
+
+    robot = load_robot(config.robot)
+    policies = {name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()}
+    require_number("seconds", config.seconds, positive=True)
     require_seed(config.seed)
-    commands = commands_of(config, with_shared_speeds(robot, map(Policy.load, names.values())))
+    commands = _commands(config, with_shared_speeds(robot, (each.policy for each in policies.values())))
     steps = max(1, round(config.seconds / robot.control_dt))
     commanded = commands.schedule(robot, evaluation_seed(config.seed), steps)
     episodes: dict[str, Episode] = {}
     with locked(config.out):
-        with progress.start(f"walk: {len(names)} x {config.seconds:g} s", len(names)) as task:
-            for name, path in names.items():
-                episodes[name] = _walk(config, robot, path, WalkConfig(steps, commands=commands))
+        with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
+            for name, trained in policies.items():
+                episodes[name] = _walk(config, trained, WalkConfig(steps, commands=commands))
                 task.advance()
         results = sum((_measured(config, robot, *named, commanded) for named in episodes.items()), Results())
         write_results(config.out, results)
-        walks = [_until_end(episode.trace, steps) for episode in episodes.values()]
-        titles = [f"{name}, {_TITLES[config.environment]}" for name in names]
-        notes = [_notes(robot, each, walk, commanded) for each, walk in zip(episodes.values(), walks, strict=True)]
-        film = _write_film(config.out, robot, walks, titles, notes, progress)
+        titled = {f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()}
+        path = film.write_film(config.out, robot, titled, commanded, progress)
     if config.viewer:
-        show(robot, walks, robot.control_dt)
-    return Played(film, results, {name: episode.steps for name, episode in episodes.items()})
+        show(robot, [film.until_end(episode.trace, steps) for episode in episodes.values()], robot.control_dt)
+    return path, results
 
 
-def _write_film(
-    folder: Path, robot: Robot, walks: list[np.ndarray], titles: list[str], notes: list[list[str]], progress: Progress
-) -> Path:
-    """Write play.mp4, or play.gif where the encoder is not installed; returns its path."""
-    from motorprior.report import film  # here, since it imports matplotlib
-
-    as_mp4 = film.can_write_mp4()
-    path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
-    stride = max(1, round(1.0 / (rate * robot.control_dt)))
-    walks, notes = [walk[::stride] for walk in walks], [each[::stride] for each in notes]
-    seconds, count = stride * robot.control_dt, len(walks[0])
-    with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
-        pictures = film.film(robot, walks, titles, notes, progress.note)
-        counted = (picture for picture in pictures if task.advance() is None)
-        if as_mp4:
-            film.write_mp4(temporary, counted, seconds)
-        else:
-            temporary.write_bytes(film.gif_bytes(counted, seconds))
-    return path
+def _names(policies: Iterable[Path]) -> dict[str, Path]:
+    """Files of the policies by the names of their folders, or of files with other names than policy.safetensors."""
+    names: dict[str, Path] = {}
+    for given in policies:
+        path = given / POLICY if given.is_dir() else given
+        seeds = sorted(given.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
+        if seeds and not path.is_file():
+            problem = f"no {POLICY} in it, but in {len(seeds)} folders of seeds below"
+            raise ConfigError(problem, where=given, remedy=f"give some of these: {seeds[0]}")
+        name = path.resolve().parent.name if path.name == POLICY else path.stem
+        names[name if name not in names else f"{name} ({len(names) + 1})"] = path
+    return names
 
 
-def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
+def _commands(config: Play, robot: Robot) -> Commands | Timetable:
     """Commands of the walk.
 
     Raises:
@@ -144,30 +126,13 @@ def commands_of(config: Play, robot: Robot) -> Commands | Timetable:
     return Timetable.read(config.schedule, robot)
 
 
-def _names(policies: Iterable[Path]) -> dict[str, Path]:
-    """Files of the policies by the names of their folders, or of files with other names than policy.safetensors."""
-    names: dict[str, Path] = {}
-    for given in policies:
-        path = given / POLICY if given.is_dir() else given
-        seeds = sorted(given.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
-        if seeds and not path.is_file():
-            problem = f"no {POLICY} in it, but in {len(seeds)} folders of seeds below"
-            raise ConfigError(problem, where=given, remedy=f"give up to {MAX_POLICIES} of these: {seeds[0]}")
-        name = path.resolve().parent.name if path.name == POLICY else path.stem
-        names[name if name not in names else f"{name} ({len(names) + 1})"] = path
-    if not 1 <= len(names) <= MAX_POLICIES:
-        raise ConfigError(f"{len(names)} policies given", remedy=f"give 1 to {MAX_POLICIES}")
-    return names
-
-
-def _walk(config: Play, robot: Robot, path: Path, walk: WalkConfig) -> Episode:
-    trained = TrainedPolicy.load(path, robot)
+def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
     if config.environment == "own":
         scene = trained.scene(walk)
     else:
         randomization = {"twin": NOISY, "hard": HARD}[config.environment]
         walk = replace(walk, randomization=randomization, gait=trained.policy.gait)
-        scene = twin_scene(trained.robot, load_robot_fleet(robot, config.fleet), walk)
+        scene = twin_scene(trained.robot, load_robot_fleet(trained.robot, config.fleet), walk)
     return run_walks(scene, trained.policy.arrays, [config.seed])[0]
 
 
@@ -175,11 +140,7 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
     """Measures of a walk with commands (steps, 2).
 
     With changing commands, measures that need a constant one are replaced by speed_off, `Episode.speed_error` [m/s].
-    Without torques (PyBullet) only the time upright is known.
     """
-    if not len(episode.motion):
-        upright = float(completed(episode, len(commanded)))
-        return Results.of([Result("upright", "1", upright, name, config.environment)])
     speeds = commanded[:, 0]
     slowest = 0.0 if speeds.min() < 0.0 < speeds.max() else float(speeds[np.abs(speeds).argmin()])
     quality = gait_quality(robot, episode, slowest, float(commanded[0, 1]), len(commanded))
@@ -188,18 +149,3 @@ def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded
         return measured
     rows = [row for row in measured if row.quantity not in _STEADY_ONLY]
     return Results.of([*rows, Result("speed_off", "m/s", episode.speed_error, name, config.environment)])
-
-
-def _until_end(trace: np.ndarray, steps: int) -> np.ndarray:
-    """The trace, its last frame repeated up to ``steps``."""
-    return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
-
-
-def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarray) -> list[str]:
-    """Per frame: time, distance along the heading, and the command or, after a fall, "fell"."""
-    distance = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
-    notes = []
-    for step, (way, (forward, turn)) in enumerate(zip(distance, commanded, strict=True)):
-        state = f"command {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
-        notes.append(f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {state}")
-    return notes

@@ -6,12 +6,11 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.evaluation.free_runs import read_traces, write_traces
+from motorprior.identification.evaluation.free_runs import write_traces
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import begin_at_gaps, drop_repeats, resample, smooth_on_grid
@@ -49,16 +48,8 @@ class RealMotors:
     """Robot of the logs: a shipped one by name, or a .toml file; not used for logs with other joints."""
 
 
-Show: TypeAlias = Callable[[Results, list[str]], None]
-
-
-def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show = lambda found, lines: None) -> Results:
+def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
     """Fit and evaluate, or read the results if the folder holds them already.
-
-    Args:
-        config: settings.
-        progress: where to report to.
-        show: called with the results and lines for the user, also if they are not new.
 
     Raises:
         LogError, ArtifactError, ConfigError: a log, column map or robot that cannot be used.
@@ -70,9 +61,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT, show: Show 
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
             _write_report(config, folder, robot, progress)
-    results = read_results(config.out)
-    show(results, read_traces(config.out)[1])
-    return results
+    return read_results(config.out)
 
 
 def read_logs_of(config: RealMotors) -> LogFolder:
@@ -88,23 +77,16 @@ def read_logs_of(config: RealMotors) -> LogFolder:
     unnamed = config.columns is not None and config.robot == DEFAULT_ROBOT
     found = read_log_folder(config.logs, None if unnamed else robot, config.columns)
     first = next(iter(found.logs.values())).joint_names
-    for name, log in found.logs.items():
+    for path, (name, log) in zip(found.paths, found.logs.items(), strict=True):
         if log.joint_names != first:
             problem = f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
-    if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
-        for path, log in zip(found.paths, found.logs.values(), strict=True):
+        if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
             require_fixed_base(log, robot, path)
     if not moving_joints(found.logs):
         problem = f"{', '.join(found.logs)}: no joint is excited"
         raise LogError(problem, where=config.logs, remedy="record with a moving command")
     return found
-
-
-def is_replayed(config: RealMotors, robot: str) -> bool:
-    """Whether the logs were recorded on this robot, so that its simulation can replay them; see `read_logs_of`."""
-    first = next(iter(read_logs_of(config).logs.values()))
-    return first.joint_names == load_robot(robot).joint_names and robot == config.robot and config.columns is None
 
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
@@ -113,18 +95,18 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None
     whole, lines = _without_gaps(config, folder)
-    loads, reason = _loads(config, folder.logs, described)
-    together = RESPONSE_SECONDS if loads is None else MOTOR_SECONDS
+    prepare, loads = _loads(config, folder.logs, described)
+    together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(moving_joints(whole))))
-    logs = split(whole, seconds, TEST_SECONDS).map(loads or _on_grid)
+    logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)
     joints = moving_joints(logs.train)
     logs = logs.map(lambda log: log.with_joints(joints))
-    if loads is None:
+    if prepare is None:
         results, traces, warnings = report_without_loads(logs, config.seed, progress)
     else:
         results, traces, warnings = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
     write_results(config.out, results)
-    write_traces(config.out, traces, [*lines, reason, logs.rule, *warnings])
+    write_traces(config.out, traces, [*lines, loads, logs.rule, *warnings])
 
 
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
@@ -133,18 +115,16 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
     Raises:
         LogError: no log has a steady clock.
     """
-    logs, lines = {}, [f"left out {line}" for line in folder.unreadable]
+    logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
             logs[name], gaps = begin_at_gaps(log)
         except LogError as error:
-            if len(folder.logs) == 1:
-                raise
-            gaps = f"left out {error}"
+            unsteady, gaps = error, f"left out {error}"
         assumed = "" if config.columns else reader_of(path).assumption
         lines += [f"{name}: {line}" for line in (assumed, gaps) if line]
-    if not logs:
-        raise LogError("no log has a steady clock", where=config.logs, remedy="give logs of a steady clock")
+    if unsteady and not logs:
+        raise unsteady
     return logs, lines
 
 
@@ -158,13 +138,11 @@ def _loads(
     if robot is None:
         return None, f"{unknown} (set robot to a description of these joints)"
     postures = [np.array([-1]) if log.posture is None else log.posture for log in logs.values()]
-    logged = {POSTURES[code] if code >= 0 else None for code in np.unique(np.concatenate(postures)).tolist()}
+    logged = {POSTURES[code] if code >= 0 else "unknown" for code in np.unique(np.concatenate(postures)).tolist()}
     if robot.base == "fixed" or config.suspended or logged == {"suspended"}:
-        return lambda log: with_loads(
-            smooth_on_grid(log, PERIOD), robot
-        ), f"loads: rigid bodies of {robot.name}, base fixed"
-    others = " and ".join(sorted(name for name in logged if name not in (None, "suspended")))
-    return None, f"{unknown} ({robot.name} was {others or 'perhaps standing: set suspended if it was not'})"
+        known = f"loads: rigid bodies of {robot.name}, base fixed"
+        return lambda log: with_loads(smooth_on_grid(log, PERIOD), robot), known
+    return None, f"{unknown} (posture of {robot.name}: {', '.join(sorted(logged))}; set suspended if it was)"
 
 
 def _on_grid(log: MotorLog) -> MotorLog:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
@@ -24,8 +24,6 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies.log_replay import PostureName, Replayer, replayers_of, with_logged_gains
 
-TRACES = "traces.safetensors"
-
 
 @dataclass(frozen=True)
 class Replay:
@@ -36,7 +34,7 @@ class Replay:
     prior: Path
     """Prior to sample."""
     out: Path
-    """Folder for figures.json and the traces of the report."""
+    """Folder for figures.json."""
     fleet: str | None = None
     """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace both."""
     draws: int = 20
@@ -66,14 +64,12 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     if is_finished(config.out, wanted):
         return read_results(config.out)
     with working(config.out, wanted):
-        rows: list[Result] = []
-        traces: dict[str, np.ndarray] = {}
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
         for name, log in folder.logs.items():
             for finding in check_log(log, robot).findings:
                 if finding.severity != "info":
                     progress.note(f"log {name}: {finding.severity}: {finding.message}")
-        count = len(replayers)
+        rows, count = list[Result](), len(replayers)
         with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.draws)) as task:
             for name, replayer in replayers.items():
                 simulated: dict[str, np.ndarray] = {}
@@ -81,10 +77,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
                     simulated[model] = np.array([replayer.joint_pos(actuator) for actuator in actuators])
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
-                traces |= _log_traces(name, robot, replayer, simulated, prior.preset)
         write_results(config.out, Results.of(rows))
-        header = {"logs": sorted(replayers), "prior": prior.preset, "joint_names": list(robot.joint_names)}
-        write_tensors(config.out / TRACES, traces, header)
     return read_results(config.out)
 
 
@@ -116,7 +109,7 @@ def _models(
     }
 
 
-def _errors(name: str, replayer: Replayer, simulated: dict[str, np.ndarray]) -> list[Result]:
+def _errors(name: str, replayer: Replayer, simulated: Mapping[str, np.ndarray]) -> list[Result]:
     """Joint RMSE: the mean over excited joints, and each; of samples median, 5 % and 95 % quantile."""
     rows: list[Result] = []
     for model, runs in simulated.items():
@@ -131,27 +124,3 @@ def _errors(name: str, replayer: Replayer, simulated: dict[str, np.ndarray]) -> 
             value, part = float(np.median(per_joint[:, joint])), replayer.log.joint_names[joint]
             rows.append(Result("real_joint_rmse", "rad", value, model, statistic="median", log=name, part=part))
     return rows
-
-
-def plotted_joint(robot: Robot, replayer: Replayer) -> int:
-    """The joint of a log to plot: the first excited knee, or else the first excited joint."""
-    last = {leg.joints[-1] for leg in robot.legs}
-    knees = [joint for joint in replayer.excited if joint in last]
-    return int(knees[0] if knees else replayer.excited[0])
-
-
-def _log_traces(
-    name: str, robot: Robot, replayer: Replayer, simulated: dict[str, np.ndarray], preset: str
-) -> dict[str, np.ndarray]:
-    """The plotted joint of a log, for the report; samples as median and, of the prior, 90 % band."""
-    joint, log = plotted_joint(robot, replayer), replayer.log
-    low, high = np.quantile(simulated[preset][:, :, joint], [0.05, 0.95], axis=0)
-    return {
-        f"{name}/joint": np.array(joint),
-        f"{name}/time": log.time,
-        f"{name}/target": log.position_target[:, joint],
-        f"{name}/measured": log.joint_pos[:, joint],
-        **{f"{name}/model/{model}": np.median(runs[:, :, joint], axis=0) for model, runs in simulated.items()},
-        f"{name}/low": low,
-        f"{name}/high": high,
-    }

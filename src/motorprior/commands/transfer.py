@@ -14,7 +14,6 @@ from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.commands.walk import POLICY
-from motorprior.exceptions import ConfigError
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -22,7 +21,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
 from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies import compare
-from motorprior.studies.trained_policy import TrainedPolicy
+from motorprior.studies.compare import TrainedPolicy
 
 TRACES = "traces.safetensors"
 
@@ -55,8 +54,6 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     robot.require_legs()
     fleet = load_robot_fleet(robot, config.fleet)
     files = [path if path.is_file() else path / POLICY for path in config.walks]
-    if not files:
-        raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     require_count("workers", config.workers)
     policies = [TrainedPolicy.load(path, robot) for path in files]
     settings = asdict(config)
@@ -74,10 +71,8 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
         seeds[condition] += 1
     with working(config.out, wanted):
         found = in_parallel(works, usable_threads(config.workers, progress), progress)
-        traces: dict[str, np.ndarray] = {}
-        for _, walked in found:
-            traces = walked | traces  # of the first seed
         write_results(config.out, Results.of(row for rows, _ in found for row in rows))
+        traces = {name: trace for _, walked in reversed(found) for name, trace in walked.items()}  # of the first seed
         write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
     return read_results(config.out)
 
@@ -85,6 +80,5 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 def _evaluate(
     trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
 ) -> tuple[list[Result], dict[str, np.ndarray]]:
-    name = f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks"
-    with progress.start(name, 1):
+    with progress.start(f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks", 1):
         return compare.evaluate(trained.policy, scenes, condition, seed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,9 +15,10 @@ from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import ModelOfMotors
+from motorprior.identification.evaluation.free_runs import write_traces
 from motorprior.identification.held_out import (
     adapt_all,
     adaptation,
@@ -29,16 +29,13 @@ from motorprior.identification.held_out import (
 )
 from motorprior.identification.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, seconds_of, working, write_results
-from motorprior.studies.fidelity_traces import write_traces
-from motorprior.studies.metrics import FIDELITY_METRICS
-from motorprior.studies.robot_fidelity import fidelity
+from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity, traces
 
-TRACES = "traces.safetensors"
 GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"  # the PD with the best gains; also with armature and delay
 
 
@@ -74,7 +71,7 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
     wanted = description("validate", asdict(config), [*config.priors, *robot.files])
     if not is_finished(config.out, wanted):
         with working(config.out, wanted):
-            _measure(config, robot, priors, bench, progress)
+            write_results(config.out, _measure(config, robot, priors, bench, progress))
     return read_results(config.out)
 
 
@@ -85,8 +82,6 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
         ArtifactError: not the file of a prior.
         ConfigError: two of the same preset, of different motors, or of too few for a robot.
     """
-    if not paths:
-        raise ConfigError("no prior given", remedy="give the prior.safetensors of at least one identify run")
     priors: dict[str, MotorPrior] = {}
     benches: list[BenchSettings] = []
     for path in paths:
@@ -100,17 +95,15 @@ def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorP
             problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
             raise ConfigError(problem, where=path, remedy=remedy)
     if robot.legs and benches[0].motors < robot.num_joints:
-        raise ConfigError(
-            f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}", where=paths[0],
-            remedy=f"record a bench of {robot.num_joints} motors or more",
-        )  # fmt: skip
+        problem = f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}"
+        raise ConfigError(problem, where=paths[0], remedy="record a bench of as many motors or more")
     return priors, benches[0]
 
 
 def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
-) -> None:
-    motors = bench.physical_motors()
+) -> Results:
+    motors, seed = bench.physical_motors(), config.seed
     tuned = _tune_baselines(config.out, robot, motors, bench, progress)
     baselines: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
@@ -118,37 +111,22 @@ def _measure(
     }
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
-        results = fidelity(robot, motors, models, "train", config.seed, task) + armature_results(motors, priors)
-        write_traces(config.out / TRACES, robot, motors, models, priors, config.seed)
+        results = fidelity(robot, motors, models, "train", seed, task) + armature_results(motors, priors)
+        write_traces(config.out, traces(robot, motors, models, seed))
         task.advance()
-    if config.held_out:
-        results += _held_out(config, robot, priors, bench, baselines, progress)
-    for name, path in zip(priors, config.priors, strict=True):
-        with suppress(ArtifactError):  # not in a folder that identify wrote
-            results += Results.of([Result("identify_seconds", "s", seconds_of(path.parent), model=name)])
-    write_results(config.out, results)
-
-
-def _held_out(
-    config: Validate,
-    robot: Robot,
-    priors: dict[str, MotorPrior],
-    bench: BenchSettings,
-    baselines: dict[str, ModelOfMotors],
-    progress: Progress,
-) -> Results:
-    """The same quantities on other motors; adaptation and distribution of a physics-based prior."""
+    if not config.held_out:
+        return results
     title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
         motors, adapted = held_out_motors(bench), adapt_all(robot, priors, bench)
         models = baselines | adapted_models(priors, adapted, len(motors))
         task.advance()
-        results = fidelity(robot, motors, models, "held_out", config.seed, task).where(quantity=FIDELITY_METRICS)
+        results += fidelity(robot, motors, models, "held_out", seed, task).where(quantity=FIDELITY_METRICS)
         of_physics = [name for name, prior in priors.items() if name in adapted and isinstance(prior.model, GreyBox)]
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
-            seconds, seed = config.adapt_seconds, config.seed
-            results += adaptation(robot, priors[name], bench, seconds, adapted[name], seed, task.advance)
+            lengths = config.adapt_seconds
+            results += adaptation(robot, priors[name], bench, lengths, adapted[name], seed, task.advance)
             results += distribution(priors[name], bench)
     return results
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
+from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError
@@ -22,7 +23,7 @@ from motorprior.identification.evaluation.reference import reference_metrics
 from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
 from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
-from motorprior.identification.train import identify, work_of
+from motorprior.identification.train import Arrays, Keep, identify, work_of
 from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, motion_digest
 from motorprior.logs.operations import joined
@@ -30,7 +31,7 @@ from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 from motorprior.stage import description, is_finished, locked, working
 
-PRIOR = "prior.safetensors"
+PRIOR, KEPT = "prior.safetensors", "unfinished_{}.safetensors"
 _MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
@@ -51,7 +52,8 @@ def fit_prior(
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
         seed: of weights, windows and noise; same logs, preset and seed, same bytes.
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
-        out: folder for prior.safetensors, which the same call loads; nothing is written without it.
+        out: folder for prior.safetensors, which the same call loads; an interrupted fit continues there after the
+            selection of terms or the fit of the motors. Nothing is written without it.
         progress: where to report to, for example ``Lines(sys.stderr)``; by default warnings are Python warnings.
 
     Returns:
@@ -91,7 +93,7 @@ def fit_recipe(
     recipe, provenance = with_logged_settings(recipe, log), provenance or provenance_of([log], log=log.source)
     fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress)
     if out is None:
-        return fitted(_data(log, recipe))
+        return fitted(_data(log, recipe), lambda name, compute: compute())
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
     wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(replace(log, source=""))]}
     if is_finished(out, wanted):
@@ -100,8 +102,20 @@ def fit_recipe(
     with locked(out):
         data = _data(log, recipe)  # before the folder is unfinished: an error in the log leaves the earlier prior
         with working(out, wanted):
-            fitted(data).save(out / PRIOR)
+            fitted(data, partial(_kept, out, wanted)).save(out / PRIOR)
+            for path in out.glob(KEPT.format("*")):
+                path.unlink()
     return MotorPrior.load(out / PRIOR)
+
+
+def _kept(folder: Path, wanted: dict[str, Any], name: str, compute: Callable[[], Arrays]) -> Arrays:
+    """Arrays of an earlier interrupted run with the same logs and settings, or else computed and written."""
+    path = folder / KEPT.format(name)
+    if path.exists() and (found := read_tensors(path))[1] == wanted:
+        return found[0]
+    found = compute()
+    write_tensors(path, found, wanted)
+    return found
 
 
 def _data(log: MotorLog, recipe: Preset) -> TrainingData:
@@ -121,12 +135,13 @@ def _fitted(
     tuned: LoadedMotors | None,
     progress: Progress,
     data: TrainingData,
+    keep: Keep,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
     for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
-        found = identify(data, recipe, seed, task.advance)
+        found = identify(data, recipe, seed, task.advance, keep)
     model, mean, log_var = found.model, found.mean, found.log_var
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
     metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -39,6 +40,8 @@ SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # of each motor in all but the last de
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
 Report = Callable[[int, str], None]  # (work since the last call, text)
+Arrays: TypeAlias = dict[str, np.ndarray]
+Keep: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not kept yet
 
 
 @dataclass(frozen=True)
@@ -66,11 +69,20 @@ def work_of(preset: Preset) -> int:
     return WORK * (len(TERMS) + STAGES) if preset.grey_boxes else preset.steps
 
 
-def identify(data: TrainingData, preset: Preset, seed: int, report: Report = lambda work, text: None) -> Identified:
-    """Train a prior. The same data, preset and seed give the same bytes; raises `MotorPriorError` if it diverges."""
+def identify(
+    data: TrainingData,
+    preset: Preset,
+    seed: int,
+    report: Report = lambda work, text: None,
+    keep: Keep = lambda name, compute: compute(),
+) -> Identified:
+    """Train a prior. The same data, preset and seed give the same bytes; raises `MotorPriorError` if it diverges.
+
+    ``keep`` keeps the selected terms and the fitted motors of grey boxes for a run that continues this one.
+    """
     assumed = None
     if preset.grey_boxes:
-        found, assumed = _grey_boxes(data, preset, seed, report)
+        found, assumed = _grey_boxes(data, preset, seed, report, keep)
     else:
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
@@ -82,11 +94,13 @@ def identify(data: TrainingData, preset: Preset, seed: int, report: Report = lam
     return found
 
 
-def _grey_boxes(data: TrainingData, preset: Preset, seed: int, report: Report) -> tuple[Identified, np.ndarray]:
+def _grey_boxes(
+    data: TrainingData, preset: Preset, seed: int, report: Report, keep: Keep
+) -> tuple[Identified, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset)
-    chosen = _selected(data, preset, seed, report)
-    found = _fitted(data, preset, runs, chosen.terms, seed, report)
+    chosen = Selection.of(keep("terms", lambda: _selected(data, preset, seed, report).arrays()))
+    found = FleetFit.of(keep("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays()))
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
     model = grey_box(found.center, found.terms, preset)

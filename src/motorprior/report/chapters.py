@@ -1,31 +1,59 @@
-"""Sections of the page of a demo and of trained policies, from the files of their stages."""
+"""Sections of the pages, from the files of their stages."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from motorprior.artifacts import read_json, read_tensors
+from motorprior.artifacts import read_tensors
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import FAMILIES
+from motorprior.identification.evaluation import log_tables
+from motorprior.identification.evaluation.free_runs import read_traces
 from motorprior.report import tables
 from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
-from motorprior.report.plots_motor import closed_loop, excitation_and_response, robot_traces, torque_fit
+from motorprior.report.plots_motor import draw_traces, errors_by_joint, excitation_and_response
 from motorprior.report.plots_style import model_label
-from motorprior.report.plots_walk import learning_curves, robustness_maps, transfer_bars
+from motorprior.report.plots_walk import learning_curves, read_curves, transfer_bars
 from motorprior.results import Results
 from motorprior.robots.robot import Robot
-from motorprior.studies import robot_fidelity
+from motorprior.stage import read_results
 from motorprior.studies.compare import DRAWS
-from motorprior.studies.metrics import BENCH_METRICS, MODELS, ROBOT_METRICS
-from motorprior.studies.robustness import ROBUSTNESS_DRAWS, UprightMap
+from motorprior.studies.robot_fidelity import BENCH_METRICS, ROBOT_METRICS
+from motorprior.studies.robot_fidelity import DRAWS as ROBOT_DRAWS
 
-Tensors = dict[str, np.ndarray]
+
+def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
+    return Section(title, (text,), (picture(figure, caption),), tables)
+
+
+def real_motors(folder: Path) -> Section:
+    """Models of the motors in real logs, from the files of the quick report."""
+    return _models_of_logs(folder, "Your motors", log_tables.WHOLE_RUN_RMSE)
+
+
+def validated_log(folder: Path) -> Section:
+    """From the files of `motorprior validate-log`."""
+    return _models_of_logs(folder, "Held-out log", "whole_run_rmse")
+
+
+def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:
+    results, (traces, lines) = read_results(folder), read_traces(folder)
+    tables = [Table(*log_tables.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
+    if constants := log_tables.constants_in(results):
+        tables.append(Table(*log_tables.constant_table(constants), "Constants of your motors, over joints."))
+    for row in results.where(quantity="whole_run_coverage90"):
+        lines.append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
+    pictures = (
+        picture(errors_by_joint(log_tables.errors_by_joint(results, quantity)), "Errors by joint."),
+        picture(draw_traces(traces), "The joints with the median and maximum error."),
+    )
+    text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."
+    return Section(title, (text, *lines), pictures, tuple(tables))
 
 
 def bench(folder: Path) -> Section:
@@ -33,137 +61,72 @@ def bench(folder: Path) -> Section:
     log, settings = read_bench(folder)
     segments = log.segment_slices()
     part = log.rows(segments[min(3, len(segments) - 1)]).joint(0).rows(slice(0, 700))
-    columns = (part.joint_vel, part.joint_torque, part.external_torque)
-    optional = [None if column is None else column[:, 0] for column in columns]
-    target, joint_pos = part.position_target[:, 0], part.joint_pos[:, 0]
-    title = "Preset rollout, first motor"
-    figure = excitation_and_response(part.time - part.time[0], target, joint_pos, *optional, title=title)
     text = (
         f"{settings.motors} physical motors of fleet {settings.fleet.name} on a virtual dynamometer, {settings.steps} "
         f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ."
     )
+    figure = excitation_and_response(part, "Preset rollout, first motor")
     return _section("Bench: excitation and response", text, figure, "Excitation and response of one motor.")
 
 
-def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
-    return Section(title, (text,), (picture(figure, caption),), tables)
-
-
 def validate(folder: Path) -> list[Section]:
-    """Torque fit, closed loop on the bench, and closed loop inside the robot."""
-    results = Results.load(folder / "results.json")
-    tensors, header = read_tensors(folder / "traces.safetensors")
-    return [_torque(tensors), _bench_loop(tensors, header, results), _robot_loop(tensors, header, results)]
-
-
-def _by_model(tensors: Tensors, prefix: str) -> Tensors:
-    return {name: tensors[prefix + name] for name in MODELS if prefix + name in tensors}
-
-
-def _torque(tensors: Tensors) -> Section:
-    time, measured, predicted = (tensors[f"torque/paper_wide/{key}"] for key in ("time", "measured", "predicted"))
-    figure = torque_fit(time, measured, {"paper_wide": predicted})
-    text = (
-        "A network trained as in the paper predicts the torque of the next step well from the recorded motion. This "
-        "error does not predict the closed-loop error in the next sections."
-    )
-    return _section("Torque fit: open loop, one step", text, figure, "Torque from the recorded motion.")
-
-
-def _fidelity_table(results: Results, columns: tuple[str, ...], caption: str) -> Table:
-    titles = tuple(column.replace("_", " ").replace("hf", "> 20 Hz") for column in columns)
-    return Table(("model", *titles), tables.fidelity_rows(results, columns), caption)
-
-
-def _bench_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> Section:
-    target = tensors["bench/target"]
-    time = np.arange(len(target)) * header["bench_dt"]
-    models = _by_model(tensors, "bench/model/")
-    figure = closed_loop(time, target, tensors["bench/truth"], models, "gait with impacts")
+    """Closed loop on the bench and, of a legged robot, inside the robot."""
+    results, (traces, _) = read_results(folder), read_traces(folder)
     ratio = results.value(quantity="armature_ratio", model="rollout")
-    text = (
+    on_bench = (
         "Each model drives one loaded joint under a held-out excitation and is compared with the physical motor, for "
-        "every training motor.",
-        f"The armature of rollout, identified from motion alone, is {ratio:.2f} times that of the rotors on average.",
+        f"every training motor. The armature of rollout, identified from motion alone, is {ratio:.2f} times that of "
+        "the rotors on average."
     )
-    caption = "Joint RMSE [rad] over 1 s, median of the motors. physical: the lower bound."
-    table = _fidelity_table(results, tuple(BENCH_METRICS), caption)
-    return Section("Closed loop on the bench", text, (picture(figure, "One held-out trial."),), (table,))
-
-
-def _robot_loop(tensors: Tensors, header: dict[str, Any], results: Results) -> Section:
-    truth, torque = tensors["robot/position/truth"], tensors["robot/torque/truth"]
-    positions, torques = (_by_model(tensors, f"robot/{kind}/") for kind in ("position", "torque"))
-    time = np.arange(len(truth)) * header["robot_dt"]
-    figure = robot_traces(time, truth, positions, torque, torques, f"{header['joint']}, standing trot")
-    caption = f"Joint RMSE [rad] and torque above 20 Hz [N·m], medians of {robot_fidelity.DRAWS} samples of motors."
-    table = _fidelity_table(results, ROBOT_METRICS, caption)
-    text = (
+    in_robot = (
         "The same models drive a standing and a suspended robot. Torque above 20 Hz should equal that of the physical "
         "motors: more is chatter. The legs of paper_wide oscillate: a network fitted one step ahead infers the torque "
         "from the last change of velocity, which feeds back on itself in a simulator "
         "(docs/why-the-paper-oscillates.md)."
     )
-    return _section("Closed loop inside the robot", text, figure, f"{header['joint']} in a trot on the ground.", table)
-
-
-def replay(folder: Path) -> Section:
-    """Real logs; the pictures are of the first two."""
-    results = Results.load(folder / "results.json")
-    tensors, header = read_tensors(folder / "traces.safetensors")
-    pictures = []
-    for log in header["logs"][:2]:
-        joint = header["joint_names"][int(tensors[f"{log}/joint"])]
-        band = (tensors[f"{log}/low"], tensors[f"{log}/high"]) if f"{log}/low" in tensors else None
-        time, target, measured = (tensors[f"{log}/{key}"] for key in ("time", "target", "measured"))
-        models, title = _by_model(tensors, f"{log}/model/"), f"log {log} · {joint}"
-        figure = closed_loop(time, target, measured, models, title, truth_label="measured", band=band)
-        pictures.append(picture(figure, f"Log {log}: the real robot and simulated motors."))
-    caption = "Joint RMSE [mrad], no offset removed; samples: median (5-95 %)."
-    table = Table(("log", "joint", *tables.replay_models(results)), tables.replay_rows(results), caption)
-    text = (
-        "The commands recorded on the real robot are replayed on a simulated one. physical is the central motor of the "
-        "fleet, physical_draws are samples of it. For a fleet that was calibrated on these logs, this is a fit, not a "
-        "prediction.",
-    )
-    return Section("Real robot logs", text, tuple(pictures), (table,))
+    bench_caption = "Joint RMSE [rad] over 1 s, median of the motors. physical: the lower bound."
+    robot_caption = f"Joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians of {ROBOT_DRAWS} samples of motors."
+    chapters = {
+        "Closed loop on the bench": (on_bench, tuple(BENCH_METRICS), bench_caption),
+        "Closed loop inside the robot": (in_robot, ROBOT_METRICS, robot_caption),
+    }
+    found = []
+    for trace, (title, (text, columns, caption)) in zip(traces, chapters.items(), strict=False):
+        table = Table(*tables.fidelity_table(results, columns), caption)
+        found.append(_section(title, text, draw_traces([trace]), "Physical motor (measured) and models.", table))
+    return found
 
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     """Learning curves of trainings: name -> a folder with curve.json per seed."""
-    curves: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for name, seeds in folders.items():
-        for folder in seeds:
-            points = read_json(folder / "curve.json")
-            iteration, returns = (np.array([point[key] for point in points]) for key in ("iteration", "mean_return"))
-            curves.setdefault(name, []).append((iteration, returns))
+    figure = learning_curves({name: read_curves(seeds) for name, seeds in folders.items()})
     text = (
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
         "different motors are not comparable."
     )
-    caption = "Mean return of the perturbed policies per iteration."
-    return _section("Learning to walk", text, learning_curves(curves), caption)
+    return _section("Learning to walk", text, figure, "Mean return of the perturbed policies per iteration.")
 
 
 def transfer(folder: Path, robot: Robot) -> Section:
     """The transfer table and films on the twin."""
-    results = Results.load(folder / "results.json")
-    tensors, _ = read_tensors(folder / "traces.safetensors")
-    names, quantities = tables.conditions_in(results), ("speed", "upright")
-
-    def means(motors: str) -> dict[str, list[float]]:
-        return {name: [results.mean(quantity=q, motors=motors, model=name) for q in quantities] for name in names}
-
+    results, (tensors, _) = read_results(folder), read_tensors(folder / "traces.safetensors")
+    names = tables.conditions_in(results)
     caption = "Pale: in the training simulation. Full colour: on the twin."
+    bars = picture(transfer_bars(*(_means(results, names, motors) for motors in ("own", "twin"))), caption)
     films = (_gait_film(robot, tensors[f"twin/{name}"], name, "on the twin") for name in names)
-    table = Table(tables.TRANSFER_COLUMNS, tables.transfer_rows(results), f"{DRAWS} samples of motors, 5 s each.")
+    table = Table(*tables.transfer_table(results), f"{DRAWS} samples of motors, 5 s each.")
     text = (
         "Each policy is evaluated in its training simulation and on the twin, the held-out virtual robot: unseen "
         "physical motors, 1 kHz physics, sensor noise. The twin's motors are the same for all policies.",
         "ideal PD: the gains with the smallest closed-loop error on the bench; tuned PD: the gains, armature and delay."
         " Seeds of one condition differ by about 0.1 m/s, so small differences are not significant.",
     )
-    return Section("Transfer", text, (picture(transfer_bars(means("own"), means("twin")), caption), *films), (table,))
+    return Section("Transfer", text, (bars, *films), (table,))
+
+
+def _means(results: Results, names: Sequence[str], motors: str) -> dict[str, list[float]]:
+    quantities = ("speed", "upright")
+    return {name: [results.mean(quantity=each, motors=motors, model=name) for each in quantities] for name in names}
 
 
 def gaits(robot: Robot, traces: Mapping[str, np.ndarray]) -> Section:
@@ -180,12 +143,3 @@ def _gait_film(robot: Robot, trace: np.ndarray, name: str, where: str) -> Pictur
     notes = [f"{step * seconds:.1f} s    {x:z.2f} m" for step, x in enumerate(walk[:, 0] - walk[0, 0])]
     pictures = film(robot, [walk], [model_label(name)], [notes])
     return Picture(f"Trained on {model_label(name)}, {where}.", gif_bytes(pictures, seconds), "gif")
-
-
-def robustness_section(maps: Mapping[str, Sequence[UprightMap]]) -> Section:
-    """Time upright under disturbances: name of the training -> maps of its policy."""
-    text = (
-        "Time upright at the maximum commanded speed, with two disturbances varied at a time. Every cell has the same "
-        "samples of the training motors, in MuJoCo on flat ground."
-    )
-    return _section("Robustness", text, robustness_maps(maps), f"{ROBUSTNESS_DRAWS} walks of 5 s per cell.")

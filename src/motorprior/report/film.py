@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from io import BytesIO
@@ -13,10 +13,14 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from motorprior.artifacts import atomic_path
 from motorprior.exceptions import ConfigError
+from motorprior.progress import Progress
 from motorprior.report.plots_style import INK, MUTED
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer, skeleton
+from motorprior.simulation.scene import Episode
+from motorprior.studies.gait_quality import headings, steps_along_heading
 
 _GROUND = 240  # row of the floor in a stick figure
 
@@ -45,6 +49,50 @@ def film(
                 _label(picture, title, texts[frame])
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
+
+
+def write_film(
+    folder: Path, robot: Robot, walks: Mapping[str, Episode], commanded: np.ndarray, progress: Progress
+) -> Path:
+    """Write play.mp4, or play.gif where the encoder is not installed; returns its path.
+
+    Args:
+        folder: for the file.
+        robot: of the walks.
+        walks: by title, with their traces.
+        commanded: (steps, 2) speed [m/s] and yaw rate [rad/s], of all walks.
+        progress: where to report to.
+    """
+    as_mp4 = can_write_mp4()
+    path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
+    stride = max(1, round(1.0 / (rate * robot.control_dt)))
+    traces = [until_end(episode.trace, len(commanded)) for episode in walks.values()]
+    notes = [_notes(robot, *each, commanded)[::stride] for each in zip(walks.values(), traces, strict=True)]
+    frames = [trace[::stride] for trace in traces]
+    seconds, count = stride * robot.control_dt, len(frames[0])
+    with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
+        pictures = film(robot, frames, list(walks), notes, progress.note)
+        counted = (picture for picture in pictures if task.advance() is None)
+        if as_mp4:
+            write_mp4(temporary, counted, seconds)
+        else:
+            temporary.write_bytes(gif_bytes(counted, seconds))
+    return path
+
+
+def until_end(trace: np.ndarray, steps: int) -> np.ndarray:
+    """The trace of a walk, its last frame repeated up to ``steps``."""
+    return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
+
+
+def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarray) -> list[str]:
+    """Per frame: time, distance along the heading, and the command or, after a fall, "fell"."""
+    distance = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
+    notes = []
+    for step, (way, (forward, turn)) in enumerate(zip(distance, commanded, strict=True)):
+        state = f"command {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
+        notes.append(f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {state}")
+    return notes
 
 
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:

@@ -1,14 +1,15 @@
-"""Pictures of motors: commands and response, and the responses of actuator models."""
+"""Pictures of motors: commands and response, simulated and recorded angles, errors by joint."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from motorprior.identification.evaluation.free_runs import Trace
+from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import (
     INK,
     TIME,
@@ -16,39 +17,31 @@ from motorprior.report.plots_style import (
     fit_y,
     legend_below,
     model_color,
-    model_label,
     model_line,
     new_figure,
     panels,
-    span,
+    style,
     target_line,
 )
 from motorprior.signals import rmse
 
-_OPACITY = {50: 0.34, 90: 0.18}  # of a band [%]
+SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
 
 
-def excitation_and_response(
-    time: np.ndarray,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray | None,
-    joint_torque: np.ndarray | None,
-    external_torque: np.ndarray | None,
-    title: str,
-) -> Figure:
-    """Commands and response of a motor: (T,) angles, velocity and torques in SI units; None if not recorded."""
+def excitation_and_response(log: MotorLog, title: str) -> Figure:
+    """Commands and response of the first motor of a log: angles, velocity and torques that it has."""
+    time = log.time - log.time[0]
     figure = new_figure(4.6)
     angle, velocity, torque = panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
-    target_line(angle, time, position_target)
-    angle.plot(time, joint_pos, color=INK, lw=1.2, label="joint angle")
+    target_line(angle, time, log.position_target[:, 0])
     for axes, values, color, label in (
-        (velocity, joint_vel, INK, "joint velocity"),
-        (torque, external_torque, "#8a6fb3", "external torque"),
-        (torque, joint_torque, INK, "motor torque"),
+        (angle, log.joint_pos, INK, "joint angle"),
+        (velocity, log.joint_vel, INK, "joint velocity"),
+        (torque, log.external_torque, "#8a6fb3", "external torque"),
+        (torque, log.joint_torque, INK, "motor torque"),
     ):
         if values is not None:
-            axes.plot(time, values, color=color, lw=1.1, label=label)
+            axes.plot(time, values[:, 0], color=color, lw=1.1, label=label)
     describe(angle, y="angle [rad]", title=title)
     describe(velocity, y="velocity [rad/s]")
     describe(torque, x=TIME, y="torque [N·m]")
@@ -56,159 +49,53 @@ def excitation_and_response(
     return figure
 
 
-def torque_fit(time: np.ndarray, measured: np.ndarray, predicted: Mapping[str, np.ndarray]) -> Figure:
-    """Measured (T,) torque [N·m] and the torque that models predict one step ahead from the recorded motion."""
-    figure = new_figure(2.6)
-    (axes,) = panels(figure, 1)[0]
-    model_line(axes, time, measured, "measured").set_linewidth(1.9)
-    for model, values in predicted.items():
-        label = f"{model_label(model)}, RMSE {float(rmse(values, measured)):.2g} N·m"
-        model_line(axes, time, values, model, label)
-    fit_y(axes, [measured], list(predicted.values()))
-    describe(axes, x=TIME, y="torque [N·m]", title="Torque, one step ahead")
-    legend_below(figure, axes)
-    return figure
-
-
-def closed_loop(
-    time: np.ndarray,
-    position_target: np.ndarray,
-    truth: np.ndarray,
-    models: Mapping[str, np.ndarray],
-    title: str,
-    *,
-    truth_label: str = "truth",
-    band: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Figure:
-    """Joint angle (T,) [rad] of each model in its own closed loop, and its error.
-
-    Args:
-        time: (T,) [s].
-        position_target: (T,) [rad].
-        truth: (T,) [rad], of a simulated or measured motor.
-        models: (T,) [rad] per model.
-        title: of the figure.
-        truth_label: for the legend.
-        band: lower and upper bound (T,) [rad] of the sampled motors.
-    """
-    figure = new_figure(4.3)
-    angle, error = panels(figure, 2, sharex=True, heights=(1.6, 1))[:, 0]
-    if band is not None:
-        for axes, zero in ((angle, 0.0), (error, truth)):
-            low, high = (edge - zero for edge in band)
-            axes.fill_between(time, low, high, color=model_color("rollout"), alpha=0.16, lw=0, label="sampled motors")
-    target_line(angle, time, position_target)
-    model_line(angle, time, truth, "truth", truth_label).set_linewidth(1.9)
-    for model, values in models.items():
-        model_line(angle, time, values, model, f"{model_label(model)}, RMSE {_milli(float(rmse(values, truth)))}")
-        model_line(error, time, values - truth, model)
-    fit_y(angle, [truth, position_target], list(models.values()), margin=0.3)
-    low, high = span([values - truth for values in models.values()])
-    reach = 1.08 * min(max(high, -low, 1e-4), max(float(np.ptp(truth)), 1e-4))
-    error.set_ylim(-reach, reach)
-    describe(angle, y="joint angle [rad]", title=title)
-    describe(error, x=TIME, y="error [rad]")
-    legend_below(figure, angle, columns=2)
-    return figure
-
-
-def _milli(value: float) -> str:
-    """An RMSE in mrad, or "diverged"."""
-    return f"{1000 * value:.3g} mrad" if value < 10.0 else "diverged"
-
-
-def robot_traces(
-    time: np.ndarray,
-    truth_pos: np.ndarray,
-    models_pos: Mapping[str, np.ndarray],
-    truth_torque: np.ndarray,
-    models_torque: Mapping[str, np.ndarray],
-    title: str,
-) -> Figure:
-    """(T,) angle [rad] and torque [N·m] of one joint of the simulated robot, on physical motors and on each model."""
-    figure = new_figure(4.4)
-    angle, torque = panels(figure, 2, sharex=True, heights=(1.2, 1))[:, 0]
-    for axes, truth, models in ((angle, truth_pos, models_pos), (torque, truth_torque, models_torque)):
-        model_line(axes, time, truth, "physical").set_linewidth(1.9)
-        for model, values in models.items():
-            model_line(axes, time, values, model).set_linewidth(1.0)
-        fit_y(axes, [truth], list(models.values()))
-    describe(angle, y="angle [rad]", title=title)
-    describe(torque, x=TIME, y="torque [N·m]")
-    legend_below(figure, angle)
-    return figure
-
-
-@dataclass(frozen=True)
-class LogPanel:
-    """One joint of a log: title, time (T,) [s]; target, measured, central motor's and 5 and 95 % angle (T,) [rad]."""
-
-    title: str
-    time: np.ndarray
-    target: np.ndarray
-    measured: np.ndarray
-    center: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-
-def calibration(logs: Sequence[LogPanel], seconds: float = 5.0) -> Figure:
-    """A row per log with its first ``seconds``: measured angle, central motor and band; next to it their error."""
-    figure = new_figure(0.7 + 1.75 * len(logs))
-    grid = panels(figure, len(logs), 2)
-    for (angle, error), log in zip(grid, logs, strict=True):
-        rows = log.time - log.time[0] <= seconds
-        target_line(angle, log.time[rows] - log.time[0], log.target[rows])
-        _with_band(angle, log, rows, 0.0, 1.0)
-        _with_band(error, log, rows, log.measured[rows], 1e3)
-        describe(angle, y="angle [rad]", title=log.title)
-        describe(error, y="error [mrad]")
+def draw_traces(traces: Sequence[Trace]) -> Figure:
+    """A row per trace: true and simulated angles, and the errors, in the last seconds."""
+    figure = new_figure(0.7 + 1.9 * len(traces))
+    grid = panels(figure, len(traces), 2)
+    for (angle, error), trace in zip(grid, traces, strict=True):
+        _draw(angle, error, trace)
     for axes in grid[-1]:
         describe(axes, x=TIME)
-    legend_below(figure, grid[0, 0])
+    legend_below(figure, grid[:, 0], columns=3)
     return figure
 
 
-def _with_band(axes: Axes, log: LogPanel, rows: np.ndarray, zero: float | np.ndarray, unit: float) -> None:
-    time, color = log.time[rows] - log.time[0], model_color("rollout")
-    low, high = (unit * (edge[rows] - zero) for edge in (log.low, log.high))
-    axes.fill_between(time, low, high, color=color, alpha=0.2, lw=0, label="fleet, 90 % of draws")
-    model_line(axes, time, unit * (log.measured[rows] - zero), "measured").set_linewidth(1.9)
-    model_line(axes, time, unit * (log.center[rows] - zero), "rollout", "central motor")
+def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
+    rows = trace.time >= trace.time[-1] - SHOWN_SECONDS
+    time, measured = trace.time[rows], trace.measured[rows]
+    target_line(angle, time, trace.target[rows]).set_linewidth(0.7)
+    model_line(angle, time, measured, "measured").set_linewidth(1.9)
+    simulated = {model: values[rows] for model, values in trace.models.items()}
+    for model, values in simulated.items():
+        model_line(angle, time, values, model).set_linewidth(1.1)
+        model_line(error, time, 1e3 * (values - measured), model).set_linewidth(0.9)
+    fit_y(angle, [measured, trace.target[rows]], list(simulated.values()))
+    best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
+    fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], margin=3.0)
+    describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
+    describe(error, y="simulated - measured [mrad]")
 
 
-def log_against_bands(
-    time: np.ndarray,
-    position_target: np.ndarray,
-    joint_pos: np.ndarray,
-    model: np.ndarray,
-    bands: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    title: str,
-) -> Figure:
-    """Free run of one motor over a whole log: angle and error, with bands.
+def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
+    """A line per joint with a marker per model.
 
     Args:
-        time: (T,) [s].
-        position_target: (T,) [rad].
-        joint_pos: (T,) recorded [rad].
-        model: (T,) simulated with the adapted prior [rad].
-        bands: level [%] -> lower and upper bound (T,) [rad] over samples of motors.
-        title: of the figure.
+        errors: model -> joint -> RMSE [rad].
     """
-    figure, color = new_figure(4.3), model_color("rollout")
-    angle, error = panels(figure, 2, sharex=True, heights=(1.4, 1))[:, 0]
-    target_line(angle, time, position_target).set_linewidth(0.5)
-    for level, (low, high) in sorted(bands.items(), reverse=True):
-        inside = np.mean((joint_pos >= low) & (joint_pos <= high))
-        style = {"color": color, "alpha": _OPACITY.get(level, 0.2), "linewidth": 0}
-        angle.fill_between(time, low, high, label=f"{level} % band, holds {100 * inside:.0f} %", **style)
-        error.fill_between(time, low - joint_pos, high - joint_pos, **style)
-    angle.plot(time, joint_pos, color=INK, linewidth=1.1, label="recorded")
-    name = f"prior, adapted: RMSE {1e3 * float(rmse(model, joint_pos)):.1f} mrad"
-    angle.plot(time, model, color=color, linewidth=0.9, label=name)
-    error.plot(time, model - joint_pos, color=color, linewidth=0.9)
-    error.axhline(0.0, color=INK, linewidth=0.8)
-    describe(angle, y="joint angle [rad]", title=title)
-    describe(error, x="time [s]", y="simulated - recorded [rad]")
-    legend_below(figure, angle, columns=3)
+    joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
+    figure = new_figure(1.1 + 0.23 * len(joints))
+    axes = figure.add_subplot()
+    style(axes)
+    for number, (model, values) in enumerate(errors.items()):
+        rows, milli = [joints.index(joint) for joint in values], [1e3 * value for value in values.values()]
+        axes.plot(milli, rows, "osDx|^v*"[number % 8], color=model_color(model), label=model, markersize=5)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_yticks(range(len(joints)), joints)
+    axes.set_ylim(len(joints) - 0.5, -0.5)
+    describe(axes, x="RMSE of the simulated angle [mrad]")
+    legend_below(figure, axes, columns=3)
     return figure

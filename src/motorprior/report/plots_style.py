@@ -34,6 +34,12 @@ _STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
     "prior": ("#1d56c4", "sampled prior", ()),
     "prior_adapted": ("#6a3fb5", "adapted prior", (5, 1.5)),
     "prior_robust": ("#0c86a8", "prior + randomised body", (4, 1.2, 1, 1.2)),
+    "adapted": ("#6a3fb5", "", ()),
+    "per_motor": ("#0c86a8", "", ()),
+    "pooled_network": ("#1a9a8b", "", (3, 1.5)),
+    "pure_delay": ("#e08a1e", "", (1.2, 1.2)),
+    "second_order": ("#a8672c", "", (4, 1.2, 1, 1.2)),
+    "servo_limits": ("#2563c9", "", ()),
 }
 MODEL_COLORS = {model: color for model, (color, _, _) in _STYLES.items()}
 OTHER_COLOR = "#7d4fa8"

@@ -1,16 +1,15 @@
-"""Pictures of trainings and of walks: learning curves, transfer, robustness, gait diagrams."""
+"""Pictures of trainings and of walks: learning curves, transfer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from motorprior.artifacts import read_json
 from motorprior.report.plots_style import (
-    INK,
-    MODEL_COLORS,
     MUTED,
     TEXT,
     describe,
@@ -22,18 +21,21 @@ from motorprior.report.plots_style import (
     new_figure,
     panels,
 )
-from motorprior.signals import runs_of_true
-from motorprior.studies.robustness import UprightMap
 
-Curve = tuple[np.ndarray, np.ndarray]
+Curve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
+
+
+def read_curves(folders: Iterable[Path]) -> list[Curve]:
+    """Learning curves of trainings, from curve.json in their folders."""
+    points = [read_json(folder / "curve.json") for folder in folders]
+    return [
+        (np.array([each["iteration"] for each in curve]), np.array([each["mean_return"] for each in curve]))
+        for curve in points
+    ]
 
 
 def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
-    """Median over the seeds, and every seed as a thin line.
-
-    Args:
-        curves: training -> (iteration (N,) [-], mean return (N,) [m]) of each seed.
-    """
+    """Median over the seeds of each training, and every seed as a thin line."""
     figure = new_figure(3.5)
     (axes,) = panels(figure, 1)[0]
     for number, (name, seeds) in enumerate(curves.items()):
@@ -56,29 +58,6 @@ def _median(seeds: Sequence[Curve]) -> Curve:
     return grid, np.median([np.interp(grid, *seed) for seed in seeds], axis=0)
 
 
-def seed_curves(iteration: np.ndarray, curves: Mapping[str, np.ndarray]) -> Figure:
-    """Median, quartiles and range of the seeds of one training, a panel per quantity.
-
-    Args:
-        iteration: (N,) of the search.
-        curves: name with unit -> (seeds, N) values.
-    """
-    figure = new_figure(2.0 * len(curves) + 0.6)
-    grid, color = panels(figure, len(curves), sharex=True)[:, 0], MODEL_COLORS["rollout"]
-    for axes, (title, values) in zip(grid, curves.items(), strict=True):
-        low, middle, high = np.percentile(values, [25.0, 50.0, 75.0], axis=0)
-        axes.fill_between(iteration, values.min(axis=0), values.max(axis=0), color=color, alpha=0.12, label="all seeds")
-        axes.fill_between(iteration, low, high, color=color, alpha=0.3, label="quartiles")
-        axes.plot(iteration, middle, color=color, lw=1.8, label="median")
-        describe(axes, y=title)
-    count = len(next(iter(curves.values())))
-    describe(grid[0], title=f"Learning to walk, {count} seed{'s' * (count != 1)}")
-    describe(grid[-1], x="iteration [-]")
-    legend_below(figure, grid, columns=3)
-    figure.align_ylabels()
-    return figure
-
-
 def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequence[float]]) -> Figure:
     """(speed [m/s], time upright [-]) per condition in the training simulation (pale) and on the twin (full colour)."""
     figure = new_figure(0.62 * max(len(own), 2) + 0.9)
@@ -95,55 +74,3 @@ def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequenc
         axes.set_ylim(len(own) - 0.5, -0.5)
         describe(axes, x=title, y="trained on" if column == 0 else None)
     return figure
-
-
-def robustness_maps(maps: Mapping[str, Sequence[UprightMap]]) -> Figure:
-    """Time upright over two disturbances [%]: a row per training, a column per map."""
-    columns = len(next(iter(maps.values())))
-    figure = new_figure(2.6 * len(maps))
-    for row, (name, row_maps) in zip(panels(figure, len(maps), columns), maps.items(), strict=True):
-        for axes, each in zip(row, row_maps, strict=True):
-            _heat_map(axes, each)
-        describe(row[0], title=f"time upright [%], trained on {model_label(name)}")
-    return figure
-
-
-def _heat_map(axes: Axes, upright: UprightMap) -> None:
-    """Rows from bottom to top."""
-    axes.imshow(upright.share, origin="lower", cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.7)
-    for row, values in enumerate(upright.share):
-        for column, value in enumerate(values):
-            axes.text(column, row, f"{100.0 * value:.0f}", ha="center", va="center", fontsize=TEXT)
-    axes.set_xticks(range(len(upright.columns)), [f"{value:g}" for value in upright.columns])
-    axes.set_yticks(range(len(upright.rows)), [f"{value:g}" for value in upright.rows])
-    axes.grid(False)
-    describe(axes, x=upright.titles[1], y=upright.titles[0])
-
-
-def footfalls(stances: Mapping[str, np.ndarray], legs: Sequence[str], span: float, axis: str) -> Figure:
-    """A panel per gait with a row per leg: a bar while its foot is on the ground.
-
-    Args:
-        stances: title -> (S, legs) whether each foot is on the ground, at S times evenly over the span.
-        legs: names.
-        span: of the horizontal axis.
-        axis: label with unit.
-    """
-    figure = new_figure(0.62 + len(stances) * (0.2 * len(legs) + 0.38))
-    grid = panels(figure, len(stances), sharex=True)[:, 0]
-    for axes, (title, stance) in zip(grid, stances.items(), strict=True):
-        _bars(axes, stance, span)
-        axes.set_yticks(range(len(legs)), legs)
-        axes.set(xlim=(0.0, span), ylim=(len(legs) - 0.4, -0.6))
-        share = " / ".join(f"{100.0 * each:.0f}" for each in stance.mean(axis=0))
-        axes.set_title(f"on the ground {share} %", loc="right", fontsize=TEXT, color=MUTED)
-        describe(axes, title=title)
-    describe(grid[-1], x=axis)
-    return figure
-
-
-def _bars(axes: Axes, stance: np.ndarray, span: float) -> None:
-    width = span / len(stance)
-    for leg, down in enumerate(stance.T):
-        bars = [(first * width, (after - first) * width) for first, after in runs_of_true(down)]
-        axes.broken_barh(bars, (leg - 0.36, 0.72), color=INK, linewidth=0)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from motorprior.identification.evaluation.errors import MAX_ERROR
 from motorprior.results import Results
-from motorprior.studies.metrics import DIVERGED, MODELS, TRAINING_CONDITIONS
+from motorprior.studies.robot_fidelity import DIVERGED
 
-ColumnsAndRows = tuple[list[str], list[list[str]]]
-
-TRANSFER_COLUMNS = (
-    "trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]",
-    "twin: speed [m/s]", "upright", "drift in 5 s [m]",
+MODELS = (  # actuator models, in the order of every table
+    "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network",
+    "per_motor", "rollout", "physical",
 )  # fmt: skip
+TRAINING_CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")  # actuator models of trainings
+ColumnsAndRows = tuple[list[str], list[list[str]]]
 
 
 def conditions_in(results: Results) -> list[str]:
@@ -20,8 +22,10 @@ def conditions_in(results: Results) -> list[str]:
     return [name for name in TRAINING_CONDITIONS if name in found] + sorted(set(found) - set(TRAINING_CONDITIONS))
 
 
-def transfer_rows(results: Results) -> list[list[str]]:
-    """The transfer table as text, means over seeds: in the training simulation, then on the twin."""
+def transfer_table(results: Results) -> ColumnsAndRows:
+    """Means over seeds: in the training simulation, then on the twin."""
+    columns = ["trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]"]
+    columns += ["twin: speed [m/s]", "upright", "drift in 5 s [m]"]
     rows = []
     for name in conditions_in(results):
         cells = [name, str(len(results.where(quantity="speed", motors="twin", model=name)))]
@@ -30,25 +34,20 @@ def transfer_rows(results: Results) -> list[list[str]]:
             speed, upright, drift = (found.mean(quantity=quantity) for quantity in ("speed", "upright", "drift"))
             cells += [f"{speed:.2f}", f"{100 * upright:.0f} %", f"{drift:.2f}"]
         rows.append(cells)
-    return rows
+    return columns, rows
 
 
-def replay_models(results: Results) -> list[str]:
-    """Models of a replay table."""
-    return results.where(quantity="real_rmse").distinct("model")
-
-
-def replay_rows(results: Results) -> list[list[str]]:
+def replay_table(results: Results) -> ColumnsAndRows:
     """Joint RMSE [mrad] per log, mean over its joints and of each joint; samples as median and 90 % band."""
-    models, rows = replay_models(results), []
-    for log in results.where(quantity="real_rmse").distinct("log"):
-        means = results.where(quantity="real_rmse", log=log)
-        rows.append([log, "mean", *(_mean_cell(means.where(model=model)) for model in models)])
+    errors = results.where(quantity="real_rmse")
+    models, rows = errors.distinct("model"), []
+    for log in errors.distinct("log"):
+        rows.append([log, "mean", *(_mean_cell(errors.where(log=log, model=model)) for model in models)])
         joints = results.where(quantity="real_joint_rmse", log=log)
         for joint in joints.distinct("part"):
             values = (joints.value(part=joint, model=model) for model in models)
             rows.append([log, joint, *(f"{1000 * value:.1f}" for value in values)])
-    return rows
+    return ["log", "joint", *models], rows
 
 
 def _mean_cell(means: Results) -> str:
@@ -59,12 +58,14 @@ def _mean_cell(means: Results) -> str:
     return f"{cell} ({low:.1f}-{high:.1f})"
 
 
-def fidelity_rows(results: Results, columns: tuple[str, ...], motors: str = "train") -> list[list[str]]:
-    """Model and medians of ``columns`` of a fidelity table, models in the usual order."""
+def fidelity_table(results: Results, columns: Sequence[str], motors: str = "train") -> ColumnsAndRows:
+    """Medians of those ``columns`` that were measured, hf is torque above 20 Hz; models in the usual order."""
     found = results.where(motors=motors, statistic="median")
-    first = found.where(quantity=columns[0]).distinct("model")
-    models = sorted(first, key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
-    return [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
+    columns = [column for column in columns if found.where(quantity=column)]
+    models = found.where(quantity=columns[0]).distinct("model") if columns else []
+    models.sort(key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
+    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
+    return ["model", *titles], [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
 
 
 def _fidelity_cell(results: Results, quantity: str, model: str) -> str:
@@ -73,7 +74,7 @@ def _fidelity_cell(results: Results, quantity: str, model: str) -> str:
 
 
 def calibration_errors(results: Results) -> ColumnsAndRows:
-    """Columns and rows of a calibration: joint RMSE [mrad] of each log and their mean, share within the bands."""
+    """Joint RMSE [mrad] of each log and their mean, and share within the bands."""
     titles = {
         "start": "starting fleet", "center": "fitted", "left_out": "without this log",
         "per_motor": "a motor per joint", "per_motor_left_out": "without this log",
@@ -90,7 +91,7 @@ def calibration_errors(results: Results) -> ColumnsAndRows:
 
 
 def calibrated_constants(results: Results) -> ColumnsAndRows:
-    """Columns and rows: each constant of a calibration; errors of logarithms are in per cent."""
+    """Each constant of a calibration; errors of logarithms are in per cent."""
     columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "prior σ", "σ between motors",
                "identified"]  # fmt: skip
     rows = []
@@ -106,12 +107,11 @@ def calibrated_constants(results: Results) -> ColumnsAndRows:
     return columns, rows
 
 
-def optima(results: Results) -> ColumnsAndRows:
-    """Columns and rows: the optima of a calibration's searches, the best one first."""
-    costs, found = results.where(quantity="calibrate_cost"), results.where(quantity="calibrate_optimum")
-    parts = found.distinct("part")
-    rows = [
-        [str(number), f"{row.value:.1f}", *(f"{found.value(model=row.model, part=part):.3g}" for part in parts)]
-        for number, row in enumerate(costs, start=1)
-    ]
-    return ["optimum", "cost", *parts], rows
+def measure_table(results: Results) -> ColumnsAndRows:
+    """Measures of walks, a column per policy."""
+    names, rows = results.distinct("model"), []
+    for quantity, unit, part in dict.fromkeys((row.quantity, row.unit, row.part) for row in results):
+        title = " ".join(filter(None, (quantity, part))) + ("" if unit == "1" else f" [{unit}]")
+        found = [results.where(quantity=quantity, part=part, model=name) for name in names]
+        rows.append([title, *(f"{each.rows[0].value:.3g}" if each else "-" for each in found)])
+    return ["measure", *names], rows

@@ -1,4 +1,4 @@
-"""A fleet fitted to real logs: its centre with standard errors, several optima, and the spread between motors.
+"""A fleet fitted to real logs: its centre with standard errors, and the spread between motors.
 
 Centre: descents from several starts (`identification.search`), with the fleet as prior. Single motors: offsets y from
 the centre have the prior N(0, s²), s the spread between motors; about the centre the residuals are r + J·y. A wide
@@ -25,14 +25,8 @@ _MIN_SPREAD = 0.01  # relative
 
 
 @dataclass(frozen=True)
-class Optimum:
-    """Result of a search.
-
-    Attributes:
-        x: (unknowns,) the centre.
-        cost: Σ r(x)² + Σ ((x - mean) / deviation)², approximately (`search.huber`).
-        covariance: (unknowns, unknowns) of x, by Laplace's method.
-    """
+class _Optimum:
+    """Result of a search: (unknowns,) centre, its cost, and its (unknowns, unknowns) covariance by Laplace's method."""
 
     x: np.ndarray
     cost: float
@@ -61,14 +55,14 @@ class _CentreProblem:
         return np.stack([self._problem.residuals(self._logs, self.center(row)) for row in x])
 
 
-def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> Optimum:
+def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> _Optimum:
     centre, size = _CentreProblem(problem, logs), len(problem.mean)
     search, prior = Search(centre), GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
     first = (start - problem.mean) / (_UNIT * problem.prior_std)
     found = search.descend(first[None], prior, ((iterations, WIDE),))
     scale = _UNIT * problem.prior_std
     covariance = np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision)) * scale * scale[:, None]
-    return Optimum(centre.center(found.x[0]), 2.0 * float(found.energy[0]), covariance)
+    return _Optimum(centre.center(found.x[0]), float(found.energy[0]), covariance)
 
 
 @dataclass(frozen=True)
@@ -76,23 +70,18 @@ class Calibration:
     """A fitted fleet.
 
     Attributes:
-        optima: of all searches, the best first.
-        error: (unknowns,) standard error of the best: the larger of Laplace's and, for several logs, the jackknife's.
+        center: (unknowns,) best centre of all searches.
+        error: (unknowns,) its standard error: the larger of Laplace's and, for several logs, the jackknife's.
         offsets: (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`.
         spread: constant -> standard deviation between motors; empty if the fleet has no spread.
         left_out: log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log.
     """
 
-    optima: tuple[Optimum, ...]
+    center: np.ndarray
     error: np.ndarray
     offsets: np.ndarray
     spread: dict[str, float]
     left_out: dict[str, tuple[np.ndarray, np.ndarray]]
-
-    @property
-    def center(self) -> np.ndarray:
-        """(unknowns,) of the best optimum."""
-        return self.optima[0].x
 
 
 def calibrate(
@@ -113,24 +102,23 @@ def calibrate(
     searches = 1 + starts + len(logs_left_out) + 1
     with progress.start(f"calibrate on {len(names)} real logs", searches) as task:
 
-        def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> Optimum:
+        def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> _Optimum:
             task.advance()
             return _optimum(problem, logs, start, iterations)
 
         first = fit(problem, names, mean).x
         problem = problem.with_residual_deviation(first)
-        optima = [fit(problem, names, start) for start in (first, *(mean + samples))]
-        optima.sort(key=lambda each: each.cost)
+        best = min((fit(problem, names, start) for start in (first, *(mean + samples))), key=lambda each: each.cost)
         left_out = {name: fit(problem, [log for log in names if log != name], mean).x for name in logs_left_out}
-        offsets, spread, offsets_left_out = single_motors(problem, optima[0].x, left_out)
+        offsets, spread, offsets_left_out = single_motors(problem, best.x, left_out)
         task.advance()
-    error = np.sqrt(np.diag(optima[0].covariance))
+    error = np.sqrt(np.diag(best.covariance))
     if left_out:
         # jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron & Stein 1981)
         without = np.array(list(left_out.values()))
         error = np.maximum(error, np.sqrt((len(without) - 1) * np.var(without, axis=0)))
     both = {name: (left_out[name], offsets_left_out[name]) for name in left_out}
-    return Calibration(tuple(optima), error, offsets, spread, both)
+    return Calibration(best.x, error, offsets, spread, both)
 
 
 def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Executor, ThreadExecutor
 from motorprior.locomotion.policy import Policy, PolicyArrays
@@ -21,12 +21,13 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.env import simulator_of
-from motorprior.simulation.motors import MotorSource, simulated_motors
+from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Episode, Scene, WalkConfig
+from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig
 from motorprior.studies.environments import ENCODER_NOISE, twin_scene
 from motorprior.studies.gait_quality import share_upright
 
+POLICY = "policy.safetensors"  # in the folder of a training
 DURATION_STEPS = 500  # control steps of a walk of 5 s
 DRAWS = 24  # walks of an evaluation
 EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
@@ -114,6 +115,58 @@ def evaluate(
     return rows, traces
 
 
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A trained policy and the simulation in which it was trained, from the record in its file.
+
+    Attributes: path of the policy's file; robot with the policy's speed range; policy.
+    """
+
+    path: Path
+    robot: Robot
+    policy: Policy
+
+    @classmethod
+    def load(cls, path: Path, robot: Robot) -> TrainedPolicy:
+        """Read a policy of this robot.
+
+        Raises:
+            ArtifactError, ConfigError: a damaged policy, of another robot or another control period.
+        """
+        policy = Policy.load(path)
+        policy.require_robot(robot, path)
+        return cls(path, robot.with_speed_range(policy.forward), policy)
+
+    @property
+    def motors(self) -> SimulatedMotors:
+        """The motors of its training; raises `ArtifactError` or `ConfigError` if they are not recorded or missing."""
+        text = motors_from_json(self.policy.provenance.get("motors"), self.path)
+        try:
+            return simulated_motors(text, self.robot)
+        except (ArtifactError, ConfigError) as error:
+            where = self.path if error.where is None else f"{self.path}: {error.where}"
+            raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
+
+    @property
+    def randomization(self) -> Randomization:
+        """Randomization of its training; none if the file records none."""
+        return Randomization(**self.policy.provenance.get("randomization", {}))
+
+    def scene(self, walk: WalkConfig, engine: Engine | None = None) -> Scene:
+        """The simulation of its training.
+
+        Args:
+            walk: the episode; it gets the policy's gait.
+            engine: instead of that of the training.
+
+        Raises:
+            ArtifactError, ConfigError: missing motors, or an engine that is not installed.
+        """
+        motors, engine = self.motors, engine or self.policy.provenance.get("engine", "mujoco")
+        walk = replace(walk, gait=self.policy.gait, engine=engine)
+        return Scene(self.robot, motors.draw, walk, motors.physics_dt)
+
+
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
     """The robot with the range of speeds of all these policies."""
     ranges = [policy.forward for policy in policies]
@@ -131,8 +184,8 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
     walk = WalkConfig(DURATION_STEPS, commands=commands, gait=policy.gait)
     if isinstance(motors, Fleet):
         return twin_scene(robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE)))
-    found = simulated_motors(motors, robot)
-    return Scene(robot, found.draw, walk, found.physics_dt)
+    simulated = simulated_motors(motors, robot)
+    return Scene(robot, simulated.draw, walk, simulated.physics_dt)
 
 
 def compare(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -29,8 +28,7 @@ _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 UNITS = {  # of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
     "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
     "foot_lift_mm": "mm", "dragged_steps": "1", "slip": "m/m", "step_frequency": "Hz", "body_rate": "rad/s",
-    "roll_deg": "°", "pitch_deg": "°", "torque": "N·m", "transport": "1", "distance": "m", "drift": "m",
-    "torque_beyond": "1",
+    "roll_deg": "°", "pitch_deg": "°", "torque": "N·m", "transport": "1", "drift": "m",
 }  # fmt: skip
 _OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "transport", "step_frequency", "body_rate")
 
@@ -49,7 +47,8 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     """Measure a walk with a constant command after its first second and, if it fell, before the last half second.
 
     Undefined measures are NaN; if less than a second is left, there is only ``upright``, and a speed of 0 if it fell.
-    Measures per metre need 5 cm of distance and a command of at least a tenth of the robot's maximum speed.
+    If the engine gives no velocities, they are differences of the poses, and measures of torques are NaN. Measures per
+    metre need 5 cm of distance and a command of at least a tenth of the robot's maximum speed.
 
     upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time [m/s]; speed_error:
     |speed - command| / |command|; heading_deg_per_m: final |heading - commanded heading| over the distance [°/m];
@@ -63,7 +62,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
 
     Args:
         robot: of the episode.
-        episode: with trace and motion.
+        episode: with its trace.
         forward: commanded speed [m/s].
         yaw_rate: commanded yaw rate [rad/s].
         steps: control steps of an episode without a fall.
@@ -76,7 +75,8 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         return {"upright": upright} | ({} if upright else {"speed": 0.0, "speed_error": 1.0 if walks else math.nan})
     heading = headings(episode.trace[:end])
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
-    qpos, moved = episode.trace[begin:end], episode.motion[begin:end]
+    motion = episode.motion if len(episode.motion) else _motion_of(robot, episode.trace)
+    qpos, moved = episode.trace[begin:end], motion[begin:end]
     qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
     roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
     time = dt * (len(qpos) - 1)
@@ -109,42 +109,23 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
     """Measures of one walk straight ahead in a study, also of a short one.
 
     speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the time before a fall;
-    distance: along the robot's heading before it [m]; drift: |final lateral displacement| [m], NaN after a fall;
-    torque_beyond: share of joints and time with more than the described torque limit; foot_lift_mm: mean over the legs.
-    Others: see `gait_quality`. If the engine gives no velocities, they are differences of the poses, and measures of
-    torques are NaN.
-
-    Args:
-        robot: of the walk.
-        episode: with its trace.
-        forward: commanded speed [m/s].
-        steps: control steps of a walk without a fall.
+    drift: |final lateral displacement| [m], NaN after a fall; foot_lift_mm: mean over the legs. Others: see
+    `gait_quality`, with the same arguments.
     """
-    has_motion = len(episode.motion) == len(episode.trace)
-    moved = episode if has_motion else replace(episode, motion=_motion_of(robot, episode.trace))
-    quality = gait_quality(robot, moved, forward, 0.0, steps)
-    lifts = {name: quality.get(name, math.nan) for name in (f"foot_lift_mm/{leg.name}" for leg in robot.legs)}
-    limit = np.array([joint.torque_limit for joint in robot.joints])
-    torque = np.abs(moved.motion[:, 6 + robot.num_joints :])
-    upright = share_upright(episode, steps)
-    found = {
+    quality, upright = gait_quality(robot, episode, forward, 0.0, steps), share_upright(episode, steps)
+    lifts = [quality.get(f"foot_lift_mm/{leg.name}", math.nan) for leg in robot.legs]
+    return {
         "speed": float(episode.displacement[0]) / (steps * robot.control_dt),
         "upright": upright,
-        "distance": distance_along_heading(episode.trace[:, :2], headings(episode.trace)),
         "drift": abs(float(episode.displacement[1])) if upright == 1.0 else math.nan,
         **{name: quality.get(name, math.nan) for name in _OF_STUDY},
-        "torque_beyond": float(np.mean(torque > limit)),
-        "foot_lift_mm": float(np.mean(list(lifts.values()))),
-        **lifts,
+        "foot_lift_mm": float(np.mean(lifts)),
     }
-    return found if has_motion else found | {"transport": math.nan, "torque_beyond": math.nan}
 
 
 def _motion_of(robot: Robot, trace: np.ndarray) -> np.ndarray:
-    """(steps, 6 + 2 joints) velocities as differences of a trace, and zero torques."""
-    motion = np.zeros((len(trace), 6 + 2 * robot.num_joints))
-    if len(trace) < 2:
-        return motion
+    """(steps, 6 + 2 joints) velocities as differences of a trace, and NaN for the torques."""
+    motion = np.full((len(trace), 6 + 2 * robot.num_joints), np.nan)
     rate = np.gradient(trace, robot.control_dt, axis=0)
     motion[:, :3], motion[:, 6 : 6 + robot.num_joints] = rate[:, :3], rate[:, 7:]
     # angular velocity in the body's frame: 2·(conj(q)·dq/dt), its vector part

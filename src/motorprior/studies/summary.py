@@ -16,8 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from motorprior.artifacts import read_text, write_text
-from motorprior.exceptions import ArtifactError
+from motorprior.artifacts import write_text
 from motorprior.results import Result, Results
 from motorprior.studies import statistics
 from motorprior.studies.environments import ENVIRONMENTS
@@ -78,20 +77,12 @@ def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:
 
 
 def read_walks(path: Path) -> list[WalkRow]:
-    """Read what `write_walks` wrote.
-
-    Raises:
-        ArtifactError: missing, or damaged; names the row.
-    """
-    walks = []
-    for number, row in enumerate(csv.DictReader(io.StringIO(read_text(path), newline="")), start=2):
-        try:
-            keys = {key: kind(row.pop(key)) for key, kind in _KEYS.items()}
-            walks.append(keys | {name: float(text or "nan") for name, text in row.items()})
-        except (KeyError, TypeError, ValueError) as error:
-            remedy = "delete its folder and run the study again"
-            raise ArtifactError(f"row {number}: {error}", where=path, remedy=remedy) from error
-    return walks
+    """Read what `write_walks` wrote."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            {name: _KEYS[name](text) if name in _KEYS else float(text or "nan") for name, text in row.items()}
+            for row in csv.DictReader(file)
+        ]
 
 
 def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:

@@ -27,7 +27,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.optional_terms import constants_of
+from motorprior.actuator.optional_terms import TERMS, constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
@@ -70,6 +70,17 @@ class FleetFit:
     loss: np.ndarray
     terms: tuple[str, ...]
     is_rigid: bool = False
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a file."""
+        has = np.array([name in self.terms for name in TERMS], np.float64)
+        return {"center": self.center, "offsets": self.offsets, "loss": self.loss, "has": has}
+
+    @classmethod
+    def of(cls, arrays: dict[str, np.ndarray]) -> FleetFit:
+        """From `arrays`."""
+        terms = tuple(name for name, yes in zip(TERMS, arrays["has"], strict=True) if yes)
+        return cls(arrays["center"], arrays["offsets"], arrays["loss"], terms)
 
 
 def fit_motors(

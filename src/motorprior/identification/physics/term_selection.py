@@ -61,6 +61,18 @@ class Selection:
     terms: tuple[str, ...]
     saved: dict[str, float]
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a file: a number per term of TERMS."""
+        has, tried = (np.array([name in names for name in TERMS], np.float64) for names in (self.terms, self.saved))
+        return {"has": has, "tried": tried, "saved": np.array([self.saved.get(name, 0.0) for name in TERMS])}
+
+    @classmethod
+    def of(cls, arrays: dict[str, np.ndarray]) -> Selection:
+        """From `arrays`."""
+        has, tried = ([name for name, yes in zip(TERMS, arrays[key], strict=True) if yes] for key in ("has", "tried"))
+        saved = dict(zip(TERMS, arrays["saved"].tolist(), strict=True))
+        return cls(tuple(has), {name: saved[name] for name in tried})
+
 
 @dataclass(frozen=True)
 class _State:

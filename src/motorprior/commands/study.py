@@ -1,10 +1,9 @@
 """The transfer study: policies trained on each model of a bench's motors, evaluated on held-out robots.
 
-1. Record a bench of motors; fit the models to it.
+1. Record a bench of motors; fit the models to it. Adapt the prior and a PD to ten seconds of log of each robot.
 2. Select the range of the randomised PD on a fleet that no test environment uses.
-3. Adapt the prior and a PD to ten seconds of log of each robot.
-4. Train a policy per condition and seed; evaluate it in its training simulation and in four environments.
-5. Summarise: interquartile mean speed and mean time upright with 95 % intervals; differences from the sampled prior
+3. Train a policy per condition and seed; evaluate it in its training simulation and in four environments.
+4. Summarise: interquartile mean speed and mean time upright with 95 % intervals; differences from the sampled prior
    with permutation p-values, corrected by Holm.
 """
 
@@ -15,16 +14,13 @@ from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet
-from motorprior.commands.transfer_study import conditions
-from motorprior.commands.transfer_study.conditions import Condition
-from motorprior.commands.transfer_study.settings import OWN_MOTORS, Study
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.commands.walk_seeds import SEEDS_APART
+from motorprior.commands import study_conditions as conditions
+from motorprior.commands.study_conditions import Condition, Study
+from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import make_executor, ray_cluster
@@ -37,28 +33,24 @@ from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
 from motorprior.studies import summary
-from motorprior.studies.compare import run_walks
+from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_robot, twin_scene, walk_seed
 from motorprior.studies.gait_quality import walk_measures
 from motorprior.studies.summary import ADAPTED, Summary, WalkRow, read_walks, summarise, write_walks
-from motorprior.studies.trained_policy import TrainedPolicy
 
-if TYPE_CHECKING:
-    from motorprior.report.page import Table
-
-WALKS, TABLES, SPREADS = "walks.csv", "tables.md", "spreads.json"
+WALKS, SPREADS = "walks.csv", "spreads.json"
 PD_RANGES = (0.1, 0.2, 0.3, 0.4)  # of the randomised PD, to select from
 PD_RANGE_SEEDS = range(900, 903)  # used by no condition
 _EPISODE_STEPS = 500  # of training
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
-    """Run every stage that is not finished; write walks.csv, results.json, figures.json, tables.md and report.html.
+    """Run every stage that is not finished; write walks.csv, results.json, figures.json and report.html.
 
     Raises:
         MotorPriorError: invalid settings, or a failed stage; finished stages stay.
     """
-    config = config.sized()
+    config.require_valid()
     with locked(config.out):
         threads = usable_threads(config.workers, progress)
         config = config if config.ray_address else replace(config, workers=threads)
@@ -79,22 +71,20 @@ def with_pd_range(config: Study, progress: Progress) -> Study:
     if config.spread is not None or "pd_randomised" not in config.conditions:
         return config
     robot = load_robot(config.robot)
-    fleet = config.range_fleet(robot)
+    fleet = config.validation_fleet(robot)
     names = {spread: f"pd_randomised_{spread:g}" for spread in PD_RANGES}
     tried = [
         Condition(name, seed, conditions.randomized_pd(config, spread), environments=(OUT_OF_FAMILY,))
         for seed in PD_RANGE_SEEDS[: config.seeds]
         for spread, name in names.items()
     ]
-    selected_on = config.validation_fleet(robot) or OWN_MOTORS
-    search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=selected_on)
+    search = replace(config, out=config.out / "spreads", foreign=str(fleet), validation=fleet)
     walks, found = walk_table(search, tried, progress), {}
     for spread, name in names.items():
         own = [walk for walk in walks if (walk["place"], walk["condition"]) == (OUT_OF_FAMILY, name)]
         found[spread] = {measure: summary.estimate(own, measure).value for measure in summary.COMPARED}
     best = max(found, key=lambda spread: (found[spread]["upright"], found[spread]["speed"]))
-    by_range = {f"{spread:g}": walked for spread, walked in found.items()}
-    write_json(search.out / SPREADS, {"fleet": fleet, "tried": by_range, "chosen": best})
+    write_json(search.out / SPREADS, {"fleet": fleet, "tried": found, "chosen": best})
     progress.note(f"range of the randomised PD, selected on the fleet {fleet!r}: {best:g}")
     return replace(config, spread=best)
 
@@ -174,7 +164,7 @@ def _evaluate(
         episodes[own] = run_walks(scene, policy, draws_own, seed_of, executor=executor)
     for name in environments:
         environment = ENVIRONMENTS[name]
-        fleet = load_robot_fleet(robot, conditions.fleet_of(config, environment.population))
+        fleet = load_robot_fleet(robot, config.fleet_of(environment.population))
         motors = partial(_motors_of_draw, robot, fleet, config.seed, only)
         scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
         episodes[name] = run_walks(scene, policy, draws, seed_of, motors, executor)
@@ -192,22 +182,11 @@ def _motors_of_draw(robot: Robot, fleet: Fleet, study: int, only: int | None, dr
 
 
 def _write_page(config: Study, found: Summary, command: str) -> None:
-    """Write report.html and tables.md."""
     from motorprior.report.page import page  # here: they import matplotlib
     from motorprior.report.study import study_sections
 
     robot = load_robot(config.robot)
-    settings = asdict(config) | {"speed": config.commanded(robot)}
-    settings |= {"validation": config.validation_fleet(robot) or OWN_MOTORS}
+    settings = asdict(config) | {"speed": config.commanded(robot), "validation": config.validation_fleet(robot)}
     for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
         del settings[name]
-    sections = study_sections(found)
-    text = page("Transfer study", sections, {name: str(value) for name, value in settings.items()}, command)
-    write_text(config.out / PAGE, text)
-    tables = [_markdown(table) for section in sections for table in section.tables]
-    write_text(config.out / TABLES, "\n\n".join(tables) + "\n")
-
-
-def _markdown(table: Table) -> str:
-    lines = [table.columns, ("---",) * len(table.columns), *table.rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines) + f"\n\n{table.caption}"
+    write_text(config.out / PAGE, page("Transfer study", study_sections(found), settings, command))

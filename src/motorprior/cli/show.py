@@ -1,0 +1,253 @@
+"""Commands with their tables on the terminal."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tyro
+
+from motorprior.actuator.geared_motor_step import PER_LOGGED
+from motorprior.cli.console import TERMINAL, command_line, table
+from motorprior.commands.adapt import Adapt, run_adapt
+from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
+from motorprior.commands.demo import Demo, run_demo
+from motorprior.commands.play import Play, run_play
+from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.study import run_study
+from motorprior.commands.study_conditions import Study
+from motorprior.commands.transfer import Transfer, run_transfer
+from motorprior.commands.validate import Validate, run_validate
+from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.commands.walk import PICTURE as CURVES
+from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification.adapt import OutlierTest
+from motorprior.identification.evaluation.log_tables import (
+    FREE_RUN_RMSE,
+    WHOLE_RUN_RMSE,
+    constant_table,
+    constants_in,
+    error_table,
+)
+from motorprior.locomotion.policy import Policy
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import read_log
+from motorprior.report import tables
+from motorprior.results import Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.stage import FIGURES, PAGE
+from motorprior.studies.compare import DRAWS
+from motorprior.studies.robot_fidelity import FIDELITY_METRICS
+
+if TYPE_CHECKING:  # it imports JAX
+    from motorprior.identification.latents.latent_fit import Posterior
+
+_DISTRIBUTION = (
+    "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",
+    "energy_distance",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LogsCheck:
+    """Check logs (log doctor): clock, units, limits, jumps, excitation, tracking, saturation, load, gravity."""
+
+    paths: tuple[Path, ...]
+    """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""
+    columns: str | None = None
+    """Column map of a table: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    robot: str | None = None
+    """Robot: a shipped one by name, or your .toml file. Default for logs without joint names: the shipped robot."""
+
+
+def logs_check(config: LogsCheck) -> None:
+    """Print every finding.
+
+    Raises:
+        LogError: after all logs are checked, if one has errors.
+    """
+    robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
+    given = robot if config.robot or config.columns is None else None
+    for path in config.paths:
+        log = read_log(path, given, config.columns)
+        report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
+        rows = [
+            [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
+            for found in report.findings
+        ]
+        title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
+        table(title, ["severity", "check", "row", "finding", "remedy"], rows)
+        if not report.usable:
+            unusable.append(str(path))
+    if unusable:
+        raise LogError(f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable))
+
+
+def demo(config: Demo) -> None:
+    """See `run_demo`."""
+    # the result does not depend on out and workers
+    results = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")))
+    if config.logs is not None:
+        spans = {FREE_RUN_RMSE: "1 s", WHOLE_RUN_RMSE: "whole log"}
+        titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
+        table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
+        table("Constants of your motors", *constant_table(constants_in(results)))
+    _fidelity(results)
+    _transferred(results)
+    print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
+
+
+def adapt(config: Adapt) -> None:
+    """See `run_adapt`."""
+    run_adapt(config, TERMINAL, _adapted)
+
+
+def _adapted(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dict[str, np.ndarray]) -> None:
+    rows = zip(log.joint_names, found.loss, outliers.p_value, outliers.reason, strict=True)
+    cells = [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows]
+    table("Motors", ["motor", "loss", "p-value", "largest deviation"], cells)
+    if constants:
+        units = f"SI units; …{PER_LOGGED}: per unit of the firmware's gain in the log"
+        table(f"Constants of these motors [{units}]", *constant_table(constants))
+
+
+def validate(config: Validate) -> None:
+    """See `run_validate`."""
+    _fidelity(run_validate(config, TERMINAL))
+
+
+def _fidelity(results: Results) -> None:
+    """Medians on training motors; on held-out motors and of the distribution, where measured."""
+    titles = {
+        "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor",
+        "held_out": "The same on held-out motors, adapted to 10 s of log each",
+    }
+    for motors, title in titles.items():
+        if results.where(motors=motors):
+            table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
+    if figures := results.where(quantity=_DISTRIBUTION).to_figures():
+        rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
+        table("Preset rollout on held-out motors", ["figure", "value"], rows)
+
+
+def validate_log(config: ValidateLog) -> None:
+    """See `run_validate_log`."""
+    results = run_validate_log(config, TERMINAL)
+    trained = results.value(quantity=TRAINED_ON) > 0.0
+    warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
+    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *error_table(results, SPANS))
+    shares = [
+        [model, span, *(f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}" for level in (50, 90))]
+        for model in (ADAPTED, "prior")
+        for coverage, span in zip(COVERAGE.values(), SPANS.values(), strict=True)
+    ]
+    table(f"Recorded angles inside the bands [%]{warning}", ["model", "free runs", "50 % band", "90 % band"], shares)
+
+
+def replay(config: Replay) -> None:
+    """See `run_replay`."""
+    table("Real logs: joint RMSE [mrad], start included", *tables.replay_table(run_replay(config, TERMINAL)))
+
+
+def calibrate(config: Calibrate) -> None:
+    """See `run_calibrate`."""
+    results = run_calibrate(config, TERMINAL)
+    table("Real logs: joint RMSE [mrad], start included", *tables.calibration_errors(results))
+    table("Constants of the central motor", *tables.calibrated_constants(results))
+    TERMINAL.note(f"{config.out / FLEET}, {config.out / PICTURE}")
+
+
+@dataclass(frozen=True)
+class WalkCommand(Walk):
+    """Train a walking policy."""
+
+    seeds: int = 1
+    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
+
+
+def walk(config: WalkCommand) -> None:
+    """See `run_walk`, and `run_walk_seeds` for several seeds."""
+    one = Walk(**{field.name: getattr(config, field.name) for field in fields(Walk)})
+    evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
+    if config.seeds == 1:
+        if not run_walk(one, TERMINAL):
+            TERMINAL.note(f"{config.out} is finished with these settings: nothing was trained")
+        folder, best = config.out, Policy.load(config.out / POLICY).provenance
+        print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
+    else:
+        results = run_walk_seeds(one, config.seeds, TERMINAL)
+        rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
+        table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
+        print(config.out / CURVES)
+        folder = config.out / SEED_FOLDER.format(max(results, key=lambda row: row.value).seed)
+    print(f"play it: motorprior play {folder}{'' if config.robot == DEFAULT_ROBOT else f' --robot {config.robot}'}")
+
+
+def play(config: Play) -> None:
+    """See `run_play`."""
+    film, results = run_play(config, TERMINAL)
+    table("From the first second on (docs/play.md)", *tables.measure_table(results))
+    print(film)
+
+
+@dataclass(frozen=True)
+class TransferCommand(Transfer, Study):
+    """Evaluate policies in their training simulation and on the twin: unseen motors, 1 kHz, encoder noise.
+
+    With --study, policies are trained on each model of a bench's motors, with several seeds, and evaluated in their
+    training simulation and four environments; the folder gets walks.csv, figures.json and report.html.
+    """
+
+    walks: tyro.conf.Positional[tuple[Path, ...]] = ()
+    study: bool = False
+    """Run the whole study, about two hours on two cores; a rerun resumes. The options from foreign to seed and those
+    of the executor need it."""
+
+
+def transfer(config: TransferCommand) -> None:
+    """See `run_transfer` and `run_study`."""
+    settings, study = ({each.name: getattr(config, each.name) for each in fields(kind)} for kind in (Transfer, Study))
+    if config.study:
+        if config.walks or config.engine is not None:
+            raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
+        from motorprior.report.study import difference_table, headline_table  # here: it imports matplotlib
+
+        found = run_study(Study(**study), TERMINAL, command_line("transfer --study", Study(**study)))
+        for each in (headline_table(found), difference_table(found)):
+            table(each.caption, each.columns, each.rows)
+        print(config.out / PAGE)
+        return
+    if not config.walks:
+        raise ConfigError("no policy given", remedy="give the folders of at least one walk")
+    for field in fields(Study):
+        if field.name not in settings and study[field.name] != field.default:
+            raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
+    _transferred(run_transfer(Transfer(**settings), TERMINAL))
+
+
+def _transferred(results: Results) -> None:
+    table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", *tables.transfer_table(results))
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write a page of trained policies: learning curves and films."""
+
+    run: Path
+    """Folder that `motorprior walk` wrote, or a folder of such folders."""
+    robot: str = DEFAULT_ROBOT
+    """Robot of the policies: a shipped one by name, or a .toml file."""
+
+
+def report(config: Report) -> None:
+    """Write the page and print its path."""
+    from motorprior.report.trainings import write_training_page  # here: it imports matplotlib
+
+    command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
+    print(write_training_page(config.run, config.robot, command))

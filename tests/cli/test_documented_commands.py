@@ -1,0 +1,177 @@
+"""Every command of docs/your-motors.md, logs.md and your-robot.md runs, small, on the logs and models they name."""
+
+import gzip
+import re
+import shlex
+import shutil
+import textwrap
+import tomllib
+from collections.abc import Iterator
+from contextlib import nullcontext
+from itertools import islice
+from pathlib import Path
+from unittest.mock import Mock
+
+import pytest
+from swinging_bars import swing, write_table
+
+from motorprior.cli.main import RUN, parse
+from motorprior.commands import demo
+from motorprior.identification import load_fit
+from motorprior.identification.baselines import response_fit
+from motorprior.identification.physics import term_selection
+from motorprior.locomotion.policy import Policy
+from motorprior.logs.column_map import load_column_map
+from motorprior.logs.readers.ros_bag import CLOCK
+
+ROOT = Path(__file__).resolve().parents[2]
+ROWS = 800
+"""Of each table, header included: four seconds of the Go2."""
+SMALL = {
+    "walk": "--iterations 2 --episode-steps 40 --search.num-directions 4 --search.num-top-directions 2 --workers 1",
+    "bench": "--motors 12 --steps 1500",
+    "simulate": "--seconds 2",
+    "adapt": "--anyway",
+    "replay": "--draws 2",
+    "validate-log": "--adam-steps 4",
+}
+"""What makes a command small enough for a test."""
+
+
+class Begun(Exception):
+    """The demo has come to its bench."""
+
+
+def blocks(page: str, language: str, chapter: str = "") -> list[str]:
+    text = (ROOT / "docs" / page).read_text("utf-8")
+    text = text.split(f"\n## {chapter}\n")[1].split("\n## ")[0] if chapter else text
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def commands(page: str, chapter: str = "") -> Iterator[list[str]]:
+    """The words of every `motorprior …` on a page; of a loop those of its first turn."""
+    for block in blocks(page, "sh", chapter):
+        for line in re.sub(r"for (\w+) in (\S+).*?; do\n(.*?)\ndone", first_turn, block, flags=re.DOTALL).splitlines():
+            if line.startswith("motorprior "):
+                yield shlex.split(line)[1:]
+
+
+def first_turn(loop: re.Match[str]) -> str:
+    """What a shell runs first of ``for NAME in VALUE …; do``."""
+    name, value, body = loop.groups()
+    return textwrap.dedent(body).replace(f"${name}", value)
+
+
+def run(words: list[str]) -> None:
+    """Run a command with the files that a pattern stands for, as a shell gives them."""
+    expanded = []
+    for word in words:
+        expanded += (sorted(map(str, Path().glob(word))) if set("*[") & set(word) else []) or [word]
+    config = parse([*expanded, *shlex.split(SMALL.get(words[0], ""))])
+    RUN[type(config)](config)
+
+
+@pytest.fixture
+def robots(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with two models and the examples' descriptions of them; commands run in it."""
+    for name in ("go2", "so101"):
+        model = shared_data / "robots" / f"{name}.xml"
+        if not model.is_file():
+            pytest.skip(f"no {name}.xml: MOTORPRIOR_SHARED names a folder with robots/{name}.xml in it")
+        for path in (model, *(ROOT / "examples" / "robots").glob(f"{name}*.toml")):
+            shutil.copy(path, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
+    return tmp_path
+
+
+@pytest.fixture
+def folder(shared_data: Path, robots: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same with the logs that the pages name, cut."""
+    for name in ("go2", "so101", "xl330"):
+        if not (shared_data / name).is_dir():
+            pytest.skip(f"no logs of {name}: MOTORPRIOR_SHARED names a folder with {name}/ in it")
+        (robots / name).mkdir()
+    tables = [*(shared_data / "go2").glob("traj_[03].csv.gz"), *sorted((shared_data / "so101").glob("c*.csv.gz"))[:2]]
+    for path in tables:
+        with gzip.open(path, "rt") as whole, gzip.open(robots / path.parent.name / path.name, "wt") as cut:
+            cut.writelines(islice(whole, ROWS))
+    shutil.copy(shared_data / "go2" / "traj_0.pt", robots / "go2")
+    for path in sorted((shared_data / "xl330").glob("*_10h2[89]m[0123]*.json.gz")):
+        shutil.copy(path, robots / "xl330")
+    shutil.copytree(shared_data / "so101" / "original", robots / "so101" / "original")
+    shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", robots / "so101")
+    write_table(swing(4.0), robots)
+    monkeypatch.setattr(load_fit, "MAX_ROUNDS", 1)
+    monkeypatch.setattr(response_fit, "RESTARTS", 4)
+    monkeypatch.setattr(demo, "run_bench", Mock(side_effect=Begun))
+    return robots
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["your-motors.md", "logs.md"])
+def test_every_command_on_logs_runs(folder: Path, page: str):
+    every = list(commands(page))
+    for words in every:
+        with pytest.raises(Begun) if words[0] == "demo" else nullcontext():
+            run(words)
+    assert len(every) >= 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--logs go2 --columns go2_identification --robot go2.toml --suspended", ("prior", "tuned_pd", "traj_3")),
+        ("--logs go2 --columns go2_identification", ("loads: unknown", "dead band")),
+        ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid bodies of so101", "prior")),
+        ("--logs xl330", ("loads: from the logs", "pendulum")),
+    ],
+)
+def test_a_demo_begins_with_the_logs(folder: Path, line: str, words: tuple[str, ...]):
+    with pytest.raises(Begun):
+        run(["demo", *line.split(), "--out", "run"])
+    page = (folder / "run" / "report.html").read_text("utf-8")
+    assert "Your motors" in page and all(word in page for word in words)
+
+
+def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_draws_it(robots: Path):
+    every = list(commands("your-robot.md", "A legged robot"))
+    assert [words[0] for words in every] == ["walk", "bench", "identify", "walk", "report", "transfer"]
+    for words in every:
+        run(words)
+    policy = Policy.load(robots / "runs" / "walk" / "rollout_0" / "policy.safetensors")
+    assert policy.robot == "go2" and policy.arrays.weights.shape == (17, 24)
+    page = (robots / "runs" / "walk" / "report.html").read_text("utf-8")
+    assert "Robot go2" in page and "data:image/gif" in page
+    assert (robots / "runs" / "transfer" / "figures.json").is_file()
+
+
+@pytest.mark.slow
+def test_an_arm_goes_through_bench_identify_adapt_and_simulate(robots: Path):
+    every = list(commands("your-robot.md", "An arm"))
+    assert [words[0] for words in every] == ["bench", "identify", "simulate", "logs", "adapt", "simulate", "replay"]
+    for words in every:
+        run(words)
+    assert (robots / "runs" / "arm" / "simulated" / "log.parquet").is_file()
+    assert (robots / "runs" / "arm" / "replay" / "figures.json").is_file()
+
+
+def test_the_description_on_the_page_is_that_of_the_example():
+    shown = tomllib.loads(blocks("your-robot.md", "toml")[0])
+    example = tomllib.loads((ROOT / "examples" / "robots" / "go2.toml").read_text("utf-8"))
+    legs = shown.pop("legs")
+    assert legs["FL"] == example["legs"]["FL"]
+    assert shown == {name: value for name, value in example.items() if name != "legs"}
+
+
+def test_the_column_maps_on_the_page_are_understood(tmp_path: Path):
+    path = tmp_path / "columns.toml"
+    path.write_text(blocks("your-motors.md", "toml")[0], "utf-8")
+    known = load_column_map(path)
+    assert [joint.name for joint in known.joints] == ["shoulder_pan", "shoulder_lift"]
+    assert known.gain_unit == "firmware" and {joint.kp for joint in known.joints} == {16.0}
+    assert known.firmware == {"profile_acceleration": 39} and known.posture == "fixed"
+    path.write_text(blocks("your-motors.md", "toml")[2], "utf-8")
+    bag = load_column_map(path)
+    assert bag.columns_of("joint_pos", bag.joints) == ["/lowstate:motor_state[0].q"] and bag.time == CLOCK

@@ -1,0 +1,205 @@
+"""`logs import`: every format, grids, gaps, gains, loads, messages, and errors before it writes."""
+
+import io
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import weighed_arm
+from swinging_bars import INERTIA, swing, write_table
+from third_party_files import (
+    ANGLE,
+    JOINTS,
+    ROWS,
+    TIME,
+    write_bam,
+    write_csv,
+    write_lerobot,
+    write_parquet,
+    write_pt,
+    write_sage,
+)
+
+from motorprior.commands.logs_import import LogsImport, import_logs
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification import load_fit
+from motorprior.identification.load_fit import FittedLoad
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.operations import begin_at_gaps, smooth_on_grid
+from motorprior.logs.read_log import read_log
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+from motorprior.progress import Lines
+from motorprior.robots.pupper_v2.robot import PUPPER_V2 as PUPPER
+
+SWING = """
+motor = "servo"
+time = "t"
+position_target = "goal_{joint}"
+joint_pos = "pos_{joint}"
+joints.a = {}
+"""
+
+
+def imported(config: LogsImport) -> str:
+    """The messages."""
+    said = io.StringIO()
+    import_logs(config, Lines(said))
+    return said.getvalue()
+
+
+def write_swing(folder: Path) -> tuple[Path, str]:
+    """12 s of a joint that swings by 0.8 rad, at 100 Hz, without the rows from 6 to 8.5 s; and a map of it."""
+    rng, time = np.random.default_rng(1), 0.01 * np.arange(1200)
+    time = time[(time <= 6.0) | (time >= 8.5)]
+    goal, angle = (0.8 * np.sin(3.0 * (time - late)) for late in (0.0, 0.05))
+    table = np.column_stack([time, goal, angle + 1e-3 * rng.standard_normal(len(time))])
+    path = folder / "swing.csv"
+    np.savetxt(path, table, delimiter=",", header="t,goal_a,pos_a", comments="")
+    (folder / "map.toml").write_text(SWING, "utf-8")
+    return path, str(folder / "map.toml")
+
+
+def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
+    angle = np.tile(ANGLE[:, :1], (1, PUPPER.num_joints))
+    return MotorLog(
+        time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER.joint_names, robot=PUPPER.name,
+        motor=PUPPER.motor, source="a test", posture=posture,
+    )  # fmt: skip
+
+
+def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
+    paths = (write_bam(tmp_path), write_sage(tmp_path), write_lerobot(tmp_path))
+    import_logs(LogsImport(paths, tmp_path / "out", period=None))
+    names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "motion", "dataset")]
+    assert names == [("pendulum",), JOINTS, JOINTS]
+    np.testing.assert_array_equal(read_parquet(tmp_path / "out" / "motion.parquet").joint_pos, ANGLE)
+
+
+@pytest.mark.parametrize("write", [write_pt, write_csv])
+def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
+    columns = str(tmp_path / "columns.toml")
+    line, _ = imported(LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None)).splitlines()
+    log = read_parquet(tmp_path / "out" / "log.parquet")
+    low, high = np.rad2deg([log.joint_pos.min(), log.joint_pos.max()])
+    assert log.joint_names == JOINTS
+    assert "40 rows, 0.78 s, 50 Hz, 2 joints (pan, lift), commands from" in line
+    assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
+
+
+def test_any_format_comes_on_a_grid_and_given_registers_are_used_and_checked(tmp_path: Path):
+    path, given = write_bam(tmp_path), {"profile_acceleration": 39.0, "dead_zone": 0.002}
+    import_logs(LogsImport((path,), tmp_path / "out", period=0.005, firmware=given))
+    log = read_parquet(tmp_path / "out" / "swing.parquet")
+    np.testing.assert_allclose(np.diff(log.time), 0.005)
+    np.testing.assert_allclose(log.joint_pos[:, 0], np.interp(log.time, TIME, ANGLE[:, 0]), atol=1e-12)
+    assert log.firmware == given
+    with pytest.raises(LogError, match=r"firmware\.profile_speed -1 is not 0 \(off\) or a number"):
+        import_logs(LogsImport((path,), tmp_path / "out", firmware={"profile_speed": -1.0}))
+
+
+@pytest.mark.parametrize("row", [0, ROWS - 1])
+def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Path, row: int):
+    codes = np.full(ROWS, POSTURES.index("suspended"))
+    codes[row] = POSTURES.index("standing")
+    write_log(tmp_path / "log.parquet", of_pupper(posture=codes))
+    with pytest.raises(LogError, match=f"row {row} .*standing") as error:
+        import_logs(LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True))
+    assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet"
+
+
+def test_loads_need_the_robot(tmp_path: Path):
+    path, columns = write_swing(tmp_path)
+    with pytest.raises(ConfigError, match="no model for the loads -> give robot"):
+        import_logs(LogsImport((path,), tmp_path / "out", columns=columns, suspended=True))
+
+
+def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
+    """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
+    bars = swing(2.0)
+    table, columns = write_table(bars, tmp_path)
+    again = Path(shutil.copy(table, tmp_path / "again.csv"))
+    given = [
+        FittedLoad(inertia, 0.1, armature, gravity, 1e-4 * np.eye(2), 1e-3)
+        for inertia, armature, gravity in zip(INERTIA, (0.1, 0.7), bars.gravity, strict=True)
+    ]
+    rows = []
+    monkeypatch.setattr(load_fit, "fit_loads", lambda log, report: rows.append(log.num_rows) or given)
+    lines = imported(LogsImport((table, again), tmp_path / "out", columns=str(columns), fit_load=True)).splitlines()
+    logs = [read_parquet(tmp_path / "out" / f"{name}.parquet") for name in ("swing", "again")]
+    for log in logs:
+        assert log.load_inertia is not None and log.joint_names == ("left", "right") and "loads fitted" in log.source
+        np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
+    assert rows == [sum(log.num_rows for log in logs)], "both tables together"
+    assert any("joint left: inertia 0.005 kg·m² (×/÷ 1.11, 1 σ); weight 0.4 ± 0.01" in line for line in lines)
+    assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]
+
+
+def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path):
+    path, columns = write_parquet(tmp_path), str(tmp_path / "columns.toml")
+    before = path.read_bytes()
+    (tmp_path / "deeper").mkdir()
+    with pytest.raises(ConfigError, match="would overwrite the recording"):
+        import_logs(LogsImport((path,), tmp_path / "deeper" / "..", columns=columns))
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("period", [None, 0.002])
+def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
+    path, columns = write_swing(tmp_path)
+    said = imported(LogsImport((path,), tmp_path / "out", columns=columns, period=period))
+    log = read_parquet(tmp_path / "out" / "swing.parquet")
+    assert [part.num_rows for part in log.segments()] == ([601, 350] if period is None else [3001, 1746])
+    assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9))
+    assert not check_log(log).of("gaps")
+    assert f"{path}: 1 gap longer than 5 median steps: 2.5 s before row 601, at 8.5 s; a segment begins" in said
+
+
+def test_no_motion_is_invented_in_a_gap(tmp_path: Path):
+    path, columns = write_swing(tmp_path)
+    raw = read_log(path, columns=columns)
+    assert np.abs(smooth_on_grid(raw, 0.002).joint_pos).max() > 1.5, "a spline across the gap"
+    log = smooth_on_grid(begin_at_gaps(raw, 0.002)[0], 0.002)
+    truth = 0.8 * np.sin(3.0 * (log.time - 0.05))
+    assert np.sqrt(np.mean((log.joint_pos[:, 0] - truth) ** 2)) < 2e-3
+
+
+def test_several_gains_need_the_joints_in_a_robots_order(tmp_path: Path):
+    path, out = write_csv(tmp_path), tmp_path / "out"
+    with pytest.raises(ConfigError, match="the joints pan, lift are not in a robot's order"):
+        import_logs(LogsImport((path,), out, columns=str(tmp_path / "columns.toml"), kp=(20.0, 16.0)))
+    gains, path = tuple(float(number) for number in range(1, 1 + PUPPER.num_joints)), tmp_path / "walk.parquet"
+    write_log(path, of_pupper())
+    messages = imported(LogsImport((path,), out, kp=gains, robot=PUPPER.name))
+    assert f"kp: {PUPPER.joint_names[0]} 1, {PUPPER.joint_names[1]} 2," in messages
+    logged = read_parquet(out / "walk.parquet").stated_kp
+    assert logged is not None and tuple(logged[0]) == gains
+    with pytest.raises(ConfigError, match="kp: 2 gains for 12 joints"):
+        import_logs(LogsImport((path,), out, kp=(1.0, 2.0)))
+
+
+def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
+    path = write_lerobot(tmp_path)
+    (tmp_path / "map.toml").write_text(
+        'motor = "servo"\ntime = "timestamp"\nsegment = "episode_index"\nposition_target = "action[{joint}]"\n'
+        'joint_pos = "observation.state[{joint}]"\nunits = {angle = "deg"}\n'
+        '[joints.0]\nname = "pan"\n[joints.1]\nname = "lift"\nscale = 0.01\nzero = 0.3\n',
+        "utf-8",
+    )
+    said = imported(LogsImport((path,), tmp_path / "out", columns=str(tmp_path / "map.toml"), period=None))
+    assert "does not contain its units" not in said
+    log, degrees = read_parquet(tmp_path / "out" / "dataset.parquet"), read_log(path)
+    assert log.joint_names == JOINTS and len(log.segment_slices()) == 2
+    np.testing.assert_allclose(log.joint_pos[:, 0], degrees.joint_pos[:, 0])
+    np.testing.assert_allclose(log.joint_pos[:, 1], 0.3 + 0.01 * np.rad2deg(degrees.joint_pos[:, 1]))
+
+
+@pytest.mark.parametrize(
+    ("turned", "suspended", "warns"), [("", True, False), ("elbow", True, True), ("elbow", False, False)]
+)
+def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str, suspended: bool, warns: bool):
+    robot = weighed_arm.write_arm(tmp_path)
+    table, columns = weighed_arm.write_table(weighed_arm.slow_motion(robot), tmp_path, turned)
+    said = imported(LogsImport((table,), tmp_path / "out", columns=columns, suspended=suspended, robot=robot))
+    assert ("with elbow reversed" in said) == said.startswith("warning: ") == warns
