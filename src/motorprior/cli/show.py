@@ -223,11 +223,11 @@ def transfer(config: TransferCommand) -> None:
             table(each.caption, each.columns, each.rows)
         print(config.out / PAGE)
         return
-    if not config.walks:
-        raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     for field in fields(Study):
         if field.name not in settings and study[field.name] != field.default:
             raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
+    if not config.walks:
+        raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     _transferred(run_transfer(Transfer(**settings), TERMINAL))
 
 
