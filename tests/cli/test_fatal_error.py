@@ -12,7 +12,7 @@ import mujoco, sys
 from numba import njit
 from motorprior.cli.main import main
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.rollout import WalkSimulator
+from motorprior.simulation.scene import WalkSimulator
 from motorprior.simulation.world_step import mj_step, prepare_mujoco
 
 FLOOR = '<size memory="2K"/><worldbody><geom type="plane" size="9 9 1"/>'

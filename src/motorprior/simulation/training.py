@@ -133,14 +133,14 @@ class TrainingFiles:
             except (ArtifactError, KeyError) as error:
                 problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
                 raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-        write_text(self._folder / METRICS, "".join(json.dumps(point) + "\n" for point in curve))
+        write_text(self._folder / METRICS, "".join(json.dumps(point, sort_keys=True) + "\n" for point in curve))
         return curve
 
     def save(self, state: dict[str, np.ndarray], curve: Curve) -> None:
         """Write the checkpoint after the last point of the curve, and add this point to the metrics."""
         write_tensors(self._folder / CHECKPOINT, state, {"wanted": self._wanted, "curve": curve})
         with (self._folder / METRICS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(curve[-1]) + "\n")
+            file.write(json.dumps(curve[-1], sort_keys=True) + "\n")
 
 
 class Training:

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import Decoder
@@ -103,6 +102,8 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
     the prior with this `metric_suffix`, ``losses`` (M,) mean window losses of the new motors at their posterior means,
     and ``count`` is n, the `num_blocks` of their log.
     """
+    from scipy.stats import t as student_t  # here: it takes half a second to import
+
     _, m, s, motors, whole, variance = (metrics[f"loss_{name}{suffix}"] for name in _LOSS_METRICS)
     added = max(0.0, math.log1p(variance / count) - math.log1p(variance / whole))
     std = math.sqrt(max(s**2 * (1 + 1 / motors) + added, 1e-12))

@@ -22,7 +22,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import parameters_of
@@ -146,6 +145,8 @@ def outliers(
     ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
     `fit_posterior`; ``data``, ``preset`` and ``temperature`` are as for `fit_posterior`.
     """
+    from scipy.stats import t as student_t  # here: it takes half a second to import
+
     latents = model.decoder_latents(trained)
     mean, std = latents.mean(axis=0), np.maximum(latents.std(axis=0, ddof=1), _SAME)
     differ = std > _SAME

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.stats import wilcoxon
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
@@ -161,6 +160,8 @@ def _saves_enough(before: _State, after: _State, level: float) -> bool:
 
     The signed-rank test is over the gains of all motors or, for fewer than _MIN_RANKS motors, over their parts.
     """
+    from scipy.stats import wilcoxon  # here: it takes half a second to import
+
     if len(before.held_out) >= _MIN_RANKS:
         gains = _logarithm(before.held_out) - _logarithm(after.held_out)
     else:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
@@ -44,6 +43,8 @@ _BACKLASH, _ZERO = (StepConstants._fields.index(name) for name in ("half_backlas
 
 def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.ndarray:
     """(M,) largest speed [rad/s] that each joint kept for 0.1 s towards its target, 0 if none; inputs are (M, R)."""
+    from scipy.ndimage import minimum_filter1d  # here: it takes half a second to import
+
     rows, lowest = max(1, round(0.1 / period)), []
     for sign in (1.0, -1.0):
         towards = np.where(sign * error > 0.0, np.maximum(sign * vel, 0.0), 0.0)
