@@ -1,7 +1,7 @@
 """From motor logs to a motor prior.
 
 python examples/log_to_prior.py                                  # without logs: a virtual bench of Pupper motors
-python examples/log_to_prior.py run.parquet --out runs/my_prior
+python examples/log_to_prior.py run.csv --columns columns.toml --robot arm.toml --suspended --out runs/my_prior
 """
 
 import argparse
@@ -12,7 +12,10 @@ import numpy as np
 import motorprior as mp
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-parser.add_argument("logs", nargs="*", help="motor logs with loads, or any log that mp.read_log reads")
+parser.add_argument("logs", nargs="*", help="any logs that mp.load_log reads")
+parser.add_argument("--columns", help="column map of tables, a .toml file")
+parser.add_argument("--period", type=float, default=0.002, help="time step of the logs [s], that of the preset")
+parser.add_argument("--suspended", action="store_true", help="the robot was suspended: its model gives the loads")
 parser.add_argument("--robot", default="pupper_v2", help="a shipped robot, or a .toml file")
 parser.add_argument("--motors", type=int, default=32, help="motors of the virtual bench")
 parser.add_argument("--samples", type=int, default=10_000, help="samples per motor of the virtual bench")
@@ -22,7 +25,10 @@ parser.add_argument("--out", default="runs/example_prior", help="folder of the p
 args = parser.parse_args()
 
 robot = mp.load_robot(args.robot)
-logs = [mp.read_log(path, robot) for path in args.logs]
+logs = [
+    mp.load_log(path, columns=args.columns, robot=robot, suspended=args.suspended, period=args.period)
+    for path in args.logs
+]
 if not logs:
     logs = [mp.record_bench(robot, motors=args.motors, steps=args.samples, preset=args.preset)]
 for log in logs:

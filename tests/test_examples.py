@@ -27,7 +27,16 @@ def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_logs_of_ones_own_become_a_prior(prior: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     mp.write_log(tmp_path / "mine.parquet", mp.record_bench(motors=2, steps=300, preset="paper", seed=3))
-    run(monkeypatch, "log_to_prior.py", tmp_path / "mine.parquet", "--preset=paper", "--steps=1", "--out", tmp_path)
+    run(
+        monkeypatch,
+        "log_to_prior.py",
+        tmp_path / "mine.parquet",
+        "--period=0.01",
+        "--preset=paper",
+        "--steps=1",
+        "--out",
+        tmp_path,
+    )
     out = capsys.readouterr().out
     assert "2 motors" in out and "five new motors" in out
     assert len(mp.MotorPrior.load(tmp_path / "prior.safetensors").mean) == 2

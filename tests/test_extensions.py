@@ -22,12 +22,17 @@ def soft_motors(robot, kp: float = 1.0) -> Drawn:
     return Drawn(lambda rng: IdealPd.uniform(robot.num_joints, kp, 0.1 * rng.uniform(0.9, 1.1), 1.0))
 """
 USE_ACTUATOR = """
+from pathlib import Path
 import motorprior as mp
 from motorprior.cli.main import parse
+from motorprior.commands.study_conditions import Study, conditions_of
 from motorprior.simulation.motors import simulated_motors
 robot = mp.load_robot("pupper_v2")
 assert simulated_motors("soft:kp=2", robot).condition == "soft"
 assert parse(["walk", "--motors", "soft:kp=2", "--out", "x"]).motors == "soft:kp=2"
+study = Study(Path("x"), conditions=("soft:kp=2",))
+study.require_valid()
+assert [each.motors for each in conditions_of(study, 0)] == ["soft:kp=2"]
 """
 TERM = """    "weak": Term(
         (Constant("weakness", "1", 0.1, 1e-6, 0.0),), law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness)

@@ -23,11 +23,18 @@ MAX_BYTES = 1_000_000_000  # of a file, and of an unpacked one; each is held in 
 
 
 def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> None:
-    """Raise an ``error`` unless the path is a file."""
+    """Raise an ``error`` unless the path is a file of at most MAX_BYTES."""
     if not path.exists():
         raise error("no such file", where=path, remedy="check the path")
     if not path.is_file():
         raise error("not a file", where=path, remedy="give a file")
+    require_size(path.stat().st_size, path, error)
+
+
+def require_size(size: int, path: Path, error: type[MotorPriorError] = ArtifactError) -> None:
+    """Raise an ``error`` if a file, or what is packed in it, has more than MAX_BYTES."""
+    if size > MAX_BYTES:
+        raise error(f"more than {MAX_BYTES} bytes", where=path, remedy="split it, or check that it is the right file")
 
 
 def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> bytes:
@@ -41,8 +48,7 @@ def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> byte
             data = file.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as reason:
         raise error(f"unreadable or damaged ({reason})", where=path, remedy="copy it again from its source") from reason
-    if len(data) > MAX_BYTES:
-        raise error(f"more than {MAX_BYTES} bytes", where=path, remedy="split it, or check that it is the right file")
+    require_size(len(data), path, error)
     return data
 
 

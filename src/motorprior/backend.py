@@ -2,7 +2,7 @@
 
 A real robot, and a virtual one behind the same wire, does not: its control step is a deadline that depends on the age
 of the telemetry, and a fault in it ends in a crouch or without current, neither of which `step` can express.
-`hardware.motions` plays the policy as a motion instead; tests/hardware/test_parity.py compares it with the simulation.
+`hardware.motions` plays the policy as a motion instead.
 """
 
 from __future__ import annotations

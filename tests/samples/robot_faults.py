@@ -54,7 +54,7 @@ class FaultyPort(SimulatedPort):
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
         messages = super().wait(until)
-        if "mute" in self.faults:
+        if "mute" in self.faults and self.now >= self.faults["mute"][0]:
             return []
         if "restart" in self.faults:
             ahead = 1e3 * self.faults["restart"][0]

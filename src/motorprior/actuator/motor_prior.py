@@ -39,8 +39,8 @@ SIGN = "error = position_target - joint_pos; a positive torque accelerates the j
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
-UNIDENTIFIED = "not_shown_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
-UNKNOWN_TORQUE_SCALE = "unknown_torque_size"  # metric: number of motors whose logs do not identify the torque scale
+UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
+UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
 _HEADER = Header(
     "motor prior",
     6,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import tyro
@@ -33,6 +32,7 @@ from motorprior.identification.evaluation.log_tables import (
     constants_in,
     error_table,
 )
+from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -45,18 +45,14 @@ from motorprior.stage import FIGURES, PAGE
 from motorprior.studies.compare import DRAWS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 
-if TYPE_CHECKING:  # it imports JAX
-    from motorprior.identification.latents.latent_fit import Posterior
-
 _DISTRIBUTION = (
     "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",
-    "energy_distance",
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LogsCheck:
-    """Check logs (log doctor): clock, units, limits, jumps, excitation, tracking, saturation, load, gravity."""
+    """Check logs (log doctor): clock, units, limits, jumps, excitation, tracking, saturation, gravity."""
 
     paths: tuple[Path, ...]
     """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""

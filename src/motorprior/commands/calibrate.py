@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.replay import read_logs
+from motorprior.identification.evaluation.bench_truth import band
 from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
@@ -89,7 +90,7 @@ def _covered(
             log = replayer.log
             motors = [with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
             replayed = [replayer.joint_pos(each.actuator()) for each in motors]
-            low, high = np.quantile(replayed, [0.05, 0.95], axis=0)
+            low, high = band(np.array(replayed), 90)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
             covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
             central, joint = replayer.joint_pos(problem.actuator(name, found.center)), replayer.excited[-1]
@@ -136,7 +137,7 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
             "center": (unknown.unit, unknown.value(x)),
             "start": (unknown.unit, unknown.value(unknown.mean)),
             "error": (share, error),
-            "belief": (share, unknown.deviation),
+            "prior_std": (share, unknown.deviation),
             "spread": (share, fleet.parameters[unknown.name].values["spread"]),
             "identified": ("1", unknown.is_identifiable(error)),
         }

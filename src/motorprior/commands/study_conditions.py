@@ -6,6 +6,7 @@ Conditions are motor models fitted to one bench or to logs of single robots, and
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -30,6 +31,7 @@ from motorprior.progress import Progress, in_parallel
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
@@ -59,7 +61,7 @@ class Study:
     foreign: str = "foreign_direct"
     """Out-of-family population, of the environments `foreign` and `hard`."""
     conditions: tuple[str, ...] = CONDITIONS
-    """Training conditions."""
+    """Training conditions: those of docs/transfer.md, or other motors, as of `walk`."""
     seeds: int = 8
     """Policies per condition."""
     draws: int = 32
@@ -121,9 +123,12 @@ class Study:
     def require_valid(self) -> None:
         """Check the settings; raises `ConfigError`, which names the invalid one."""
         robot = load_robot(self.robot)
-        if unknown := [name for name in self.conditions if name not in CONDITIONS]:
-            remedy = f"use some of {', '.join(CONDITIONS)}"
-            raise ConfigError(f"no condition {unknown[0]!r}", argument="conditions", remedy=remedy)
+        for name in (name for name in self.conditions if name not in CONDITIONS):
+            try:
+                simulated_motors(name, robot)
+            except ConfigError as error:
+                remedy = f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`"
+                raise ConfigError(f"no condition {name!r}", argument="conditions", remedy=remedy) from error
         robot.require_legs()
         for name in ("seeds", "draws", "iterations", "workers"):
             require_count(name, getattr(self, name))
@@ -163,7 +168,7 @@ class Condition:
     def folder(self) -> str:
         """Name of the policy's folder."""
         population = "" if self.population == IN_FAMILY else f"_{self.population}"
-        return f"{self.name}{population}_{self.seed}"
+        return re.sub(r"[^\w.=-]", "_", f"{self.name}{population}_{self.seed}")
 
 
 def conditions_of(config: Study, seed: int) -> list[Condition]:
@@ -183,6 +188,8 @@ def conditions_of(config: Study, seed: int) -> list[Condition]:
 
 def _motors(config: Study, name: str, population: str, seed: int) -> str:
     """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
+    if name not in CONDITIONS:
+        return name
     if name == "oracle":
         return motor_text("fleet", fleet=config.fleet_of(population))
     if name == "untrained":

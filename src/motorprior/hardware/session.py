@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from types import FrameType
 
 import numpy as np
@@ -194,14 +193,16 @@ def require_ok(checks: Sequence[Check]) -> None:
             raise RobotFault(check.name, check.finding, remedy=check.remedy)
 
 
-def check_telemetry(link: RobotLink, received: Sequence[Measurement]) -> list[Check]:
-    """Check all telemetry of some seconds, in order; raises RobotFault if no frame came."""
+def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
+    """Receive telemetry for some seconds and check it; raises RobotFault if no frame comes."""
+    received = link.receive(time.monotonic() + seconds)
     if not received:
         found = f"{len(link.text)} lines of text" if link.text else "no frame"
         raise RobotFault("stale telemetry", found, remedy="check power, cable and the firmware's version")
     damaged, stream = link.port.reader.rejected + link.stream.impossible, link.stream
     delays = [each.arrival - each.sampled for each in received]
-    max_age = max((after.arrival - before.sampled for before, after in pairwise(received)), default=0.0)
+    arrivals = [*(each.arrival for each in received[1:]), time.monotonic()]  # the last frame may be old by now
+    max_age = max(after - each.sampled for each, after in zip(received, arrivals, strict=True))
     telemetry = [each.telemetry for each in received]
     return [
         frame_rate(link.robot, telemetry),

@@ -53,8 +53,8 @@ class Identified:
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
     losses: np.ndarray  # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
-    # ``saved_TERM``, share of the held-out loss that a term saves; ``not_shown_LIMIT`` and ``unknown_torque_size``,
-    # see `identifiability`
+    # ``saved_TERM``, share of the held-out loss that a term saves; ``unidentified_LIMIT`` and ``unknown_torque_scale``,
+    # see `motor_prior`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
 

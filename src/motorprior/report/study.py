@@ -31,7 +31,7 @@ def study_sections(summary: Summary) -> list[Section]:
 
 def _conditions(summary: Summary) -> list[str]:
     found = {condition for _, condition in summary.upright}
-    return [name for name in CONDITIONS if name in found]
+    return [name for name in CONDITIONS if name in found] + sorted(found - set(CONDITIONS))
 
 
 def headline_table(summary: Summary) -> Table:

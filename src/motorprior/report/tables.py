@@ -99,7 +99,7 @@ def calibrated_constants(results: Results) -> ColumnsAndRows:
         of = results.where(part=part, model=None)
         unit = of.where(quantity="calibrate_center").rows[0].unit
         is_share = of.where(quantity="calibrate_error").rows[0].unit == "1" != unit
-        errors = (of.value(quantity=f"calibrate_{name}") for name in ("error", "belief", "spread"))
+        errors = (of.value(quantity=f"calibrate_{name}") for name in ("error", "prior_std", "spread"))
         cells = [f"{100 * error:.0f} %" if is_share else f"{error:.3g}" for error in errors]
         values = [f"{of.value(quantity=f'calibrate_{name}'):.3g}" for name in ("start", "center")]
         identified = "yes" if of.value(quantity="calibrate_identified") else "no"

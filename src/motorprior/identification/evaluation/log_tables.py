@@ -13,7 +13,7 @@ from motorprior.results import Result, Results
 
 # quantities of the quick report: errors of free runs of whole segments and of 1 s, and the prefix of constants
 WHOLE_RUN_RMSE, FREE_RUN_RMSE, CONSTANT = "real_motors_rmse", "real_motors_free_run_rmse", "real_motors_"
-UNIDENTIFIED = "not_shown"  # statistic of a constant that the logs do not identify; its value is the median of a fit
+UNIDENTIFIED = "unidentified"  # statistic of a constant that the logs do not identify; its value is the median of a fit
 
 
 def error_results(

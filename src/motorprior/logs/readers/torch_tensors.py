@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import require_file
+from motorprior.artifacts import require_file, require_size
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
@@ -53,6 +53,7 @@ def _content(path: Path) -> dict[Any, Any]:
     try:
         with zipfile.ZipFile(path) as archive:
             files = archive.namelist()
+            require_size(sum(each.file_size for each in archive.infolist()), path, LogError)
             found = [name for name in files if name.split("/")[1:] == ["data.pkl"]]
             if len(found) != 1:
                 raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
