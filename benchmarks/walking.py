@@ -8,7 +8,7 @@ figures.json contains
                                            motors, noisy sensors) or hard (a twin with other friction, masses, slope,
                                            delayed sensors and pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
-    PLACE/commanded/QUANTITY/told …        commands to turn, walk backward, stand, stop and go (COMMANDS)
+    PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward, stand, stop and go (COMMANDS)
 
 Finished benches, priors and policies are reused. Half an hour on two cores.
 """
@@ -154,11 +154,11 @@ def command_cases(robot: Robot, seconds: float) -> dict[str, Commands | Timetabl
     cases: dict[str, Commands | Timetable] = {}
     for share, turn in COMMANDS:
         forward, yaw_rate = _speed(robot, share), turn * robot.require_legs().yaw_rate
-        cases[f"told {forward:.3g} m/s {yaw_rate:.3g} rad/s"] = Commands.steady(forward, yaw_rate)
+        cases[f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"] = Commands.steady(forward, yaw_rate)
     for shares in STOP_AND_GO:
         speeds = [_speed(robot, share) for share in shares]
         rows = tuple((HOLD * k, speeds[k % len(speeds)], 0.0) for k in range(math.ceil(seconds / HOLD)))
-        cases[f"told {', '.join(f'{speed:.3g}' for speed in speeds)} m/s in turn"] = Timetable(rows)
+        cases[f"commands {', '.join(f'{speed:.3g}' for speed in speeds)} m/s in turn"] = Timetable(rows)
     return cases
 
 
@@ -279,7 +279,7 @@ def table(results: Results, places: tuple[str, ...]) -> str:
     """Markdown: one row per quantity; means over the seeds by command, with the range of the seeds in brackets."""
     walked = results.where(motors=places)
     columns = [(place, speed) for place in places for speed in walked.distinct("part")]
-    heads = [f"{place}, {speed}{'' if speed.startswith('told') else ' m/s'}" for place, speed in columns]
+    heads = [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
     lines = ["| measure | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
     for quantity in walked.distinct("quantity"):
         cells = []

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.bounds import BOOLEAN, TABLE, TEXT, exactly, integer, many, maybe, number, one_of
+from motorprior.bounds import BOOLEAN, TABLE, TEXT, exactly, integer, many, number, one_of
 from motorprior.exceptions import ArtifactError
 from motorprior.schema import Header, Schema, Tensor, check_tensors
 
@@ -20,12 +20,11 @@ FIELDS = {
     "more": TABLE,
     "kind": one_of("this", "that"),
     "sign": exactly([1, 2]),
-    "delay": maybe(number(0.0, 1.0, unit="s")),
     "names": many(TEXT, minimum=1),
 }
 GOOD: dict[str, Any] = {
     "share": 0.5, "gain": 2, "count": 3, "name": "a", "on": False, "more": {}, "kind": "that", "sign": [1, 2],
-    "delay": None, "names": ["x"],
+    "names": ["x"],
 }  # fmt: skip
 
 
@@ -50,7 +49,6 @@ def test_what_is_declared_is_accepted():
         ("on", 1, "on = 1 is not true or false"),
         ("kind", "other", "kind = 'other' is not this or that"),
         ("sign", [1, 2, 3], "sign = [1, 2, 3] is not [1, 2]"),
-        ("delay", 2.0, "delay = 2 is not a finite number from 0 to 1 s, or null"),
         ("names", [], "names = [] is not a list of 1 or more, each a text"),
     ],
 )

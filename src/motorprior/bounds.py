@@ -66,11 +66,6 @@ def exactly(wanted: Any) -> Field:
     return Field(repr(wanted), lambda value: type(value) is type(wanted) and value == wanted)
 
 
-def maybe(field: Field) -> Field:
-    """The field or null."""
-    return Field(f"{field.meaning}, or null", lambda value: value is None or field.accepts(value))
-
-
 def many(field: Field, minimum: int = 0) -> Field:
     """A list of at least ``minimum`` values of a field."""
 

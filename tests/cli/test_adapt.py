@@ -66,8 +66,8 @@ def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Pat
         for model in ("adapted", "prior"):
             half, most = (found.value(quantity=f"{coverage}{level}", model=model) for level in (50, 90))
             assert 0.0 < half < most <= 1.0 and most > 0.3
-    told = read_json(out / "figures.json")
-    assert {"coverage90/adapted", "whole_run_coverage50/prior", "whole_run_rmse_mean/adapted"} <= set(told)
+    figures = read_json(out / "figures.json")
+    assert {"coverage90/adapted", "whole_run_coverage50/prior", "whole_run_rmse_mean/adapted"} <= set(figures)
     assert "Held-out log" in (out / "report.html").read_text("utf-8")
 
 

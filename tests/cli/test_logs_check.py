@@ -27,7 +27,7 @@ def written(folder: Path, joints: tuple[str, ...] = JOINTS, size: float = 0.3) -
 
 
 @pytest.mark.parametrize("command", [("check",), ("import", "--out", "out")])
-def test_a_table_without_a_map_is_told_to_bring_one(refused: Command, tmp_path: Path, command: tuple):
+def test_a_table_without_a_map_is_rejected_with_a_remedy(refused: Command, tmp_path: Path, command: tuple):
     table, _ = written(tmp_path)
     words = ("mine.csv: a table of unknown format", "'cmd_FR_hip'", "with --columns", "your-motors.md")
     refused("logs", *command, table, words=words)

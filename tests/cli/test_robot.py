@@ -42,8 +42,8 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorpr
     robot = ("--virtual", "--robot.currents")
     done = motorprior("deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk)
     assert done.code == 0 and "period_jitter_ms/p99" in done.err and "stopped by time" in done.err, done.err
-    facts = json.loads((walk / "run.json").read_text())
-    assert facts["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and facts["policy"] == str(policy)
+    run = json.loads((walk / "run.json").read_text())
+    assert run["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and run["policy"] == str(policy)
     assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
     assert 1.8 < read_robot_run(walk / "run.csv", PUPPER_V2).duration < 5.0, "a second, and one to stop"
     done = motorprior("logs", "import", walk / "run.csv", "--period", 0.01, "--out", tmp_path / "log")

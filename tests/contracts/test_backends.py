@@ -111,7 +111,7 @@ def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_
     np.testing.assert_allclose(places[:, 2], spec.FOOT_RADIUS, atol=0.005)
 
 
-def test_a_robot_told_to_stand_stands(backend: Backend):
+def test_a_robot_commanded_to_stand_stands(backend: Backend):
     state = backend.reset(0)
     for _ in range(100):
         state = backend.step(spec.NOMINAL_POSE)

@@ -130,9 +130,9 @@ def test_a_fault_is_reported_and_ends_in_its_safe_state(walk_into: Callable[...,
     if name == "disk full":
         assert read_robot_run(tmp_path / "run" / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows > 10
         return
-    facts = read_json(tmp_path / "run" / "run.json")
-    assert facts["outcome"] in kinds and facts["frames"]["accepted"] > 100 and facts["settings"]["forward"] == 0.3
-    assert facts["message"] == (None if incident.error is None else str(incident.error))
+    run = read_json(tmp_path / "run" / "run.json")
+    assert run["outcome"] in kinds and run["frames"]["accepted"] > 100 and run["settings"]["forward"] == 0.3
+    assert run["message"] == (None if incident.error is None else str(incident.error))
 
 
 def test_an_error_of_the_firmware_is_reported(walk_into: Callable[..., Incident]):

@@ -1,4 +1,4 @@
-"""Who adapts to weak motors is told that their torque limits may be lower, too, and can have it so."""
+"""Adapting to weak motors reports that their torque limits may be lower, too."""
 
 import numpy as np
 import pytest

@@ -64,7 +64,7 @@ def test_the_heading_error_is_the_turn_that_was_not_commanded():
     assert followed(gait, forward=0.3, steps=100, rate=0.2)[18] == pytest.approx(0.2)
     assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == MAX_HEADING_ERROR
     turning, commanded = new_gait(BODY), 0.0
-    for _ in range(150):  # a robot that turns as it is told, ramp and all
+    for _ in range(150):  # a robot that turns as commanded, with the ramp
         turning.observation[4] = min(BODY.max_yaw_rate * (commanded + DT) / RAMP, 0.4)
         follow_command(BODY, turning, 0.0, 0.4)
         commanded += DT

@@ -69,7 +69,7 @@ def velocities(feet, leg: int, phases: np.ndarray, **command) -> np.ndarray:
 
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("speed", [-0.2, 0.1, 0.5])
-def test_a_foot_in_stance_moves_back_as_fast_as_the_body_is_told_to_go(feet, speed, ratio):
+def test_a_foot_in_stance_moves_back_at_the_commanded_speed(feet, speed, ratio):
     for leg in range(LEGS):
         moving = velocities(feet, leg, stance_of(leg, ratio)[1:-1], forward=speed, ratio=ratio)
         np.testing.assert_allclose(moving, np.tile([-speed, 0.0, 0.0], (len(moving), 1)), atol=1e-6)
@@ -131,7 +131,7 @@ def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
         assert not torques[:, 0].any()
 
 
-def test_with_support_a_pd_stands_in_the_pose_it_is_told_and_without_it_sags():
+def test_with_support_a_pd_stands_in_the_commanded_pose_and_without_it_sags():
     motors = IdealPd.uniform(12, PUPPER_V2.joints[0].kp, PUPPER_V2.joints[0].kd, 5.0, 0.003)
     sag, pose = [], PUPPER_V2.nominal_pose
     for share in (0.0, None):

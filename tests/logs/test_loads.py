@@ -90,8 +90,8 @@ def test_a_fit_s_joint_that_left_the_recording_feels_gravity_where_it_is():
     )
     where, there = own[:, POS] + 0.1, other[:, EXTERNAL] + other[:, STIFFNESS] * other[:, POS]
     here = own[:, EXTERNAL] + own[:, STIFFNESS] * own[:, POS]
-    felt = own[:, EXTERNAL] + own[:, STIFFNESS] * where
-    assert np.abs(felt - there).max() < 0.15 * np.abs(here - there).max()
+    torque = own[:, EXTERNAL] + own[:, STIFFNESS] * where
+    assert np.abs(torque - there).max() < 0.15 * np.abs(here - there).max()
 
 
 def test_a_body_that_leans_is_refused_and_one_that_sways_is_not():

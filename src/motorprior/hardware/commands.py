@@ -61,8 +61,8 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
         show("note: this policy was trained without pushes; the robot may fall when the host pauses")
-    facts = {"command": "deploy", "policy": str(path), "provenance": dict(policy.provenance)}
-    with _session(robot, port, settings, gains, teleop.WALKING, show, facts) as (session, out):
+    origin = {"command": "deploy", "policy": str(path), "provenance": dict(policy.provenance)}
+    with _session(robot, port, settings, gains, teleop.WALKING, show, origin) as (session, out):
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
         motions.walk(session, policy, steering, settings.seconds)
     show(f"stopped by {session.outcome}; {out / _LOG}")
@@ -112,18 +112,18 @@ def _session(
     gains: Gains,
     how_to_stop: str,
     show: Print,
-    facts: dict[str, Any],
+    origin: dict[str, Any],
     limits: SafetyLimits | None = None,
 ) -> Iterator[tuple[Session, Path]]:
     """A session that the operator confirms, and the folder of its files.
 
-    run.json contains ``facts``, settings, gains and limits (an infinite one is null). It is written when the robot is
+    run.json contains ``origin``, settings, gains and limits (an infinite one is null). It is written when the robot is
     armed, and again when it is idle, with the outcome: "time", "operator", the name of a signal, or the kind of a fault
     and its message.
     """
     if not settings.yes and (sys.stdin is None or not sys.stdin.isatty()):
         raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
-    command = facts["command"]
+    command = origin["command"]
     out = settings.out or Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
     recorder, begun = Recorder(robot, out / _LOG), dict[str, Any]()
     with RobotLink(robot, SerialLink(robot, port), limits, recorder) as link, stop_on_signals() as stop:
@@ -137,7 +137,7 @@ def _session(
                 settings={name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
                 gains=asdict(gains),
                 safety={name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
-                **facts,
+                **origin,
             )
             write_json(out / "run.json", begun)
 

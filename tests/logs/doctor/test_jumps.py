@@ -11,7 +11,7 @@ from motorprior.logs.motor_log import MotorLog
 
 
 def of_angle(angle: np.ndarray, period: float = 0.01, command: np.ndarray | None = None) -> MotorLog:
-    """One joint, slowly commanded if not told otherwise."""
+    """One joint, slowly commanded by default."""
     time = period * np.arange(len(angle))
     command = 0.1 * np.sin(time) if command is None else command
     return MotorLog(

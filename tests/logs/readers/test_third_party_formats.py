@@ -101,9 +101,9 @@ def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_pat
     assert read_log(write_lerobot(tmp_path)).firmware == {}
     info = tmp_path / "dataset" / "meta" / "info.json"
     info.write_text(json.dumps(json.loads(info.read_text()) | {"robot_type": "so101_follower"}))
-    told = read_log(tmp_path / "dataset").firmware
-    assert told == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
-    assert told == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
+    firmware = read_log(tmp_path / "dataset").firmware
+    assert firmware == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
+    assert firmware == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
     assert read_log(write_sage(tmp_path)).firmware == {}, "joints of another robot"
 
 

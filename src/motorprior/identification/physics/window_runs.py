@@ -33,7 +33,7 @@ from motorprior.identification.training_data.windows import TrainingData, traini
 from motorprior.logs.motor_log import MotorLog
 
 # errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
-POSITION_SCALE, VELOCITY_SCALE, TORQUE_SCALE = SCALES = (0.01, 0.3, 0.3)
+POSITION_SCALE, VELOCITY_SCALE, _ = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
 LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
