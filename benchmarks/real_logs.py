@@ -149,7 +149,7 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
 
 def expected_motors(prior: MotorPrior, log: MotorLog) -> MotorModel:
     """The motors of the joints of a log, from the prior alone."""
-    return prior.model.motors(prior.expected(log.joint_names))
+    return prior.model.motors(prior.predicted(log).mean)
 
 
 def _errors(

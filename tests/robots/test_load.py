@@ -147,7 +147,7 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("[0.1, -0.2]", "[0.1, -0.2, 0.3]"), "nominal_pose has 3 numbers.*give 1 or 2 numbers"),
+        (("[0.1, -0.2]", "[0.1, -0.2, 0.3]"), "nominal_pose has 3 values.*give 1 or 2 values"),
         (("[0.1, -0.2]", "[0.1, -9.0]"), "nominal_pose -9 rad of joint 'elbow' is outside its limits"),
         (("kp = 20.0", "kp = -1"), "kp = -1 is not a finite number from 1e-09"),
         (("kp = 20.0", "kP = 20.0"), r"unknown keys \['kP'\] and missing keys \['kp'\].*the keys are"),

@@ -1,12 +1,15 @@
-"""The motor prior, a distribution of motors as a file: z ~ N(0, I) is a new motor, z = μ_i is training motor i."""
+"""The motor prior, a distribution of motors as a file: z = μ_i is training motor i, z ~ N(m, I) a new motor of a class.
+
+m is the mean of the class of joints (`joint_classes`), 0 of a prior with one class.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -14,6 +17,7 @@ from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
@@ -31,7 +35,8 @@ from motorprior.bounds import (
     require_number,
 )
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.logs.motor_log import GAIN_UNITS
+from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
+from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Schema, Tensor, check_tensors
 
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
@@ -40,10 +45,13 @@ INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k perio
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
+# assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
+# equal joints of one robot differ by 13 to 17 %
+SAME_JOINT_STD = 0.3
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
 _HEADER = Header(
     "motor prior",
-    6,
+    7,
     {
         "units": exactly(UNITS),
         "sign": exactly(SIGN),
@@ -53,7 +61,7 @@ _HEADER = Header(
         "network": TABLE,
         **dict.fromkeys(("grey_box", "standardised"), BOOLEAN),
         **dict.fromkeys(("preset", "robot", "motor"), TEXT),
-        "joint_names": many(TEXT),
+        **dict.fromkeys(("joint_names", "classes", "joint_classes"), many(TEXT)),
         "gain_unit": one_of("", *GAIN_UNITS),
         **dict.fromkeys(("provenance", "metrics"), TABLE),
     },
@@ -83,7 +91,13 @@ _WEIGHTS = {
     "log_armature": Tensor(()),
     "armature_slope": Tensor(("latents",)),
 }
-_MOTORS = {"mean": Tensor(("motors", "latents")), "log_var": Tensor(("motors", "latents"))}
+_MOTORS = {
+    "mean": Tensor(("motors", "latents")),
+    "log_var": Tensor(("motors", "latents")),
+    "misfit": Tensor(("motors",), above=0.0),
+    "class_mean": Tensor(("classes", "latents")),
+    "unseen_std": Tensor(("latents",), above=0.0),
+}
 _GAINS = {"gains": Tensor((2, "motors"))}
 _GREY_BOX = {"motor_center": Tensor(("constants",)), "motor_slope": Tensor(("latents", "constants"))}
 _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SCORES), "latents"))}
@@ -91,6 +105,14 @@ _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SC
 
 Decoder: TypeAlias = GreyBox | LatentNetwork
 """From latents to motors."""
+
+
+class Prediction(NamedTuple):
+    """Distribution of the motors of J joints before any log of theirs."""
+
+    mean: np.ndarray  # (J, Z) of z
+    std: np.ndarray  # (J, Z)
+    misfit: np.ndarray  # (J,) factor on the residuals
 
 
 @dataclass(frozen=True)
@@ -107,44 +129,83 @@ class MotorPrior:
     metrics: dict[str, float]  # of the training
     joint_names: tuple[str, ...] = ()  # of the training motors; none for a bench
     gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
+    stated_classes: JointClasses | None = None  # `classes`; None: one class
+    # (M,) residual of each training motor over that of all at its speeds (`reference.misfits`) [-]; none: 1
+    misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
+
+    @property
+    def classes(self) -> JointClasses:
+        """Classes of joints."""
+        return self.stated_classes or JointClasses.one(len(self.mean), self.model.num_latents)
 
     def sample(
-        self, count: int, seed: int | np.random.Generator, gains: np.ndarray | None = None, spread: float = 1.0
+        self,
+        of: int | Robot | Sequence[str],
+        seed: int | np.random.Generator,
+        gains: np.ndarray | None = None,
+        spread: float = 1.0,
     ) -> GreyBoxActuator | NetworkActuator:
-        """Sample ``count`` new motors, z ~ N(0, spread²·I).
+        """Sample new motors, one for each joint, z ~ N(mean of the joint's class, spread²·I).
 
         Args:
-            count: number of motors.
+            of: the robot, whose joints have classes; a class per motor; or a number of motors: if as many as the
+                training motors, they have the classes of these, in order, otherwise those of random ones.
             seed: seed, or a generator to continue.
-            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not given, those of
-                the training motors if there are ``count`` of them, otherwise their medians.
-            spread: standard deviation of z [-]; 0 gives the mean motor.
+            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not given, those of the
+                robot or, for as many motors as the training motors, of these; otherwise the medians of the classes.
+            spread: factor on the standard deviation of z [-]; 0 gives the mean motors of the classes.
 
         Raises:
             ConfigError: an argument out of range.
         """
-        require_count("count", count)
+        rng = generator_of(seed)
+        if isinstance(of, Robot):
+            gains = robot_gains(self, of) if gains is None else gains
+        classes = self._classes_of(of, rng)
         require_number("spread", spread)
-        z = spread * generator_of(seed).standard_normal((count, self.model.num_latents))
-        return self.model.motors(z, gains=self._gains(count, gains))
+        mean, std = self.classes.moments(classes)
+        z = mean + spread * std * rng.standard_normal(mean.shape)
+        return self.model.motors(z, gains=self._gains(classes, gains))
 
-    def _gains(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:
+    def _classes_of(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
+        if isinstance(of, Robot):
+            return of.joint_classes
+        if not isinstance(of, int | np.integer):
+            return tuple(of)
+        require_count("count", of)
+        known = self.classes.of_motors
+        if of == len(known) or len(self.classes.names) == 1:
+            return known if of == len(known) else (known[0],) * of
+        return tuple(known[row] for row in rng.integers(len(known), size=of))
+
+    def _gains(self, classes: Sequence[str], gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:
             return None
-        if gains is None:
-            same = self.gains.shape[1] == count
-            return self.gains if same else np.tile(np.median(self.gains, axis=1)[:, None], count)
-        return checked_gains(gains, count)
+        if gains is not None:
+            return checked_gains(gains, len(classes))
+        if tuple(classes) == self.classes.of_motors:
+            return self.gains
+        return np.stack([np.median(self.gains[:, self.classes.rows_of(name)], axis=1) for name in classes], axis=1)
 
     def training_motors(self, index: np.ndarray) -> GreyBoxActuator | NetworkActuator:
         """The training motors at ``index``, at their posterior means."""
         return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
 
-    def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
-        """(J, Z) expected latents at these joints: those of the training motor of the same name, otherwise 0."""
-        rows = dict(zip(self.joint_names, self.mean, strict=False))
-        mean_motor = np.zeros(self.model.num_latents)
-        return np.stack([rows.get(name, mean_motor) for name in joint_names])
+    def predicted(self, log: MotorLog) -> Prediction:
+        """Motors of the joints of a log, without the log: a training motor of the same name, or a unit of the class.
+
+        The standard deviation from a training motor of the same name is SAME_JOINT_STD; with several classes 1, that
+        between units, since the log may be that of another robot.
+        """
+        mean, std = self.classes.moments(log.joint_classes)
+        own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
+        misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in log.joint_classes])
+        rows = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
+        for joint, name in enumerate(log.joint_names):
+            if name in rows:
+                mean[joint], misfit[joint] = self.mean[rows[name]], own[rows[name]]
+                std[joint] = SAME_JOINT_STD if len(self.classes.names) == 1 else 1.0
+        return Prediction(mean, std, misfit)
 
     def require(self, robot: str, physics_dt: float) -> None:
         """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
@@ -177,10 +238,12 @@ class MotorPrior:
             period=model.period, network=network, grey_box=isinstance(model, GreyBox),
             standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,
             provenance=self.provenance, metrics=self.metrics, joint_names=list(self.joint_names),
-            gain_unit=model.gain_unit,
+            gain_unit=model.gain_unit, classes=list(self.classes.names), joint_classes=list(self.classes.of_motors),
         )  # fmt: skip
         if self.gains is not None:
             tensors["gains"] = self.gains
+        tensors |= {"misfit": self.misfit if len(self.misfit) else np.ones(len(self.mean))}
+        tensors |= {"class_mean": self.classes.mean, "unseen_std": self.classes.unseen_std}
         return {**tensors, "mean": self.mean, "log_var": self.log_var}, header
 
     @classmethod
@@ -207,7 +270,19 @@ class MotorPrior:
             )
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         names, gains = tuple(header["joint_names"]), tensors.get("gains")
-        return cls(model, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains)
+        classes = tuple(header["classes"]), tuple(header["joint_classes"])
+        return cls(
+            model, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains,
+            stated_classes=JointClasses(*classes, tensors["class_mean"], tensors["unseen_std"]),
+            misfit=tensors["misfit"],
+        )  # fmt: skip
+
+
+def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
+    """(2, joints) kp and kd of the robot's description, if the prior's motors scale with gains in SI units."""
+    if prior.model.gain_unit != PHYSICAL_GAINS:
+        return None
+    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
 
 
 def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
@@ -255,8 +330,9 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     else:
         _NETWORK.check(network, path)
         known, fits = {"inputs": 2 * len(network["taps"])}, network["taps"] == sorted(network["taps"])
+    known |= {"classes": len(header["classes"]), "motors": len(header["joint_classes"])}
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
-    fits = fits and header["motor_parameters"] == list(names)
+    fits = fits and header["motor_parameters"] == list(names) and {*header["joint_classes"]} <= {*header["classes"]}
     if sizes["motors"] == 0 or not fits:
         problem = f"{sizes['motors']} motors, network or motor_parameters are inconsistent"
         raise ArtifactError(problem, where=path, remedy=_REMEDY)

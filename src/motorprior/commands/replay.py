@@ -105,7 +105,7 @@ def _models(
         "ideal_pd": [with_logged_gains(nominal_pd(fleet, count), log)],
         "physical": [with_logged_gains(fleet.center(count), log).actuator()],
         "physical_draws": [motors.actuator() for motors in drawn],
-        prior.preset: [prior.sample(count, rng, gains_for(prior, robot, log)) for _ in range(config.draws)],
+        prior.preset: [prior.sample(log.joint_classes, rng, gains_for(prior, robot, log)) for _ in range(config.draws)],
     }
 
 

@@ -118,7 +118,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
         task.advance()
     models: dict[str, MotorModel] = {
         ADAPTED: prior.model.motors(posterior.mean),
-        PRIOR: prior.model.motors(prior.expected(test.joint_names)),
+        PRIOR: prior.model.motors(prior.predicted(test).mean),
     }
     models |= fitted_baselines(train, preset, config.out / "baselines", config.adam_steps, config.seed, progress)
     results, errors = Results(), {}
@@ -130,7 +130,7 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
             results += error_results(errors[span], quantity, {"median": np.median, "mean": np.mean}).where(log=None)
             results += Results.of(
                 Result(f"{COVERAGE[quantity]}{level}", "1", share, model)
-                for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test.num_joints)))
+                for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
                 for level, share in log_coverage(prior, motors, each).items()
             )
             task.advance()

@@ -8,16 +8,17 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import named_multiples, with_logged_gains
+from motorprior.actuator.geared_motor_step import named_multiples, parameters_of, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import LogError, listed
-from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings
-from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, num_blocks
+from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
+from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, misfits, num_blocks
 from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.latents.latent_fit import (
-    SAME_JOINT_STD,
+    Outliers,
     Posterior,
     fit_posterior,
     outliers,
@@ -26,6 +27,7 @@ from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.operations import moved
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 
@@ -100,11 +102,17 @@ def adapt(
 
 
 def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
-    """Posterior of every motor of the log; raises `LogError` as `adapt`."""
+    """Posterior of every motor of the log; that of one that did not move is the prior. Raises `LogError` as `adapt`."""
     preset, data, temperature, _ = _prepared(prior, log)
-    std = np.where(np.isin(log.joint_names, prior.joint_names), SAME_JOINT_STD, 1.0)
-    expected = prior.expected(log.joint_names)
-    return fit_posterior(prior.model, data, preset, temperature, prior=(expected, std))
+    mean, std, misfit = prior.predicted(log)
+    found = fit_posterior(prior.model, data, preset, temperature, prior=(mean, std))
+    still = ~moved(log)
+    found.mean[still], found.covariance[still] = mean[still], std[still, :, None] ** 2 * np.eye(mean.shape[1])
+    if not isinstance(prior.model, GreyBox):
+        return found
+    motors, nominal = prior.model.motors(found.mean), recipe_of(prior).nominal_conditions
+    own = misfits(prior.metrics, *replay_errors(motors, log, nominal))
+    return replace(found, misfit=np.where(still, misfit, own))
 
 
 def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierTest:
@@ -112,12 +120,22 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierT
     preset, data, temperature, which = _prepared(prior, log)
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
-    if len(prior.mean) > 1:
-        far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature)
-        p_value = np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value))
+    if len(prior.mean) > len(prior.classes.names):
+        classes = (prior.classes, log.joint_classes)
+        far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, *classes)
+        p_value = np.where(moved(log), np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value)), 1.0)
         for motor in np.flatnonzero(far.p_value < p_fit):
-            reason[motor] = f"{far.latent[motor]} {far.deviation[motor]:+.1f} standard deviations from the fleet's"
+            reason[motor] = _distance_text(log.joint_classes[motor], far, motor)
     return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
+
+
+def _distance_text(joint_class: str, far: Outliers, motor: int) -> str:
+    """For example "coulomb 2.1 times that of the class calf (+5.3 standard deviations)"."""
+    name, of = far.latent[motor], f"the class {joint_class}" if joint_class else "the fleet"
+    is_factor = name in parameters_of(tuple(TERMS)) and name not in SIGNED
+    distance = float(far.distance[motor])
+    text = f"{np.exp(distance):.2g} times that of {of}" if is_factor else f"far from that of {of}"
+    return f"{name} {text} ({far.deviation[motor]:+.1f} standard deviations)"
 
 
 def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, float, str]:

@@ -159,7 +159,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
         )  # fmt: skip
     prior_std = np.where(fixed, 0.0, std)
     curvature = search.curvatures(found.x, WIDE) / found.loss[:, None, None]
-    scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones(1))[0]
+    scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones((1, 1)))[0]
     covariance = scaled * prior_std * prior_std[:, None]
     deviation = np.sqrt(np.diagonal(covariance))
     inertia, gravity = problem.load(found.x)

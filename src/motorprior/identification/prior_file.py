@@ -7,11 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.motor_prior import UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, unidentified_limits
+from motorprior.actuator.motor_prior import (
+    UNKNOWN_TORQUE_SCALE,
+    MotorPrior,
+    limit_text,
+    robot_gains,
+    unidentified_limits,
+)
 from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.motor_log import MotorLog
 
 if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
@@ -45,13 +51,6 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
             f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
             remedy="identify a prior from logs of that robot",
         )
-
-
-def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
-    """(2, joints) kp and kd of the robot's description, if the prior's motors scale with gains in SI units."""
-    if prior.model.gain_unit != PHYSICAL_GAINS:
-        return None
-    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
 
 
 def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:

@@ -73,7 +73,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         progress.note(text)
 
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, Notes(note, progress), tuned=tuned)
-    expected = prior.expected(train.joint_names)
+    expected = prior.predicted(train).mean
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(expected)}
     if train.num_joints > 1:
         models["prior_mean"] = prior.model.motors(np.zeros_like(expected))

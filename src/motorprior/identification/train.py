@@ -16,6 +16,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError, listed
@@ -57,6 +58,7 @@ class Identified:
     # see `motor_prior`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
+    classes: JointClasses | None = None  # of the prior; None: one class
 
     @property
     def aggregate_kl(self) -> float:
@@ -89,8 +91,8 @@ def identify(
         model, mean, log_var, losses = train_network(data, preset, seed, report)
         found = Identified(model, mean, log_var, preset, losses, {}, ())
     if preset.standardise:
-        model, mean, log_var = standard_posterior(found.model, data, found.preset, found.mean, assumed)
-        found = replace(found, model=model, mean=mean, log_var=log_var)
+        model, mean, log_var, classes = standard_posterior(found.model, data, found.preset, found.mean, assumed)
+        found = replace(found, model=model, mean=mean, log_var=log_var, classes=classes)
     return found
 
 

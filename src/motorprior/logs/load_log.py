@@ -75,6 +75,9 @@ def load_log(
     on_grid = None if period is None or columns else reader.on_grid
     log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
     log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
+    if robot is not None and set(log.joint_names) <= set(robot.joint_names):
+        classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
+        log = replace(log, stated_classes=tuple(classes[name] for name in log.joint_names))
     if on_grid is None:
         if model is not None:
             if present := [name for name in LOADS if getattr(log, name) is not None]:

@@ -9,6 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from motorprior.robots.joint_classes import classes_by_name
+
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
     "position_target": "rad",
@@ -79,11 +81,17 @@ class MotorLog:
     # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
+    stated_classes: tuple[str, ...] = ()  # `joint_classes` of the robot's description; none: by the joints' names
 
     @property
     def num_joints(self) -> int:
         """J."""
         return len(self.joint_names)
+
+    @property
+    def joint_classes(self) -> tuple[str, ...]:
+        """(J) class of each joint, see `robots.joint_classes`."""
+        return self.stated_classes or classes_by_name(self.joint_names)
 
     @property
     def num_rows(self) -> int:
@@ -118,7 +126,8 @@ class MotorLog:
     def with_joints(self, joints: Sequence[int]) -> MotorLog:
         """The log of some of its joints."""
         series = {name: value[:, list(joints)] for name, value in channels(self).items() if name in JOINT_SERIES}
-        return replace(self, joint_names=tuple(self.joint_names[joint] for joint in joints), **series)
+        names = tuple(self.joint_names[joint] for joint in joints)
+        return replace(self, joint_names=names, stated_classes=tuple(self.joint_classes[j] for j in joints), **series)
 
     def joint(self, index: int) -> MotorLog:
         """The log of one joint, J = 1."""

@@ -173,7 +173,9 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
         values["segment"] = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
         whole = replace(first, **values)
     elif len(set(names)) == len(names):
-        whole = replace(_side_by_side(logs, source), joint_names=tuple(names))
+        classes = tuple(each for log in logs for each in log.stated_classes)
+        stated = classes if len(classes) == len(names) else ()
+        whole = replace(_side_by_side(logs, source), joint_names=tuple(names), stated_classes=stated)
     else:
         remedy = "give each motor its own joint name, or give logs of the same joints in the same order"
         raise LogError("some of the logs' joint names are equal", where=source, remedy=remedy)
@@ -205,11 +207,18 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
 
 
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
+MOVED_STD = 1e-2  # [rad]; of a joint without commands, above play and sway
 
 
 def excited_joints(log: MotorLog) -> np.ndarray:
     """Indices of the joints whose command has a standard deviation above 1 mrad."""
     return np.flatnonzero(np.std(log.position_target, axis=0) > EXCITED_STD)
+
+
+def moved(log: MotorLog) -> np.ndarray:
+    """(J,) whether a joint moves as commanded, or is moved by other joints by more than MOVED_STD."""
+    pos, target = (np.std(values, axis=0) for values in (log.joint_pos, log.position_target))
+    return (pos > EXCITED_STD) & ((target > EXCITED_STD) | (pos > MOVED_STD))
 
 
 def static_joints(log: MotorLog) -> tuple[str, ...]:

@@ -56,6 +56,9 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
         if (value := getattr(log, name)) not in allowed:
             raise LogError(f"{name} {value!r}", where=where, remedy=f"give {' or '.join(allowed)}")
+    if len(log.stated_classes) not in (0, log.num_joints):
+        problem = f"{len(log.stated_classes)} joint classes for {log.num_joints} joints"
+        raise LogError(problem, where=where, remedy="give one per joint, or none")
     for name, value in log.firmware.items():
         if name not in FIRMWARE:
             raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")

@@ -52,6 +52,7 @@ _OPTIONAL = {
     "encoder": one_of("joint", "rotor"),
     "actuators": one_of("remove"),
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
+    "joint_classes": _per_joint(_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
     **dict.fromkeys(_CLOCKS, number(1e-5, 1.0)),
     **dict.fromkeys(("legs", "gait"), TABLE),
@@ -103,7 +104,9 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     model = UserModel(file, table["base"] == "free", "actuators" in table)
     names = model.joint_names()
     per_leg = len(names) // max(1, len(legs))
-    numbers = {key: _numbers(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
+    numbers = {key: _spread(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
+    stated = table.get("joint_classes")
+    classes = () if stated is None else _spread("joint_classes", stated, len(names), per_leg, where)
     pose, joints = dict(zip(names, numbers["nominal_pose"], strict=True)), []
     for i, (name, angle) in enumerate(pose.items()):
         lower, upper = model.limits(name)
@@ -132,6 +135,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         leg_mismatch=next(filter(None, (model.leg_mismatch(leg, names, pose) for leg in made)), ""),
         gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], path),
         load_inertia=(float(low), float(high)),
+        stated_classes=classes,
         files=(path, *sources),
         weight=GRAVITY * model.mass,
         standing_height=height,
@@ -174,9 +178,10 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
     return replace(default, **given)
 
 
-def _numbers(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[float, ...]:
-    numbers = tuple(map(float, value if isinstance(value, list) else [value]))
-    if len(numbers) not in (forms := sorted({1, per_leg, count})):
-        remedy = f"give {' or '.join(map(str, forms))} numbers"
-        raise ArtifactError(f"{key} has {len(numbers)} numbers", where=where, remedy=remedy)
-    return numbers * (count // len(numbers))
+def _spread(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[Any, ...]:
+    """One value per joint: given for all, for the joints of each leg, or for each."""
+    values = tuple(value if isinstance(value, list) else [value])
+    if len(values) not in (forms := sorted({1, per_leg, count})):
+        remedy = f"give {' or '.join(map(str, forms))} values"
+        raise ArtifactError(f"{key} has {len(values)} values", where=where, remedy=remedy)
+    return tuple(float(each) if is_number(each) else each for each in values) * (count // len(values))

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.robots.joint_classes import classes_by_name
 from motorprior.robots.model_source import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
 
@@ -108,6 +109,7 @@ class Robot:
     foot_friction: float = 0.6  # sliding friction of the feet [-]
     # minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them
     load_inertia: tuple[float, float] = (1e-4, 3e-2)
+    stated_classes: tuple[str, ...] = ()  # `joint_classes`; none: by the joints' names
     files: tuple[Path, ...] = ()  # description and model files of a user's robot
     fleets: tuple[tuple[str, str], ...] = ()  # (name, path) of the shipped fleets of its motors, the default first
     physics_dt: float = 0.002  # MuJoCo's step in training [s]
@@ -124,6 +126,11 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def joint_classes(self) -> tuple[str, ...]:
+        """Class of each joint; motors of one class are drawn from one distribution."""
+        return self.stated_classes or classes_by_name(self.joint_names)
 
     @property
     def nominal_pose(self) -> np.ndarray:

@@ -13,13 +13,13 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator, require_motors
 from motorprior.actuator.ideal_pd import FRICTION_PD, IdealPd, described_pd
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior, robot_gains
 from motorprior.actuator.registry import DrawMotors, Drawn, drawn, file_options, motor_text, parsed, register
 from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.prior_file import load_prior, robot_gains
+from motorprior.identification.prior_file import load_prior
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 from motorprior.stage import digest
@@ -82,10 +82,10 @@ def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.
     require_number("latent_spread", latent_spread)
     prior = load_prior(Path(file), robot) if isinstance(file, str) else file
     prior.require(robot.name, robot.physics_dt)
-    gains, name = robot_gains(prior, robot), prior.preset
+    name = prior.preset
     if latent_spread != 1.0:
         name = f"{name}, z × {latent_spread:g}"
-    return Drawn(lambda rng: prior.sample(robot.num_joints, rng, gains, latent_spread), name, prior)
+    return Drawn(lambda rng: prior.sample(robot, rng, spread=latent_spread), name, prior)
 
 
 @register("posterior")

@@ -19,10 +19,11 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, trial
 from motorprior.identification.evaluation.errors import capped
-from motorprior.identification.evaluation.reference import sample_residuals
+from motorprior.identification.evaluation.reference import GROWTH, sample_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.training_data.windows import VEL
+from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Result, Results
 from motorprior.signals import rmse
 
@@ -86,11 +87,11 @@ def respond(model: Actuator | tuple[Actuator, ...], case: Trial) -> Response:
     return Response(*(np.mean(values, axis=0) for values in zip(*answers, strict=True)))
 
 
-def zero_shot(prior: MotorPrior, num_motors: int) -> Posterior:
-    """The distribution of motors without a log of theirs: z ~ N(0, I)."""
-    latents = prior.model.num_latents
-    covariance = np.tile(np.eye(latents), (num_motors, 1, 1))
-    return Posterior(np.zeros((num_motors, latents)), covariance, np.zeros(num_motors), 0)
+def zero_shot(prior: MotorPrior, log: MotorLog) -> Posterior:
+    """The distribution of the motors of a log, without the log: `MotorPrior.predicted`."""
+    mean, std, misfit = prior.predicted(log)
+    covariance = std[:, :, None] ** 2 * np.eye(mean.shape[1])
+    return Posterior(mean, covariance, np.zeros(len(mean)), 0, misfit)
 
 
 def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
@@ -121,8 +122,14 @@ def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, r
     for z in _latent_samples(posterior, rng):
         found = runs.errors(prior.model.motors(z))
         velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
-        errors.append(POSITION_SCALE * found[:, :, 0] + sample_residuals(prior.metrics, rng, velocity))
+        residuals = sample_residuals(prior.metrics, rng, velocity) * _width(prior, posterior)[:, None, None]
+        errors.append(POSITION_SCALE * found[:, :, 0] + residuals)
     return np.stack(errors)
+
+
+def _width(prior: MotorPrior, posterior: Posterior) -> np.ndarray:
+    """(M,) or (1,) factor on the residuals: the misfit of each motor, and its growth on other rows."""
+    return posterior.misfit * prior.metrics.get(GROWTH, 1.0)
 
 
 def _latent_samples(posterior: Posterior, rng: np.random.Generator) -> Iterator[np.ndarray]:
@@ -147,7 +154,8 @@ def bench_coverage(
             samples = []
             for z in _latent_samples(posterior, rng):
                 simulated = run(prior.model.motors(z), case)
-                samples.append(simulated.joint_pos + sample_residuals(prior.metrics, rng, simulated.joint_vel))
+                residuals = sample_residuals(prior.metrics, rng, simulated.joint_vel) * _width(prior, posterior)
+                samples.append(simulated.joint_pos + residuals)
             inside.append(_inside(np.stack(samples), run(truth, case).joint_pos))
         for level in LEVELS:
             share = sum(float(np.mean(each[level])) / _COVERED for each in inside)

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.evaluation.errors import replay_errors
-from motorprior.identification.latents.latent_fit import latent_search
+from motorprior.identification.latents.latent_fit import fit_posterior, latent_search
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import excited_joints
+from motorprior.logs.splits import train_test_halves
 
 LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its own mean loss [s]
+GROWTH = "held_out_growth"  # metric: `held_out_growth`
+_MIN_RESIDUAL, _MISFIT = 1e-5, (0.1, 20.0)  # [rad]; bounds of `misfits`
 _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
 
 
@@ -108,6 +115,43 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
     added = max(0.0, math.log1p(variance / count) - math.log1p(variance / whole))
     std = math.sqrt(max(s**2 * (1 + 1 / motors) + added, 1e-12))
     return student_t.sf((np.log(losses) - m + added / 2) / std, max(motors - 1, 1))
+
+
+def misfits(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+    """(M,) how wide the residuals of M motors are: the 90 % quantile of |error| over half the pool's 90 % band.
+
+    ``errors`` [rad] and simulated ``joint_vel`` [rad/s], which chooses the pool, are (T, M), as from `replay_errors`.
+    """
+    half = [0.5 * (metrics[f"residual_p95_{name}"] - metrics[f"residual_p05_{name}"]) for name in SPEEDS]
+    share = np.abs(errors) / np.maximum(np.array(half)[_pool(joint_vel)], _MIN_RESIDUAL)
+    return np.clip(np.quantile(share, 0.9, axis=0), *_MISFIT)
+
+
+def held_out_growth(
+    model: GreyBox,
+    mean: np.ndarray,
+    classes: JointClasses,
+    log: MotorLog,
+    preset: Preset,
+    metrics: Mapping[str, float],
+) -> float:
+    """How much residuals grow from the rows that a motor was fitted to, to later rows [-], at least 1.
+
+    The training motors, with latents ``mean`` (M, Z), are adapted to the first half of the log as new units of their
+    classes; the growth is the median ratio of their `misfits` in the second half to those in the first. 1 for halves of
+    less than two windows.
+    """
+    first, rest = train_test_halves(log)
+    if min(first.duration, rest.duration) < 2.0 * (preset.history + preset.window) * preset.period:
+        return 1.0
+    preset = with_window_that_fits(preset, first)
+    data = training_data(first, preset, first.source)
+    prior = classes.moments(classes.of_motors)
+    found = fit_posterior(model, data, preset, metrics["loss_mean"], start=mean, prior=prior)
+    motors = model.motors(found.mean)
+    own, later = (misfits(metrics, *replay_errors(motors, part, preset.nominal_conditions)) for part in (first, rest))
+    moving = [joint for joint in excited_joints(first) if joint in excited_joints(rest)]
+    return max(1.0, float(np.median((later / own)[moving]))) if moving else 1.0
 
 
 def sample_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:

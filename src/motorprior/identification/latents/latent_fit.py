@@ -4,8 +4,9 @@
 
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
 temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
-observation (a generalised posterior with a Laplace approximation). The prior has m = 0 and d = 1; for a joint with the
-name of a training motor, m is that motor's mean and d SAME_JOINT_STD.
+observation (a generalised posterior with a Laplace approximation). In the covariance a motor that is fitted worse has
+its own loss for T: missing physics makes its windows agree less. Mean m and standard deviation d of the prior are those
+of `MotorPrior.predicted`.
 
 `outliers` tests whether new motors lie inside the prediction interval of the training motors. The loss of a fit alone
 has little power, so every motor is fitted a second time, with a prior PRIOR_SCALE times as wide as the M training
@@ -14,18 +15,21 @@ motors, which hardly shrinks the estimate. In decoder latents, with mean m and s
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
 where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
-correction over the L latents in which the training motors differ.
+correction over the L latents in which the training motors differ. With C classes of joints, m is the mean of the M
+training motors of the motor's class, s is pooled over the classes, and t has M - C degrees of freedom.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -35,9 +39,6 @@ from motorprior.identification.training_data.windows import TrainingData
 
 DRAWS, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # of a descent
-# assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
-# equal joints of one robot differ by 13 to 17 %
-SAME_JOINT_STD = 0.3
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47
 PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
@@ -52,6 +53,7 @@ class Posterior:
     covariance: np.ndarray  # (M, Z, Z)
     loss: np.ndarray  # (M,) mean loss per window at the mean
     windows: int  # N, windows per motor
+    misfit: np.ndarray = field(default_factory=lambda: np.ones(1))  # (M,) or (1,) factor on the prior's residuals
 
 
 def latent_search(model: Decoder, data: TrainingData, preset: Preset) -> Search:
@@ -79,18 +81,18 @@ def fit_posterior(
         preset: the prior's recipe.
         temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
         start: (M, Z) initial latents; found by a random search if not given.
-        prior: mean (M, Z) and standard deviation (M,) of z; N(0, I) if not given.
+        prior: mean and standard deviation of z, (M, Z) each; N(0, I) if not given.
     """
     search = latent_search(model, data, preset)
     shape, windows = (search.problem.count, model.num_latents), search.problem.observations
-    mean, std = prior or (np.zeros(shape), np.ones(shape[0]))
-    precision = temperature / windows / std[:, None] ** 2
-    gaussian = GaussianPrior(mean, np.broadcast_to(precision, shape))
+    mean, std = prior or (np.zeros(shape), np.ones(shape))
+    gaussian = GaussianPrior(mean, temperature / windows / std**2)
     found = _searched(search, gaussian, std) if start is None else search.descend(start, gaussian, STEPS)
     likelihood = _precision(search, found.x, temperature)
-    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std[:, None] ** 2 < _NOT_IDENTIFIABLE
+    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std**2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
     found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
+    likelihood *= np.minimum(1.0, temperature / found.loss)[:, None, None]
     return Posterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
 
 
@@ -99,7 +101,7 @@ def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), DRAWS, prior.mean.shape[1])
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        samples = prior.mean[:, None] + std[:, None, None] * rng.standard_normal(shape)
+        samples = prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)
         return samples if restart % 4 == 3 else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
 
     mean = search.at(prior.mean, prior)
@@ -109,14 +111,15 @@ def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
 
 def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
     """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
-    return inverse_precision(_precision(search, z, temperature), np.ones(len(z)))
+    return inverse_precision(_precision(search, z, temperature), np.ones(z.shape))
 
 
 def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(M, Z, Z) (I/std² + precision)⁻¹, with negative eigenvalues of the precision set to 0."""
-    values, vectors = np.linalg.eigh(0.5 * (precision + precision.transpose(0, 2, 1)))
-    inverse = 1.0 / (std[:, None] ** -2.0 + np.maximum(values, 0.0))
-    return np.einsum("mij,mj,mkj->mik", vectors, inverse, vectors)
+    """(M, Z, Z) (diag(std)⁻² + precision)⁻¹, std (M, Z), with negative eigenvalues of the scaled precision set to 0."""
+    scaled = std[:, :, None] * 0.5 * (precision + precision.transpose(0, 2, 1)) * std[:, None, :]
+    values, vectors = np.linalg.eigh(scaled)
+    vectors = std[:, :, None] * vectors
+    return np.einsum("mij,mj,mkj->mik", vectors, 1.0 / (1.0 + np.maximum(values, 0.0)), vectors)
 
 
 def _precision(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
@@ -130,6 +133,7 @@ class Outliers:
     p_value: np.ndarray  # (M,) p, the probability that one more motor of the fleet lies as far out
     latent: tuple[str, ...]  # M names, of the latent with the smallest p-value of each motor
     deviation: np.ndarray  # (M,) t of that latent
+    distance: np.ndarray  # (M,) its distance from the mean of the class
 
 
 def outliers(
@@ -139,8 +143,10 @@ def outliers(
     data: TrainingData,
     preset: Preset,
     temperature: float,
+    classes: JointClasses,
+    of: Sequence[str],
 ) -> Outliers:
-    """Test each of N motors against the M >= 2 training motors of a prior's model.
+    """Test each of N motors, of the classes ``of``, against the training motors of a prior's model and its ``classes``.
 
     ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
     `fit_posterior`; ``data``, ``preset`` and ``temperature`` are as for `fit_posterior`.
@@ -148,18 +154,28 @@ def outliers(
     from scipy.stats import t as student_t  # here: it takes half a second to import
 
     latents = model.decoder_latents(trained)
-    mean, std = latents.mean(axis=0), np.maximum(latents.std(axis=0, ddof=1), _SAME)
-    differ = std > _SAME
-    wide = Copula(np.eye(len(mean)), mean + PRIOR_SCALE * std * SCORES[:, None])
-    start = np.where(differ, (model.decoder_latents(found) - mean) / (PRIOR_SCALE * std), 0.0)
-    start = np.clip(start, -1.0, 1.0)  # farther starts may be out of reach of the steps
-    refit = fit_posterior(replace(model, copula=wide), data, preset, temperature, start=start)
+    groups, known = [classes.rows_of(name) for name in of], [classes.rows_of(name) for name in classes.names]
+    raw = np.stack([latents[rows].mean(axis=0) for rows in known])
+    freedom = len(latents) - len(known)
+    residual = latents - raw[[classes.names.index(name) for name in classes.of_motors]]
+    std = np.maximum(np.sqrt(np.sum(residual**2, axis=0) / freedom), _SAME)
+    mean, count = latents.mean(axis=0), np.array([[len(rows)] for rows in groups])
+    middle = np.stack([latents[rows].mean(axis=0) for rows in groups])  # (N, Z)
+    differ, scale = std > _SAME, PRIOR_SCALE * std
+    wide = Copula(np.eye(len(mean)), mean + scale * SCORES[:, None])
+    center = (middle - mean) / scale
+    start = np.where(differ, (model.decoder_latents(found) - mean) / scale, center)
+    start = np.clip(start, center - 1.0, center + 1.0)  # farther starts may be out of reach of the steps
+    prior = (center, np.ones(center.shape))
+    refit = fit_posterior(replace(model, copula=wide), data, preset, temperature, start=start, prior=prior)
     variance = PRIOR_SCALE**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
-    t = PRIOR_SCALE * refit.mean / np.sqrt(1.0 + 1.0 / len(latents) + variance)
-    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), len(latents) - 1), 1.0)
+    away = PRIOR_SCALE * (refit.mean - center)
+    t = away / np.sqrt(1.0 + 1.0 / count + variance)
+    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), freedom), 1.0)
     worst, rows, names = p_values.argmin(axis=1), np.arange(len(t)), _latent_names(model)
     p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
-    return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst])
+    named = tuple(names[index] for index in worst)
+    return Outliers(p_value, named, t[rows, worst], (away * std)[rows, worst])
 
 
 def _latent_names(model: Decoder) -> tuple[str, ...]:

@@ -13,16 +13,25 @@ s, and a flat prior on its mean. One more motor then has a t distribution, whose
 Bayesian Data Analysis, 3rd ed., sections 3.2 and 3.3):
 
     v = (PRIOR_MOTORS·s² + Σ_i (z_i - z̄)²) / (PRIOR_MOTORS + M - 1) · (M + 1)/M
+
+Motors of several classes of joints have a mean per class, shrunk towards that of all classes, and a spread between
+units that is pooled over the classes (random effects; C classes of n motors, deviations from the raw means z̄_c):
+
+    w = (PRIOR_MOTORS·s² + Σ_i (z_i - z̄_c)²) / (PRIOR_MOTORS + M - C)           between the units of a class
+    u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
 from motorprior.identification.presets import Preset
@@ -39,6 +48,8 @@ ASSUMED_STD = {
     "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
     "backlash": 0.4, "encoder_zero": 0.2, "integral_rate": 0.05, "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
+# assumed standard deviation between the classes of a robot: hip, thigh and calf of a quadruped differ by this
+ASSUMED_BETWEEN = 0.6
 OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
 
 
@@ -54,12 +65,58 @@ def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
     return np.sqrt((PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - 1) * (motors + 1) / motors)
 
 
-def standardised(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None = None) -> tuple[Decoder, np.ndarray]:
-    """Transform latents so that the training motors are distributed as N(0, I); the decoded motors stay the same.
+class ClassMoments(NamedTuple):
+    """Means of C classes and standard deviations of P outputs."""
+
+    mean: np.ndarray  # (C, P) of each class, shrunk towards the mean of all
+    center: np.ndarray  # (P,) mean of the classes
+    unit_std: np.ndarray  # (P,) √v of one more unit of a class
+    unseen_std: np.ndarray  # (P,) of a unit of a class without motors, around the center
+
+
+def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray) -> ClassMoments:
+    """Random effects of C > 1 classes: outputs z (M, P) of motors of the classes ``row`` (M,), ``assumed`` s (P,).
+
+    The formulas of the module docstring, where w is the variance between the units, n the motors per class, and
+    ASSUMED_BETWEEN is worth one class in the variance u between the classes.
+    """
+    motors, classes = len(z), int(row.max()) + 1
+    count = np.bincount(row)[:, None]
+    raw = np.stack([z[row == each].mean(axis=0) for each in range(classes)])
+    center, scatter = raw.mean(axis=0), np.sum((z - raw[row]) ** 2, axis=0)
+    w = (PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - classes)
+    between = np.sum((raw - center) ** 2, axis=0)
+    noise = np.mean(w / count, axis=0)  # of the mean of a class
+    u = np.maximum(0.0, between / (classes - 1) - noise)
+    share = u / np.maximum(u + w / count, 1e-30)
+    wide = (np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2 + between) / classes * (classes + 1) / classes
+    # the mean of a class is uncertain by share·w/n, more if it is shrunk
+    unit_std = np.sqrt(w * (1.0 + np.mean(share / count, axis=0)))
+    return ClassMoments(center + share * (raw - center), center, unit_std, np.sqrt(wide + w))
+
+
+def standardised(
+    model: Decoder, mean: np.ndarray, assumed: np.ndarray | None = None, classes: Sequence[str] = ()
+) -> tuple[Decoder, np.ndarray, JointClasses]:
+    """Transform latents so that the units of a class are distributed as N(m, I); the decoded motors stay the same.
 
     ``mean`` (M, Z) are their latents in a model without a copula, ``assumed`` (Z,) the assumed standard deviations,
-    used for few motors, 0 if not given.
+    used for few motors, 0 if not given, and ``classes`` those of the motors, one if not given.
     """
+    motors, latents = mean.shape
+    classes = tuple(classes) or ("",) * motors
+    names = tuple(dict.fromkeys(classes))
+    if latents == 0 or len(names) == 1:
+        return *_of_one_class(model, mean, assumed), JointClasses.one(motors, latents, names[0])
+    row = np.array([names.index(name) for name in classes])
+    found = class_moments(mean, row, np.zeros(latents) if assumed is None else assumed)
+    std = found.unit_std + _RISE
+    copula = Copula(np.eye(latents), found.center + SCORES[:, None] * std)
+    hierarchy = JointClasses(names, classes, (found.mean - found.center) / std, (found.unseen_std + _RISE) / std)
+    return replace(model, copula=copula), (mean - found.center) / std, hierarchy
+
+
+def _of_one_class(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None) -> tuple[Decoder, np.ndarray]:
     motors, latents = mean.shape
     if latents == 0:
         return model, mean
@@ -76,34 +133,40 @@ def standardised(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None = 
 
 def standard_posterior(
     model: Decoder, data: TrainingData, preset: Preset, mean: np.ndarray, assumed: np.ndarray | None = None
-) -> tuple[Decoder, np.ndarray, np.ndarray]:
-    """`standardised` model and means, and log-variances (M, Z).
+) -> tuple[Decoder, np.ndarray, np.ndarray, JointClasses]:
+    """`standardised` model, means and classes, after log-variances (M, Z) of the means.
 
     The variances are the diagonal of `fit_posterior`'s Laplace approximation; the temperature is the motors' mean loss.
     """
-    model, mean = standardised(model, mean, assumed)
+    model, mean, classes = standardised(model, mean, assumed, data.joint_classes)
     if mean.size == 0:
-        return model, mean, np.zeros_like(mean)
+        return model, mean, np.zeros_like(mean), classes
     search = latent_search(model, data, preset)
     covariance = laplace_covariance(search, mean, float(search.losses(mean).mean()))
-    return model, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2))
+    return model, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2)), classes
 
 
 def with_scaled_spread(
-    model: Decoder, mean: np.ndarray, log_var: np.ndarray, factor: float
-) -> tuple[Decoder, np.ndarray, np.ndarray]:
-    """Network, latents and log-variances with samples scaled around the central motor by ``factor`` >= 1.
+    model: Decoder, mean: np.ndarray, log_var: np.ndarray, classes: JointClasses, factor: float
+) -> tuple[Decoder, np.ndarray, np.ndarray, JointClasses]:
+    """Network, latents, log-variances and classes with samples scaled around the mean of a class by ``factor`` >= 1.
 
-    The decoded training motors stay the same; a model without a copula is unchanged.
+    The decoded training motors and means of classes stay the same; a model without a copula is unchanged.
     """
     copula = model.copula
     if copula is None or factor == 1.0:
-        return model, mean, log_var
-    latents, middle = copula.decoder_latents(mean), copula.quantiles[len(SCORES) // 2]
+        return model, mean, log_var, classes
+    middle = copula.quantiles[len(SCORES) // 2]
     wide = Copula(copula.mixing, middle + factor * (copula.quantiles - middle))
-    normal = scores(wide.quantiles, latents)
-    moved = np.linalg.solve(copula.mixing.T, normal.T).T
-    return replace(model, copula=wide), moved, log_var - 2.0 * np.log(factor)
+
+    def moved(z: np.ndarray) -> np.ndarray:
+        normal = scores(wide.quantiles, copula.decoder_latents(z))
+        return np.linalg.solve(copula.mixing.T, normal.T).T
+
+    if len(classes.names) > 1:
+        unseen = np.maximum(1.0, classes.unseen_std / factor)
+        classes = replace(classes, mean=moved(classes.mean), unseen_std=unseen)
+    return replace(model, copula=wide), moved(mean), log_var - 2.0 * np.log(factor), classes
 
 
 def shrunk_correlation(x: np.ndarray) -> np.ndarray:

@@ -124,7 +124,7 @@ def fit_motors(
         prior = alone_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
-        found = _together(search, rng, found, fixed, report)
+        found = _together(search, rng, found, fixed, runs.classes, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
@@ -210,41 +210,53 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
 
 
 def _together(
-    search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, report: Callable[[], None]
+    search: Search,
+    rng: np.random.Generator,
+    found: Fit,
+    fixed: np.ndarray,
+    classes: np.ndarray,
+    report: Callable[[], None],
 ) -> Fit:
     """Empirical Bayes in TURNS, from the separate fits."""
-    prior = _first_prior(search, found).fixing(fixed)
+    prior = _first_prior(search, found, classes).fixing(fixed)
     for turn in range(TURNS):
         found = search.descend(found.x, prior, ((6, WIDE if turn < 2 else NARROW),))
         if turn < 4:
             std = np.sqrt(found.loss.mean() / search.problem.observations / prior.precision)
             shape = (len(found.x), DRAWS, found.x.shape[1])
-            samples = prior.mean + std * rng.standard_normal(shape)
+            mean = np.broadcast_to(prior.mean, found.x.shape)[:, None]
+            samples = mean + std * rng.standard_normal(shape)
             candidates = np.where(rng.random(shape) < 0.5, samples, found.x[:, None])
             _add_others(rng, candidates, found.x)
             other = search.best_of(np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH), prior)
             found = found.better(search.descend(other, prior, ((6, WIDE),)))
-        prior = fleet_prior(found, search.problem.observations, posterior_variance(search, found, prior)).fixing(fixed)
+        variance = posterior_variance(search, found, prior)
+        prior = fleet_prior(found, search.problem.observations, variance, classes).fixing(fixed)
         report()
     return found
 
 
-def _first_prior(search: Search, found: Fit) -> GaussianPrior:
+def _first_prior(search: Search, found: Fit, classes: np.ndarray) -> GaussianPrior:
     """Gaussian over motors that were fitted separately, by random effects: uncertain constants count less.
 
-    Two steps of v = (Σ w·(x - m)² - Σ w·s² + Σ w²·s²/Σ w) / (Σ w - Σ w²/Σ w), w = 1/(v + s²), m = Σ w·x/Σ w.
+    Two steps of v = (Σ w·(x - m)² - Σ w·s² + Σ w²·s²/Σ w) / (Σ w - Σ w²/Σ w), w = 1/(v + s²), m = Σ w·x/Σ w. Several
+    ``classes`` (M,) have an m each; the sums of numerator and denominator are over the classes.
     """
     windows, motors = search.problem.observations, len(found.x)
     information = search.curvatures(found.x, WIDE) * windows / found.loss[:, None, None]
     floor = 1e-2 * np.eye(found.x.shape[1])  # unidentifiable constants have a standard deviation of 10
     s2 = np.einsum("mkk->mk", np.linalg.inv(information + floor))
-    m, v = found.x.mean(axis=0), np.zeros(found.x.shape[1])
+    m, v, groups = found.x.copy(), np.zeros(found.x.shape[1]), [classes == each for each in np.unique(classes)]
     for _ in range(3):
-        w = 1.0 / (v + s2)
-        total = w.sum(axis=0)
-        m = (w * found.x).sum(axis=0) / total
-        spread = (w * (found.x - m) ** 2).sum(axis=0) - (w * s2).sum(axis=0) + (w**2 * s2).sum(axis=0) / total
-        v = np.maximum(0.0, spread / np.maximum(total - (w**2).sum(axis=0) / total, 1e-12))
+        spread, total = np.zeros((2, *v.shape))
+        for group in groups:
+            x, s = found.x[group], s2[group]
+            w = 1.0 / (v + s)
+            m[group] = (w * x).sum(axis=0) / w.sum(axis=0)
+            spread += (w * (x - m[group]) ** 2).sum(axis=0) - (w * s).sum(axis=0)
+            spread += (w**2 * s).sum(axis=0) / w.sum(axis=0)
+            total += w.sum(axis=0) - (w**2).sum(axis=0) / w.sum(axis=0)
+        v = np.maximum(0.0, spread / np.maximum(total, 1e-12))
     variance = np.maximum(v * (motors + 1) / motors, _MIN_STD**2)
     return GaussianPrior(m, found.loss.mean() / windows / variance)
 
@@ -256,10 +268,15 @@ def posterior_variance(search: Search, found: Fit, prior: GaussianPrior) -> np.n
     return np.einsum("mkk->mk", np.linalg.inv(precision)).mean(axis=0)
 
 
-def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float) -> GaussianPrior:
-    """Gaussian of one more motor; ``variance`` (K,) is that of `posterior_variance`."""
-    mean, motors = np.median(found.x, axis=0), len(found.x)
-    spread = (motors + 1) / (motors - 1) * np.mean((found.x - mean) ** 2, axis=0)
+def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes: np.ndarray) -> GaussianPrior:
+    """Gaussian of one more motor of each motor's class (M,); ``variance`` (K,) is that of `posterior_variance`.
+
+    With several classes, m is the median of each class and v is pooled over the classes, with M - C for M - 1.
+    """
+    mean, motors, names = np.empty_like(found.x), len(found.x), np.unique(classes)
+    for each in names:
+        mean[classes == each] = np.median(found.x[classes == each], axis=0)
+    spread = (motors + 1) / max(1, motors - len(names)) * np.mean((found.x - mean) ** 2, axis=0)
     variance = np.maximum(spread + variance, _MIN_STD**2)
     return GaussianPrior(mean, found.loss.mean() / windows / variance)
 
@@ -314,7 +331,8 @@ def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> 
     prior = alone_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:
         found = search.at(x, prior)
-        first = fleet_prior(found, windows, 0.0).fixing(fixed)
-        prior = fleet_prior(found, windows, posterior_variance(search, found, first)).fixing(fixed)
+        first = fleet_prior(found, windows, 0.0, runs.classes).fixing(fixed)
+        variance = posterior_variance(search, found, first)
+        prior = fleet_prior(found, windows, variance, runs.classes).fixing(fixed)
     prior = replace(prior, mean=np.where(fixed, x, prior.mean))
     return np.where(fixed, x, np.clip(search.descend(x, prior, REFINEMENT).x, -LOG_REACH, LOG_REACH))

@@ -139,6 +139,7 @@ class WindowRuns:
         at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample.
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+        classes: (M,) index of the motor's class of joints.
         sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
             voltage.
     """
@@ -153,6 +154,9 @@ class WindowRuns:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
                 self.segments.append(Segment(rows, windows))
         self.num_motors = len(series)
+        chosen = np.arange(len(data.series)) if motors is None else motors
+        names = [data.joint_classes[motor] if data.joint_classes else "" for motor in chosen]
+        self.classes = np.unique(names, return_inverse=True)[1]
         velocity, error = series[..., channel.VEL], series[..., channel.TARGET] - series[..., channel.POS]
         self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         speeds = (velocity, velocity / series[..., channel.SUPPLY])

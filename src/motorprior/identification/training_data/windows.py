@@ -42,6 +42,7 @@ class TrainingData:
     measured: Measured
     gain_unit: str = ""  # of the logged gains, "" if there are none
     joint_names: tuple[str, ...] = ()  # M names, or none
+    joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
 
 
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
@@ -83,6 +84,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         scales=_scales(log, where),
         gain_unit=preset.gain_unit,
         joint_names=log.joint_names,
+        joint_classes=log.joint_classes,
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
 

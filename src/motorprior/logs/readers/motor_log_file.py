@@ -42,9 +42,10 @@ _HEADER = Schema(
         "joint_names": many(TEXT, 1),
         **dict.fromkeys(_TEXTS, TEXT),
         "firmware": TABLE,
+        "joint_classes": many(TEXT),
     },
     REWRITE,
-    optional=frozenset({"firmware"}),
+    optional=frozenset({"firmware", "joint_classes"}),
     name="header",
 )
 
@@ -69,6 +70,7 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         "channels": [name for name in _CHANNELS if getattr(log, name) is not None],
         **{name: getattr(log, name) for name in _TEXTS},
         **({"firmware": dict(log.firmware)} if log.firmware else {}),
+        **({"joint_classes": list(log.stated_classes)} if log.stated_classes else {}),
     }
     columns: dict[str, np.ndarray] = {}
     for channel, names in _column_names(header["channels"], log.joint_names).items():
@@ -97,7 +99,8 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
         columns = [table.column(name).to_numpy() for name in names]
         values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
     values |= {key: header[key] for key in _TEXTS}
-    log = MotorLog(joint_names=tuple(header["joint_names"]), firmware=header.get("firmware", {}), **values)
+    values |= {"firmware": header.get("firmware", {}), "stated_classes": tuple(header.get("joint_classes", ()))}
+    log = MotorLog(joint_names=tuple(header["joint_names"]), **values)
     return checked(log, where=path)
 
 

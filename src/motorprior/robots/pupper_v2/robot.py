@@ -62,6 +62,7 @@ PUPPER_V2 = Robot(
     suspended_height=0.4,
     reference_torque=1.0,
     foot_friction=spec.FOOT_FRICTION,
+    stated_classes=("M2006",) * spec.NUM_JOINTS,  # the same motor everywhere
     fleets=tuple((name, str(_FOLDER / "fleets" / f"{name}.toml")) for name in _FLEETS),
     physics_dt=spec.PHYSICS_DT,
     control_dt=spec.CONTROL_DT,

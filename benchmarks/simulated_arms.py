@@ -1,0 +1,122 @@
+"""Constants of simulated arms, fitted to their logs: coverage of the intervals, bias of the delay, spurious terms.
+
+    python benchmarks/simulated_arms.py --out runs/arms
+
+Every arm has JOINTS joints, whose motors are a PD with delayed commands, an armature, Coulomb and viscous friction in
+MuJoCo: there is no gear, no filter and no optional term to find. Commands are held at the arm's rate (RATES), angles
+are rounded to ENCODER counts per turn, gains are logged. figures.json has
+
+    arms/coverage90  share of true delay, armature, Coulomb and viscous friction inside the 90 % intervals of
+                     `MotorPrior.constant_intervals` [-], of the constants that the log identifies
+    arms/delay_bias  mean of fitted minus true delay [s]
+    arms/spurious    number of arms with an optional term
+"""
+
+# pyright: reportAttributeAccessIssue=false
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import tyro
+
+from motorprior.artifacts import write_json
+from motorprior.identification.fit_prior import fit_prior
+from motorprior.logs.loads import with_loads
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import smooth_on_grid
+from motorprior.progress import Lines
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.stage import FIGURES
+
+JOINTS = 3
+RATES = (100.0, 200.0, 333.0, 500.0)  # of the logs, in turns [Hz]
+ENCODER = 4096  # counts per turn
+PHYSICS_DT = 0.00025  # [s]
+PERIOD = 0.002  # of the fit [s]
+# lower and upper bound of the constants' uniform distributions (of the logarithm)
+RANGES = {
+    "kp": (8.0, 30.0), "kd_over_kp": (0.03, 0.08), "delay": (0.005, 0.02), "armature": (0.005, 0.02),
+    "coulomb": (0.05, 0.2), "viscous_damping": (0.05, 0.3),
+}  # fmt: skip
+ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
+ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
+PROGRESS = Lines(sys.stderr)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Fit the constants of simulated arms."""
+
+    out: Path  # run folder
+    arms: int = 20
+    seconds: float = 20.0  # duration of the log of each [s]
+    preset: str = "rollout"
+    seed: int = 0
+
+
+def write_arm(folder: Path, constants: dict[str, np.ndarray] | None = None) -> Path:
+    """Model of the arm, with the armature and friction of its motors if given, and its description."""
+    folder.mkdir(parents=True, exist_ok=True)
+    body, end = "", ""
+    for joint in range(JOINTS):
+        motor = ""
+        if constants is not None:
+            names = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}
+            motor = " ".join(f'{mjcf}="{constants[name][joint]:.12g}"' for name, mjcf in names.items())
+        axis, place = ("0 0 1", "0 0 0") if joint == 0 else ("0 1 0", "0.2 0 0")
+        body += f'<body pos="{place}"><joint name="j{joint}" axis="{axis}" range="-3 3" limited="true" {motor}/>'
+        body += '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.3" contype="0" conaffinity="0"/>'
+        end += "</body>"
+    (folder / "arm.xml").write_text(f"<mujoco><worldbody>{body}{end}</worldbody></mujoco>", "utf-8")
+    (folder / "arm.toml").write_text(ROBOT, "utf-8")
+    return folder / "arm.toml"
+
+
+def commands(rng: np.random.Generator, seconds: float, rate: float) -> np.ndarray:
+    """(rows, JOINTS) sums of sines up to 4 Hz and steps every second [rad], a row per command."""
+    time = np.arange(round(seconds * rate)) / rate
+    frequency = np.exp(rng.uniform(np.log(0.2), np.log(4.0), (4, JOINTS)))
+    phase, size = rng.uniform(0.0, 2.0 * np.pi, (2, 4, JOINTS))
+    waves = np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase) * (0.3 + size / (2.0 * np.pi)) * 0.15
+    steps = rng.uniform(-0.4, 0.4, (int(seconds) + 1, JOINTS))[time.astype(int)]
+    return waves.sum(axis=1) + steps * (time.astype(int) % 3 == 0)[:, None]
+
+
+def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int) -> MotorLog:
+    """The log of an arm, on the grid of the fit and with loads."""
+    truth = mujoco.MjModel.from_xml_path(str(write_arm(folder / "true", constants).with_suffix(".xml")))
+    truth.opt.timestep, truth.opt.integrator = PHYSICS_DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    data, target = mujoco.MjData(truth), commands(np.random.default_rng(seed), seconds, rate)
+    kp, kd = constants["kp"], constants["kp"] * constants["kd_over_kp"]
+    angles, joints = np.empty_like(target), np.arange(JOINTS)
+    data.qpos[:], step = target[0], 0
+    for row in range(len(target)):
+        angles[row] = data.qpos
+        while step * PHYSICS_DT < (row + 1) / rate - 1e-9:
+            sent = np.floor((step * PHYSICS_DT - constants["delay"]) * rate + 1e-9).astype(int)
+            delayed = target[np.maximum(sent, 0), joints]
+            data.qfrc_applied[:] = kp * (delayed - data.qpos) - kd * data.qvel
+            mujoco.mj_step(truth, data)
+            step += 1
+    quantum, ones = 2.0 * np.pi / ENCODER, np.ones_like(target)
+    robot = load_robot(str(write_arm(folder / "known")))
+    log = MotorLog(
+        time=np.arange(len(target)) / rate, position_target=target, joint_pos=quantum * np.round(angles / quantum),
+        joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", stated_kp=kp * ones,
+        stated_kd=kd * ones,
+    )  # fmt: skip
+    return _with_loads(log, robot)
+
+
+def _with_loads(log: MotorLog, robot: Robot) -> MotorLog:
+    return with_loads(smooth_on_grid(log, PERIOD), robot)
+
+
+def drawn_constants(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """(JOINTS,) constants by name."""
+    return {name: np.exp(rng.uniform(*np.log(bounds), JOINTS)) for name, bounds in RANGES.items()}

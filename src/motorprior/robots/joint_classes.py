@@ -1,0 +1,23 @@
+"""Classes of joints: joints of one class have motors and places of one kind, such as the calves of a quadruped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+# words of a joint's name that state its side or its leg, not its kind
+_SIDES = frozenset((
+    *("fl", "fr", "rl", "rr", "bl", "br", "hl", "hr", "lf", "rf", "lh", "rh", "lb", "rb", "l", "r"),
+    *("left", "right", "front", "rear", "hind", "back", "fore", "joint", "motor"),
+))  # fmt: skip
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+
+def classes_by_name(joint_names: Sequence[str]) -> tuple[str, ...]:
+    """The class of each joint: its name without sides and numbers, such as "calf" for FL_calf_joint.
+
+    One class, "", for all joints if a class would have a single joint: names then state places, not kinds.
+    """
+    words = ([word.lower() for word in _WORD.findall(name)] for name in joint_names)
+    found = tuple(" ".join(word for word in each if word not in _SIDES) for each in words)
+    return found if min(map(found.count, found), default=0) > 1 else ("",) * len(found)
