@@ -21,17 +21,13 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import tyro
 
-from motorprior.artifacts import write_json
-from motorprior.identification.fit_prior import fit_prior
 from motorprior.logs.loads import with_loads
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import smooth_on_grid
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
-from motorprior.stage import FIGURES
 
 JOINTS = 3
 RATES = (100.0, 200.0, 333.0, 500.0)  # of the logs, in turns [Hz]

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
@@ -10,10 +12,12 @@ import pytest
 
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import SAME_JOINT_STD, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 @pytest.fixture(params=["grey box", "network"])
@@ -59,7 +63,55 @@ def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp
     ):
         assert isinstance(motors, GreyBoxActuator)
         np.testing.assert_array_equal(motors.gains, gains)
-    np.testing.assert_array_equal(prior.expected(("calf", "tail")), [gain_scaled.mean[2], np.zeros(3)])
+    log: Any = SimpleNamespace(joint_names=("calf", "tail"), joint_classes=("", ""))
+    found = prior.predicted(log)
+    np.testing.assert_array_equal(found.mean, [gain_scaled.mean[2], np.zeros(3)])
+    np.testing.assert_array_equal(found.std, [np.full(3, SAME_JOINT_STD), np.ones(3)])
+
+
+@pytest.fixture
+def classed(gain_scaled: MotorPrior) -> MotorPrior:
+    """A prior with three classes of one motor each."""
+    means = np.array([[-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 0.0, 5.0]])
+    classes = JointClasses(("hip", "thigh", "calf"), ("hip", "thigh", "calf"), means, np.full(3, 4.0))
+    return replace(gain_scaled, stated_classes=classes, misfit=np.array([0.5, 1.0, 2.0]))
+
+
+def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
+    classed.save(tmp_path / "p.safetensors")
+    prior = MotorPrior.load(tmp_path / "p.safetensors")
+    joints = tuple(
+        replace(joint, name=f"{side}_{kind}", kp=float(row), kd=1.0)
+        for side in ("FL", "FR")
+        for row, (kind, joint) in enumerate(zip(("calf", "hip", "thigh"), PUPPER_V2.joints, strict=False), 1)
+    )
+    robot = replace(PUPPER_V2, joints=joints, stated_classes=())
+    assert robot.joint_classes == ("calf", "hip", "thigh") * 2
+    motors = prior.sample(robot, 0)
+    assert isinstance(motors, GreyBoxActuator)
+    away = motors.z - prior.classes.mean[[2, 0, 1] * 2]
+    assert np.abs(away).max() < 4.0
+    np.testing.assert_array_equal(motors.gains, [[1.0, 2.0, 3.0] * 2, np.ones(6)])
+    np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1] * 2])
+    unseen = prior.sample(("tail",) * 500, 0)
+    assert unseen.z.std() > 3.5 and np.abs(unseen.z.mean()) < 0.4
+    np.testing.assert_array_equal(prior.sample(("calf",), 0).gains, [[40.0], [2.0]])
+
+
+def test_another_robots_joint_is_expected_at_its_own_and_as_uncertain_as_a_unit(classed: MotorPrior):
+    log: Any = SimpleNamespace(joint_names=("calf", "other calf"), joint_classes=("calf", "calf"))
+    found = classed.predicted(log)
+    np.testing.assert_array_equal(found.mean, [classed.mean[2], classed.classes.mean[2]])
+    np.testing.assert_array_equal(found.std, np.ones((2, 3)))
+    np.testing.assert_array_equal(found.misfit, [2.0, 2.0])
+
+
+def test_intervals_hold_the_constants_and_narrow_with_the_log(gain_scaled: MotorPrior):
+    sure, unsure = (replace(gain_scaled, log_var=np.full((3, 3), value)).intervals() for value in (-8.0, -2.0))
+    for name, value in gain_scaled.model.constants(gain_scaled.mean).items():
+        low, high = sure[name]
+        assert np.all(low <= value * (1 + 1e-9) + 1e-12) and np.all(high >= value * (1 - 1e-9) - 1e-12)
+    assert np.all(np.ptp(sure["kp"], axis=0) < 0.2 * np.ptp(unsure["kp"], axis=0))
 
 
 def rewrite(path: Path, tensors: dict, header: dict, without: tuple[str, ...] = ()) -> None:

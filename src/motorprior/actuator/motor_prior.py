@@ -48,6 +48,7 @@ UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of
 # assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
+SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
 _HEADER = Header(
     "motor prior",
@@ -69,6 +70,7 @@ _HEADER = Header(
     "prior.safetensors",
     "identify",
 )
+_DRAWS = 400  # of `MotorPrior.intervals`
 SCHEMA_VERSION = _HEADER.version
 _NETWORK = Schema(
     {
@@ -206,6 +208,35 @@ class MotorPrior:
                 mean[joint], misfit[joint] = self.mean[rows[name]], own[rows[name]]
                 std[joint] = SAME_JOINT_STD if len(self.classes.names) == 1 else 1.0
         return Prediction(mean, std, misfit)
+
+    def intervals(self, level: float = 90.0) -> dict[str, np.ndarray]:
+        """(2, M) lower and upper ends of the central intervals [%] of each training motor's constants, by name.
+
+        They are those of its posterior given its log; a constant that the log does not identify has that of its class.
+        Empty for a network.
+        """
+        if not isinstance(self.model, GreyBox):
+            return {}
+        noise = np.random.default_rng(0).standard_normal((_DRAWS, *self.mean.shape))
+        z = (self.mean + np.exp(0.5 * self.log_var) * noise).reshape(-1, self.mean.shape[1])
+        ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
+        values = self.model.constants(z)
+        return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
+
+    def spread_notes(self) -> list[str]:
+        """What is measured, pooled and assumed of the spread between units, for people; a line each."""
+        found = self.provenance.get(SPREAD)
+        if not found:
+            return []
+        units = ", ".join(f"{name or 'all joints'} {count}" for name, count in found["units"].items())
+        lines = [f"measured: mean of each class of joints (units: {units})"]
+        pooled = f" pooled over {len(found['units'])} classes," if len(found["units"]) > 1 else ""
+        lines += [f"spread between units:{pooled} {found['degrees_of_freedom']} degrees of freedom"]
+        if found["assumed_units"]:
+            lines += [f"assumed, worth {found['assumed_units']:g} units: the spread of {found['source']}"]
+        if len(found["units"]) > 1:
+            lines += ["a class that was not recorded has the mean of all classes and the spread between them"]
+        return lines
 
     def require(self, robot: str, physics_dt: float) -> None:
         """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
-from motorprior.actuator.motor_prior import MotorPrior, check_gain_units
+from motorprior.actuator.motor_prior import SPREAD, MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
@@ -26,7 +26,12 @@ from motorprior.identification.evaluation.errors import (
     replay_errors,
 )
 from motorprior.identification.evaluation.reference import GROWTH, held_out_growth, misfits, reference_metrics
-from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, with_scaled_spread
+from motorprior.identification.latents.standardise import (
+    MIN_MOTORS,
+    RELIABLE_MOTORS,
+    spread_source,
+    with_scaled_spread,
+)
 from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.train import Arrays, Keep, identify, work_of
@@ -168,6 +173,7 @@ def _fitted(
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
     trained = {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": seed}
+    trained[SPREAD] = spread_source(model, classes)
     return MotorPrior(
         model, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
         log.gains if model.gain_unit else None, classes, misfit,

@@ -61,7 +61,7 @@ def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | No
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
     """Notes on limits that the logs of a prior did not reach, and on gains that differ from the robot's."""
-    notes = _gain_note(prior, robot)
+    notes = [*_gain_note(prior, robot), *_class_note(prior, robot)]
     if hidden := prior.metrics.get(UNKNOWN_TORQUE_SCALE):
         notes.append(
             f"note: the torque scale of {hidden:.0f} of the prior's {len(prior.mean)} motors is not identifiable from "
@@ -75,6 +75,17 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
             "over-rely on it. Log motions that reach the limit"
         )
     return notes
+
+
+def _class_note(prior: MotorPrior, robot: Robot) -> list[str]:
+    """A note on classes of joints that were never recorded."""
+    names, several = dict.fromkeys(robot.joint_classes), len(prior.classes.names) > 1
+    unknown = [name for name in names if several and name not in prior.classes.names]
+    known = ", ".join(prior.classes.names)
+    return [
+        f"note: no joint of the class {name} was recorded (but {known}): its motors spread as widely as the classes"
+        for name in unknown
+    ]
 
 
 def _gain_note(prior: MotorPrior, robot: Robot) -> list[str]:

@@ -18,7 +18,7 @@ MIN_ROWS = 4  # of a segment next to a gap
 _MAX_NAMED = 5  # gaps that the message lists
 _MAX_ROWS = 50_000_000  # of a grid
 # Channels that are held until the next row; the others are interpolated
-_HELD = ("position_target", "load_inertia", "stated_kp", "stated_kd", *CODES)
+_HELD = ("load_inertia", "stated_kp", "stated_kd", *CODES)
 
 
 def gap_rows(log: MotorLog) -> np.ndarray:
@@ -63,8 +63,9 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
 def resample(log: MotorLog, period: float) -> MotorLog:
     """Put each segment on the grid t_k = t_0 + k·period, up to its last row.
 
-    Commands are held (zero order); measurements are interpolated linearly. Drop repeated measurements first
-    (`drop_repeats`), or the result moves in steps.
+    Commands are held until the next, and a row has their mean until the next row: with the command in force at its time
+    alone, commands between two rows act late by up to a period, and identified delays are too short. Measurements are
+    interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in steps.
 
     Raises:
         LogError: a period that is longer than a segment, or gives more than 50 million rows.
@@ -90,9 +91,22 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
     for name, value in channels(segment).items():
         if name in _HELD:
             result[name] = value[held]
+        elif name == "position_target":
+            result[name] = _mean_command(segment.time, value, grid, period)
         elif name != "time":
             result[name] = np.stack([np.interp(grid, segment.time, column) for column in value.T], axis=1)
     return result
+
+
+def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
+    """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid (G,) to a period later."""
+    edges = np.append(grid, grid[-1] + period)
+    row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
+    area = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)])
+    area = area[row] + command[row] * (edges - time[row])[:, None]
+    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1  # in force at the end
+    same = (row[:-1] == last)[:, None]
+    return np.where(same, command[row[:-1]], np.diff(area, axis=0) / period)
 
 
 def without_noise(log: MotorLog) -> MotorLog:

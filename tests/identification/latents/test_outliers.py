@@ -38,11 +38,11 @@ def found_outliers(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0
     mean, truth = 0.3 * rng.standard_normal((TRAINED, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
     mean[:, :fixed] = truth[:, :fixed] = 0.0
     truth[2, PARAMETERS.index("viscous_damping")] += shift
-    box, z = standardised(GreyBox(GearedMotor(np.zeros(SIZE), np.eye(SIZE)), 0.002), mean)
+    box, z, classes = standardised(GreyBox(GearedMotor(np.zeros(SIZE), np.eye(SIZE)), 0.002), mean)
     monkeypatch.setattr(latent_fit, "latent_search", lambda box, *_: Search(LinearProblem(box, truth)))
     found = latent_fit.fit_posterior(box, NOTHING, NOTHING, 0.05).mean
     found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
-    return outliers(box, z, found, NOTHING, NOTHING, 0.05)
+    return outliers(box, z, found, NOTHING, NOTHING, 0.05, classes, ("",) * NEW)
 
 
 def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch):
@@ -50,4 +50,5 @@ def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch):
         found = found_outliers(monkeypatch, fixed=2, shift=shift)
         assert not {"kp", "kd_over_kp"} & set(found.latent)
     assert found.latent[2] == "viscous_damping" and found.p_value[2] < 1e-4 and found.deviation[2] > 5.0
+    assert 2.5 < found.distance[2] < 4.0
     assert np.all(np.delete(found.p_value, 2) > 0.01)

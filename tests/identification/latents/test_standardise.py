@@ -20,7 +20,7 @@ def boxed(motors: int, seed: int = 0) -> np.ndarray:
 
 def test_every_motor_stays_what_it_is(grey_box):
     box, mean = grey_box(), boxed(24) / 5
-    new_box, new_mean = standardised(box, mean)
+    new_box, new_mean, _ = standardised(box, mean)
     assert isinstance(new_box, GreyBox)
     before, after = box.constants(mean), new_box.constants(new_mean)
     for name, values in before.items():
@@ -42,10 +42,52 @@ def test_one_motor_locates_the_others_within_the_assumed_deviation():
     np.testing.assert_allclose(std_of_few(np.array([[7.0, -2.0]]), np.array([0.1, 0.3])), [0.1 * 2**0.5, 0.3 * 2**0.5])
 
 
+def legs(units: int, seed: int = 0) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(3·units, 3) outputs of three classes: far apart in output 0, the same in output 1, ridges in 0 and 2."""
+    rng = np.random.default_rng(seed)
+    centers = np.array([[-1.0, 0.2, 0.0], [0.0, 0.2, 0.3], [1.5, 0.2, -0.1]])
+    ridge = rng.standard_normal((3 * units, 1)) * np.array([0.2, 0.0, -0.3])
+    noise = rng.standard_normal((3 * units, 3)) * np.array([0.02, 0.1, 0.03])
+    return np.tile(centers, (units, 1)) + ridge + noise, ("hip", "thigh", "calf") * units
+
+
+def test_units_of_a_class_resemble_its_motors_and_not_those_of_others(grey_box):
+    outputs, names = legs(200)
+    box, z, classes = standardised(grey_box(latents=3), outputs, np.full(3, 0.2), names)
+    np.testing.assert_allclose(box.decoder_latents(z), outputs, atol=1e-9)
+    mean, std = classes.moments(("calf",) * 4000)
+    draws = box.decoder_latents(mean + std * np.random.default_rng(1).standard_normal(mean.shape))
+    own = outputs[2::3]
+    np.testing.assert_allclose(draws.mean(axis=0), own.mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(np.cov(draws.T), np.cov(own.T), atol=0.01)
+    unseen = box.decoder_latents(
+        classes.moments(("tail",) * 4000)[1] * np.random.default_rng(2).standard_normal((4000, 3))
+    )
+    assert unseen[:, 0].std() > 3.0 * draws[:, 0].std()
+
+
+def test_equal_classes_share_their_mean(grey_box):
+    outputs, names = legs(3, seed=5)
+    outputs[:, 0] = 0.1 * np.random.default_rng(6).standard_normal(9)
+    box, _, classes = standardised(grey_box(latents=3), outputs, np.full(3, 0.2), names)
+    means = box.decoder_latents(classes.mean)
+    raw = np.stack([outputs[each::3].mean(axis=0) for each in range(3)])
+    assert np.ptp(means[:, 0]) < 0.5 * np.ptp(raw[:, 0]) and np.ptp(means[:, 2]) > 0.5 * np.ptp(raw[:, 2])
+
+
+def test_one_class_is_the_prior_without_classes(grey_box):
+    outputs = legs(4)[0]
+    plain, z, _ = standardised(grey_box(latents=3), outputs)
+    named, same, classes = standardised(grey_box(latents=3), outputs, None, ("motor",) * 12)
+    np.testing.assert_array_equal(z, same)
+    np.testing.assert_array_equal(plain.copula.quantiles, named.copula.quantiles)
+    assert not classes.mean.any() and np.all(classes.unseen_std == 1.0)
+
+
 def test_a_scaled_prior_has_the_same_motors_and_a_larger_standard_deviation(grey_box):
     rng = np.random.default_rng(0)
-    box, mean = standardised(grey_box(latents=3), rng.standard_normal((40, 3)))
-    wide, moved, log_var = with_scaled_spread(box, mean, np.zeros_like(mean), 1.5)
+    box, mean, classes = standardised(grey_box(latents=3), rng.standard_normal((40, 3)))
+    wide, moved, log_var, _ = with_scaled_spread(box, mean, np.zeros_like(mean), classes, 1.5)
     np.testing.assert_allclose(log_var, -2.0 * np.log(1.5))
     np.testing.assert_allclose(wide.decoder_latents(moved), box.decoder_latents(mean), atol=1e-9)
     draws = rng.standard_normal((2000, 3))

@@ -17,20 +17,23 @@ Bayesian Data Analysis, 3rd ed., sections 3.2 and 3.3):
 Motors of several classes of joints have a mean per class, shrunk towards that of all classes, and a spread between
 units that is pooled over the classes (random effects; C classes of n motors, deviations from the raw means z̄_c):
 
-    w = (PRIOR_MOTORS·s² + Σ_i (z_i - z̄_c)²) / (PRIOR_MOTORS + M - C)           between the units of a class
+    w = (PRIOR_MOTORS·diag s² + Σ_i (z_i - z̄_c)(z_i - z̄_c)ᵀ) / (PRIOR_MOTORS + M - C)      between the units of a class
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
+
+The covariance w keeps directions in which logs do not tell constants apart, such as delay and damping.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
 from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
@@ -50,12 +53,25 @@ ASSUMED_STD = {
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
 # assumed standard deviation between the classes of a robot: hip, thigh and calf of a quadruped differ by this
 ASSUMED_BETWEEN = 0.6
+ASSUMED_SOURCE = "units of a Unitree Go2 per class of joints, servos of an SO-101 and a Z1 (benchmarks/unit_spread.py)"
 OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
 
 
 def assumed_std(terms: tuple[str, ...], fixed: np.ndarray) -> np.ndarray:
     """(P,) s of the outputs of a decoder with these terms; 0 of ``fixed`` (P,) constants, which are not fitted."""
     return np.where(fixed, 0.0, [ASSUMED_STD.get(name, OTHER_STD) for name in parameters_of(terms)])
+
+
+def spread_source(model: Decoder, classes: JointClasses) -> dict[str, Any]:
+    """Where the spread between units comes from, for the provenance of a prior: what is measured, pooled, assumed."""
+    motors, count = len(classes.of_motors), len(classes.names)
+    units = {name: classes.of_motors.count(name) for name in classes.names}
+    found = {"units": units, "degrees_of_freedom": motors - count, "assumed": {}, "assumed_units": 0.0, "source": ""}
+    if isinstance(model, GreyBox) and (count > 1 or motors < MIN_MOTORS):
+        names = parameters_of(model.motor.terms)
+        assumed = {name: ASSUMED_STD.get(name, OTHER_STD) for name in names}
+        found |= {"assumed": assumed, "assumed_units": PRIOR_MOTORS, "source": ASSUMED_SOURCE}
+    return found
 
 
 def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
@@ -66,33 +82,31 @@ def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
 
 
 class ClassMoments(NamedTuple):
-    """Means of C classes and standard deviations of P outputs."""
+    """Means of C classes and covariances of P outputs."""
 
     mean: np.ndarray  # (C, P) of each class, shrunk towards the mean of all
     center: np.ndarray  # (P,) mean of the classes
-    unit_std: np.ndarray  # (P,) √v of one more unit of a class
-    unseen_std: np.ndarray  # (P,) of a unit of a class without motors, around the center
+    units: np.ndarray  # (P, P) covariance of one more unit around the mean of its class
+    unseen: np.ndarray  # (P, P) of a unit of a class without motors, around the center
 
 
 def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray) -> ClassMoments:
     """Random effects of C > 1 classes: outputs z (M, P) of motors of the classes ``row`` (M,), ``assumed`` s (P,).
 
-    The formulas of the module docstring, where w is the variance between the units, n the motors per class, and
-    ASSUMED_BETWEEN is worth one class in the variance u between the classes.
+    The formulas of the module docstring; ASSUMED_BETWEEN is worth one class in the variance of a class without motors.
     """
     motors, classes = len(z), int(row.max()) + 1
     count = np.bincount(row)[:, None]
     raw = np.stack([z[row == each].mean(axis=0) for each in range(classes)])
-    center, scatter = raw.mean(axis=0), np.sum((z - raw[row]) ** 2, axis=0)
-    w = (PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - classes)
+    center, residual = raw.mean(axis=0), z - raw[row]
+    w = (PRIOR_MOTORS * np.diag(assumed**2) + residual.T @ residual) / (PRIOR_MOTORS + motors - classes)
+    noise = np.diag(w) / count  # (C, P) variance of the mean of a class
     between = np.sum((raw - center) ** 2, axis=0)
-    noise = np.mean(w / count, axis=0)  # of the mean of a class
-    u = np.maximum(0.0, between / (classes - 1) - noise)
-    share = u / np.maximum(u + w / count, 1e-30)
+    u = np.maximum(0.0, between / (classes - 1) - noise.mean(axis=0))
+    share = u / np.maximum(u + noise, 1e-30)
     wide = (np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2 + between) / classes * (classes + 1) / classes
-    # the mean of a class is uncertain by share·w/n, more if it is shrunk
-    unit_std = np.sqrt(w * (1.0 + np.mean(share / count, axis=0)))
-    return ClassMoments(center + share * (raw - center), center, unit_std, np.sqrt(wide + w))
+    units = w * (1.0 + np.mean(1.0 / count))
+    return ClassMoments(center + share * (raw - center), center, units, np.diag(wide) + w)
 
 
 def standardised(
@@ -110,10 +124,16 @@ def standardised(
         return *_of_one_class(model, mean, assumed), JointClasses.one(motors, latents, names[0])
     row = np.array([names.index(name) for name in classes])
     found = class_moments(mean, row, np.zeros(latents) if assumed is None else assumed)
-    std = found.unit_std + _RISE
-    copula = Copula(np.eye(latents), found.center + SCORES[:, None] * std)
-    hierarchy = JointClasses(names, classes, (found.mean - found.center) / std, (found.unseen_std + _RISE) / std)
-    return replace(model, copula=copula), (mean - found.center) / std, hierarchy
+    std = np.sqrt(np.diag(found.units)) + _RISE
+    mixing = np.linalg.cholesky(found.units / np.outer(std, std) + _RISE * np.eye(latents)).T
+
+    def standard(values: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(mixing.T, (values / std).T).T
+
+    unseen = np.sqrt(np.diag(standard(standard(found.unseen).T)))
+    hierarchy = JointClasses(names, classes, standard(found.mean - found.center), np.maximum(1.0, unseen))
+    copula = Copula(mixing, found.center + SCORES[:, None] * std)
+    return replace(model, copula=copula), standard(mean - found.center), hierarchy
 
 
 def _of_one_class(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None) -> tuple[Decoder, np.ndarray]:

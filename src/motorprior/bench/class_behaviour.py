@@ -1,0 +1,97 @@
+"""Behaviour of a prior's classes of joints on a bench, and whether samples behave like motors at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.actuator import Actuator, Factors, with_factors
+from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
+from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.dynamometer import Trial, run
+
+LOADS = (0.3, 3.0)  # inertia of a light and of a heavy load over the motor's armature [-]
+SETTLE, STEP, STEP_DURATION = 0.1, 0.2, 0.6  # before the step [s], its height [rad], time after it [s]
+CHIRP, CHIRP_DURATION, CHIRP_AMPLITUDE = (0.5, 8.0), 4.0, 0.1  # first and last frequency [Hz], [s], [rad]
+SPEEDS = np.linspace(0.0, 6.0, 61)  # of the friction [rad/s]
+DRAWS = 100
+SETTLED = 0.1  # range of the last quarter of a step response over the step, above which a motor oscillates [-]
+COAST_VEL = 2.0  # initial speed of a motor that is switched off [rad/s]
+
+
+@dataclass(frozen=True)
+class ClassBehaviour:
+    """Responses of samples of one class and of its training motors: name -> (D, T) and (M, T)."""
+
+    name: str
+    axes: dict[str, np.ndarray]  # (T,) time [s], or speed [rad/s]
+    sampled: dict[str, np.ndarray]
+    recorded: dict[str, np.ndarray]
+
+
+def class_behaviours(prior: MotorPrior, seed: int = 0) -> list[ClassBehaviour]:
+    """Step and chirp response [rad] on a load of LOADS[1], and friction [N·m] of grey boxes, of DRAWS samples."""
+    found = []
+    for name in prior.classes.names:
+        sampled = prior.sample((name,) * DRAWS, np.random.default_rng([seed, len(found)]))
+        recorded = prior.training_motors(prior.classes.rows_of(name))
+        inertia = LOADS[1] * float(np.median(_armature(recorded)))
+        axes, ours, theirs = {}, _responses(sampled, inertia), _responses(recorded, inertia)
+        for key, values in ours.items():
+            axes[key] = SPEEDS if key == "friction" else prior.model.period * np.arange(values.shape[1])
+        found.append(ClassBehaviour(name, axes, ours, theirs))
+    return found
+
+
+def _responses(motors: Actuator, inertia: float) -> dict[str, np.ndarray]:
+    period, load = _period(motors), np.full(motors.num_motors, inertia)
+    found = {"step": run(motors, _step(load, period)).joint_pos.T}
+    time, (low, high) = np.arange(0.0, CHIRP_DURATION, period), CHIRP
+    phase = 2.0 * np.pi * time * (low + 0.5 * (high - low) * time / CHIRP_DURATION)
+    found["chirp"] = run(motors, _trial(CHIRP_AMPLITUDE * np.sin(phase), load, period)).joint_pos.T
+    if isinstance(motors, GreyBoxActuator):
+        values = {name: value[:, None] for name, value in motors.constants().items()}
+        stribeck = values["stribeck_torque"] / (1.0 + (SPEEDS / STRIBECK_VELOCITY) ** 2)
+        found["friction"] = values["coulomb"] + stribeck + values["viscous_damping"] * SPEEDS
+    return found
+
+
+def faults(motors: Actuator) -> list[str]:
+    """What each of n motors does that no motor does, "" if nothing: it oscillates, diverges, or gains energy.
+
+    Step responses on loads of LOADS must settle, at the physics step of the motors' logs. With a torque limit of 0, the
+    speed of a coasting joint must never exceed the initial one.
+    """
+    found, period = np.full(motors.num_motors, "", dtype="<U40"), _period(motors)
+    off = with_factors(motors, Factors.ones(motors.num_motors)._replace(torque_limit=np.full(motors.num_motors, 1e-9)))
+    for factor in LOADS:
+        load = factor * _armature(motors)
+        response = run(motors, _step(load, period)).joint_pos
+        late = np.ptp(response[-len(response) // 4 :], axis=0)
+        found[(found == "") & ~(late < SETTLED * STEP)] = f"oscillates on {factor:g} times its armature"
+        still = _trial(np.zeros(round(STEP_DURATION / period)), load, period, COAST_VEL)
+        speed = np.abs(run(off, still).joint_vel).max(axis=0)
+        found[(found == "") & ~(speed <= 1.01 * COAST_VEL)] = "gains energy when it is switched off"
+    return found.tolist()
+
+
+def _armature(motors: Actuator) -> np.ndarray:
+    return motors.constants()["armature"] if isinstance(motors, GreyBoxActuator) else np.maximum(motors.armature, 1e-3)
+
+
+def _period(motors: Actuator) -> float:
+    return motors.model.period if isinstance(motors, GreyBoxActuator) else 0.002
+
+
+def _step(load: np.ndarray, period: float) -> Trial:
+    target = np.full(round((SETTLE + STEP_DURATION) / period), STEP)
+    target[: round(SETTLE / period)] = 0.0
+    return _trial(target, load, period)
+
+
+def _trial(target: np.ndarray, load: np.ndarray, period: float, joint_vel: float = 0.0) -> Trial:
+    """All joints with one target (T,), without external torque."""
+    targets = np.broadcast_to(target[:, None], (len(target), len(load)))
+    return Trial(targets, np.zeros(targets.shape), load, period, joint_vel=np.full(len(load), joint_vel))
