@@ -12,10 +12,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import simulated_arms
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_text
+from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate import Validate, load_priors, run_validate
@@ -27,7 +28,7 @@ from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import seconds_of, write_results
+from motorprior.stage import FIGURES, seconds_of, write_results
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 PRESETS = (
@@ -49,6 +50,7 @@ class Settings:
     steps: int = 10_000  # samples per motor
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of bench, training and validation
+    arms: int = 20  # simulated arms of `simulated_arms`, whose figures are written, too
 
 
 def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: bool = True) -> Path:
@@ -128,6 +130,8 @@ def main() -> None:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     results = measure(settings)
     write_results(settings.out, results)
+    arms = simulated_arms.figures(simulated_arms.Settings(settings.out / "arms", settings.arms, seed=settings.seed))
+    write_json(settings.out / FIGURES, read_json(settings.out / FIGURES) | arms)
     text = f"train motors\n\n{table(results, 'train')}\n\nheld-out motors\n\n{table(results, 'held_out')}"
     write_text(settings.out / "tables.md", text + "\n")
     print(text)

@@ -7,15 +7,15 @@ The error is the RMSE of one free run over each whole held-out log, without remo
 only the joint names and gains recorded in the test log: the motor of the same joint, or the central motor. ``adapted``
 is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of the joints) are
 those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
-[rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % bands of the adapted prior as
-ROBOT/coverage90, and with --seeds the range of the prior's errors over seeds, divided by their mean, as
+[rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the adapted prior as
+ROBOT/coverage90 and ROBOT/coverage50, inside those of the prior without the log as ROBOT/unseen/coverage90, and with --seeds the range of the prior's errors over seeds, divided by their mean, as
 ROBOT/TEST/prior/seed_range. tables.md also has all models on the rest of the logs. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
 
-leave_one_motor_out: the prior and the PD are fitted to the motors of the other legs (recipe quick). They are tested on
-the rest of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor.
+unseen_leg: the prior and the PD are fitted to the motors of the other legs (recipe quick). They are tested on the rest
+of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor.
 """
 
 from __future__ import annotations
@@ -38,9 +38,10 @@ from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.bench_truth import log_coverage
+from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.identification.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
+from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
@@ -62,7 +63,7 @@ AGAIN = "prior_"  # and a number: the prior of another seed
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
 RECIPE = PRESETS["rollout"]
 UNSEEN = "unseen_gains"  # name of a test
-MOTORS_OUT, MOTORS_RECIPE = "leave_one_motor_out", "quick"  # name of a test, and its fast recipe
+MOTORS_OUT, MOTORS_RECIPE = "unseen_leg", "quick"  # name of a test, and its fast recipe
 IDENTIFIED = "long_runs"  # recipe of the prior: with the short windows of rollout, missing dynamics bias the constants
 FACTOR = {"so101": 5.0, "xl330": 3.0}  # on `Settings.seconds`
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
@@ -139,12 +140,20 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
         first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
         posterior = adapt_to(prior, first)
         adapted = {"adapted": prior.model.motors(posterior.mean)}
-        covered = log_coverage(prior, posterior, whole_runs(rest, preset))
         found.append({
             "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
-            "coverage": {str(level): share for level, share in covered.items()},
+            **_coverages(prior, posterior, rest),
         })  # fmt: skip
     return _means(found)
+
+
+def _coverages(prior: MotorPrior, posterior: Posterior, rest: MotorLog) -> Figures:
+    """Shares inside the bands: of the adapted prior, and of the prior without a log."""
+    runs, bands = whole_runs(rest, recipe_of(prior)), {"coverage": posterior, "unseen": zero_shot(prior, rest)}
+    return {
+        name: {str(level): share for level, share in log_coverage(prior, motors, runs).items()}
+        for name, motors in bands.items()
+    }
 
 
 def expected_motors(prior: MotorPrior, log: MotorLog) -> MotorModel:
@@ -178,7 +187,8 @@ def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, flo
     if len(seeds) > 1:
         keys[f"{robot}/{test}/prior/seed_range"] = float(np.ptp(seeds) / np.mean(seeds))
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
-    return keys | {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
+    keys |= {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
+    return keys | {f"{place}/unseen/coverage{level}": share for level, share in means.get("unseen", {}).items()}
 
 
 def go2(settings: Settings) -> Iterator[Test]:
@@ -224,8 +234,7 @@ def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: 
     }
     runs = whole_runs(rest, recipe_of(prior))
     errors = {name: float(np.mean(values)) for name, values in free_run_errors(runs, models).items()}
-    covered = {str(level): share for level, share in log_coverage(prior, posterior, runs).items()}
-    return {"rest": errors, "coverage": covered}
+    return {"rest": errors, **_coverages(prior, posterior, rest)}
 
 
 def so101(settings: Settings) -> Iterator[Test]:
@@ -330,7 +339,9 @@ def table(robot: str, test: str, found: Sequence[Figures]) -> str:
         if any(cell is not None for cell in cells):
             lines.append(f"| {model} | {' | '.join('' if cell is None else f'{1e3 * cell:.2f}' for cell in cells)} |")
     shares = [f"{100 * share:.0f} % inside the {level} % bands" for level, share in means.get("coverage", {}).items()]
-    return "\n".join(lines) + (f"\n\nAdapted prior: {', '.join(shares)}." if shares else "")
+    unseen = [f"{100 * share:.0f} %" for share in means.get("unseen", {}).values()]
+    text = f"\n\nAdapted prior: {', '.join(shares)}; without the log {', '.join(unseen)}." if shares else ""
+    return "\n".join(lines) + text
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ MuJoCo: there is no gear, no filter and no optional term to find. Commands are h
 are rounded to ENCODER counts per turn, gains are logged. figures.json has
 
     arms/coverage90  share of true delay, armature, Coulomb and viscous friction inside the 90 % intervals of
-                     `MotorPrior.constant_intervals` [-], of the constants that the log identifies
+                     `MotorPrior.intervals` [-]
     arms/delay_bias  mean of fitted minus true delay [s]
     arms/spurious    number of arms with an optional term
 """
@@ -15,6 +15,7 @@ are rounded to ENCODER counts per turn, gains are logged. figures.json has
 # pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import smooth_on_grid
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
+from motorprior.stage import FIGURES
 
 JOINTS = 3
 RATES = (100.0, 200.0, 333.0, 500.0)  # of the logs, in turns [Hz]
@@ -39,6 +40,7 @@ RANGES = {
     "kp": (8.0, 30.0), "kd_over_kp": (0.03, 0.08), "delay": (0.005, 0.02), "armature": (0.005, 0.02),
     "coulomb": (0.05, 0.2), "viscous_damping": (0.05, 0.3),
 }  # fmt: skip
+FITTED = ("delay", "armature", "coulomb", "viscous_damping")  # kp and kd are logged
 ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
 ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
 PROGRESS = Lines(sys.stderr)
@@ -51,7 +53,7 @@ class Settings:
     out: Path  # run folder
     arms: int = 20
     seconds: float = 20.0  # duration of the log of each [s]
-    preset: str = "rollout"
+    preset: str = "rollout"  # recipe of the fits
     seed: int = 0
 
 
@@ -106,13 +108,47 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
         joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", stated_kp=kp * ones,
         stated_kd=kd * ones,
     )  # fmt: skip
-    return _with_loads(log, robot)
-
-
-def _with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     return with_loads(smooth_on_grid(log, PERIOD), robot)
 
 
 def drawn_constants(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """(JOINTS,) constants by name."""
     return {name: np.exp(rng.uniform(*np.log(bounds), JOINTS)) for name, bounds in RANGES.items()}
+
+
+def measure(settings: Settings, arm: int) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Of one arm: per constant (3, JOINTS) true value and ends of the interval; ``delay_bias`` [s]; optional terms."""
+    rng = np.random.default_rng([settings.seed, arm])
+    constants, folder = drawn_constants(rng), settings.out / f"arm_{arm}"
+    log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
+    prior = fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
+    ends = prior.intervals()
+    found = {name: np.stack([constants[name], *ends[name]]) for name in FITTED}
+    bias = prior.model.constants(prior.mean)["delay"] - constants["delay"]  # pyright: ignore[reportAttributeAccessIssue]
+    return found | {"delay_bias": bias}, recipe_of(prior).terms
+
+
+def figures(settings: Settings) -> dict[str, float]:
+    """The figures of all arms, by their keys."""
+    arms = [measure(settings, arm) for arm in range(settings.arms)]
+    inside = {
+        name: np.mean([(arm[name][1] <= arm[name][0]) & (arm[name][0] <= arm[name][2]) for arm, _ in arms])
+        for name in FITTED
+    }
+    found = {f"arms/coverage90/{name}": float(share) for name, share in inside.items()}
+    found["arms/coverage90"] = float(np.mean(list(inside.values())))
+    found["arms/delay_bias"] = float(np.mean([arm["delay_bias"] for arm, _ in arms]))
+    return found | {"arms/spurious": float(sum(bool(terms) for _, terms in arms))}
+
+
+def main() -> None:
+    """Measure, write figures.json, print it."""
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    settings = tyro.cli(Settings, description=__doc__)
+    found = figures(settings)
+    write_json(settings.out / FIGURES, found)
+    print("\n".join(f"{name}: {value:.4g}" for name, value in found.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -143,8 +143,9 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
 
 
 def _write_page(config: ValidateLog) -> None:
-    from motorprior.report.chapters import validated_log
+    from motorprior.report.chapters import samples, validated_log
     from motorprior.report.page import page  # here: it imports matplotlib
 
     title = f"Motors in a held-out log: {config.log.name}"
-    write_text(config.out / PAGE, page(title, [validated_log(config.out)], asdict(config), repr(config)))
+    sections = [validated_log(config.out), samples(MotorPrior.load(config.prior))]
+    write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))

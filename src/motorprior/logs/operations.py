@@ -99,7 +99,7 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
 
 
 def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
-    """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid (G,) to a period later."""
+    """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
     edges = np.append(grid, grid[-1] + period)
     row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
     area = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)])

@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors
 from motorprior.bench.bench_folder import read_bench
+from motorprior.bench.class_behaviour import LOADS, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.identification.evaluation import log_tables
 from motorprior.identification.evaluation.free_runs import read_traces
 from motorprior.report import tables
 from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
-from motorprior.report.plots_motor import draw_traces, errors_by_joint, excitation_and_response
+from motorprior.report.plots_motor import draw_class_behaviours, draw_traces, errors_by_joint, excitation_and_response
 from motorprior.report.plots_style import model_label
 from motorprior.report.plots_walk import learning_curves, read_curves, transfer_bars
 from motorprior.results import Results
@@ -39,6 +41,14 @@ def real_motors(folder: Path) -> Section:
 def validated_log(folder: Path) -> Section:
     """From the files of `motorprior validate-log`."""
     return _models_of_logs(folder, "Held-out log", "whole_run_rmse")
+
+
+def samples(prior: MotorPrior) -> Section:
+    """Behaviour of samples of each class of joints, and where their spread comes from."""
+    figure = draw_class_behaviours(class_behaviours(prior))
+    caption = f"Responses on a load of {LOADS[1]:g} times the armature, and friction; a row per class of joints."
+    text = " ".join(f"{line[0].upper()}{line[1:]}." for line in prior.spread_notes())
+    return _section("Samples of the prior", text, figure, caption)
 
 
 def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:

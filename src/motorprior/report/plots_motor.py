@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from motorprior.bench.class_behaviour import ClassBehaviour
 from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import (
@@ -75,6 +77,24 @@ def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
     fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], margin=3.0)
     describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
     describe(error, y="simulated - measured [mrad]")
+
+
+def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
+    """A row per class of joints: 90 % bands of samples, and the training motors as lines."""
+    columns = {"step": "step [rad]", "chirp": "chirp [rad]", "friction": "friction [N·m]"}
+    shown = [name for name in columns if name in found[0].axes]
+    figure = new_figure(0.7 + 1.7 * len(found))
+    for row, behaviour in zip(panels(figure, len(found), len(shown)), found, strict=True):
+        for axes, name in zip(row, shown, strict=True):
+            x, values = behaviour.axes[name], behaviour.sampled[name]
+            low, high = np.percentile(values, [5, 95], axis=0)
+            axes.fill_between(x, low, high, color=model_color("prior"), alpha=0.25, lw=0.0, label="90 % of samples")
+            lines = axes.plot(x, behaviour.recorded[name].T, color=INK, lw=0.6)
+            lines[0].set_label("recorded motors")
+            describe(axes, y=columns[name], x="speed [rad/s]" if name == "friction" else TIME)
+        describe(row[0], title=behaviour.name or "all joints")
+    legend_below(figure, figure.axes[:1])
+    return figure
 
 
 def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:

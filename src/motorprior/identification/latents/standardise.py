@@ -45,16 +45,22 @@ MIN_MOTORS = 8  # for quantiles and correlations; with fewer, these would be mos
 RELIABLE_MOTORS = 24  # for reliable samples; with fewer, outer quantiles are extrapolated
 PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
 _RISE = 1e-6  # minimum slope of a latent over its normal score
-# s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Gains, armature and Coulomb friction have the
-# standard deviation between motors of a real quadruped; the others are assumed. Firmware registers do not differ.
+# s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of a
+# Go2 and between the motors of a Pupper: armature 0.3 and 0.1, Coulomb friction 0.15 and 0.25, viscous damping 0.2
+# (Go2), delay 0.36 and 0.4, encoder zero 5 mrad (Go2; 6 mrad between the joints of a Z1), kp 0.1 and kd_over_kp 0.03
+# (Pupper). The others are assumed. Firmware registers do not differ.
 ASSUMED_STD = {
-    "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.1, "stall_torque": 0.1, "no_load_speed": 0.05,
-    "backlash": 0.4, "encoder_zero": 0.2, "integral_rate": 0.05, "integral_limit": 0.05,
+    "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.2, "stall_torque": 0.1, "no_load_speed": 0.05,
+    "backlash": 0.4, "encoder_zero": 0.1, "delay": 0.4, "coulomb": 0.2, "viscous_damping": 0.2, "integral_rate": 0.05,
+    "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
-# assumed standard deviation between the classes of a robot: hip, thigh and calf of a quadruped differ by this
+OTHER_STD = 0.25  # of every other constant: that of Coulomb friction of a Pupper
+# standard deviation between the classes of a robot: hip, thigh and calf of a Go2 differ by 0.8 in armature, 0.7 in
+# Coulomb friction, 0.5 in viscous damping
 ASSUMED_BETWEEN = 0.6
-ASSUMED_SOURCE = "units of a Unitree Go2 per class of joints, servos of an SO-101 and a Z1 (benchmarks/unit_spread.py)"
-OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
+ASSUMED_SOURCE = (
+    "units of a Unitree Go2 per class of joints and motors of a Stanford Pupper (benchmarks/unit_spread.py)"
+)
 
 
 def assumed_std(terms: tuple[str, ...], fixed: np.ndarray) -> np.ndarray:
