@@ -22,7 +22,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import tyro
 
+from motorprior.artifacts import write_json
+from motorprior.identification.fit_prior import fit_prior
+from motorprior.identification.presets import recipe_of
 from motorprior.logs.loads import with_loads
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import smooth_on_grid

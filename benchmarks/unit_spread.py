@@ -2,9 +2,9 @@
 
     python benchmarks/unit_spread.py runs/real/go2/traj_0/prior/prior.safetensors …
 
-Per prior and constant: the standard deviation of its logarithm (of encoder_zero [rad]) between the training motors of a
-class of joints, pooled over the classes, and between the means of the classes. It contains the errors of the fits, so
-it is an upper bound. Servos at different joints of an arm (one class) differ by their places, too. These are the sources
+Per prior and constant: the standard deviation of its logarithm (of encoder_zero [rad]) between the training motors of
+a class of joints, pooled over the classes, and between the means of the classes. It contains errors of the fits, so
+it is an upper bound. Servos of an arm (one class) differ by their places, too. These are the sources
 of `standardise.ASSUMED_STD` and ASSUMED_BETWEEN; those of a Pupper come from `motorprior calibrate`.
 """
 

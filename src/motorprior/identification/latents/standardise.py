@@ -45,8 +45,8 @@ MIN_MOTORS = 8  # for quantiles and correlations; with fewer, these would be mos
 RELIABLE_MOTORS = 24  # for reliable samples; with fewer, outer quantiles are extrapolated
 PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
 _RISE = 1e-6  # minimum slope of a latent over its normal score
-# s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of a
-# Go2 and between the motors of a Pupper: armature 0.3 and 0.1, Coulomb friction 0.15 and 0.25, viscous damping 0.2
+# s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of
+# a Go2 and between the motors of a Pupper: armature 0.3 and 0.1, Coulomb friction 0.15 and 0.25, viscous damping 0.2
 # (Go2), delay 0.36 and 0.4, encoder zero 5 mrad (Go2; 6 mrad between the joints of a Z1), kp 0.1 and kd_over_kp 0.03
 # (Pupper). The others are assumed. Firmware registers do not differ.
 ASSUMED_STD = {
