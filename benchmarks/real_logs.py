@@ -9,8 +9,8 @@ is fitted to the first 10 s of the test log and tested on the rest. Loads (inert
 those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
 [rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the adapted prior as
 ROBOT/coverage90 and ROBOT/coverage50, inside those of the prior without the log as ROBOT/unseen/coverage90, and with
---seeds the range of the prior's errors over seeds, divided by their mean, as ROBOT/TEST/prior/seed_range. tables.md also
-has all models on the rest of the logs. Finished stages are reused.
+--seeds the range of the prior's errors over seeds, divided by their mean, as ROBOT/TEST/prior/seed_range. tables.md
+also has all models on the rest of the logs. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
