@@ -21,7 +21,7 @@ def test_the_command_is_held_and_the_angle_is_linear(make_log, period):
     fine = np.arange(20) / 20 * period
     now = np.searchsorted(time, log.time[:-1, None] + fine, side="right") - 1
     np.testing.assert_allclose(log.position_target[:-1, 0], now.mean(axis=1), atol=0.06)
-    whole = now[:, 0] == now[:, -1]
+    whole = now[:, 0] == np.searchsorted(time, log.time[:-1] + period, side="right") - 1
     np.testing.assert_array_equal(log.position_target[:-1][whole, 0] % 1.0, 0.0)
 
 
