@@ -18,6 +18,10 @@ Motors of several classes of joints have a mean per class, shrunk towards that o
 units that is pooled over the classes (random effects; C classes of n motors, deviations from the raw means z̄_c):
 
     w = (PRIOR_MOTORS·diag s² + Σ_i (z_i - z̄_c)(z_i - z̄_c)ᵀ) / (PRIOR_MOTORS + M - C)      between the units of a class
+
+where a motor's latent with an error of variance e counts as w/(w + e) motors, since a constant that a log does not
+identify says nothing of the spread, and
+
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
 
 The covariance w keeps directions in which logs do not tell constants apart, such as delay and damping.
@@ -38,12 +42,14 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
 from motorprior.identification.presets import Preset
+from motorprior.identification.search import Search
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
 
 MIN_MOTORS = 8  # for quantiles and correlations; with fewer, these would be mostly sampling error
 RELIABLE_MOTORS = 24  # for reliable samples; with fewer, outer quantiles are extrapolated
 PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
+_ROUNDS = 4  # of the weights of `class_moments`
 _RISE = 1e-6  # minimum slope of a latent over its normal score
 # s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of
 # a Go2 and between the motors of a Pupper: armature 0.3 and 0.1, Coulomb friction 0.15 and 0.25, viscous damping 0.2
@@ -96,32 +102,43 @@ class ClassMoments(NamedTuple):
     unseen: np.ndarray  # (P, P) of a unit of a class without motors, around the center
 
 
-def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray) -> ClassMoments:
+def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance: np.ndarray | float) -> ClassMoments:
     """Random effects of C > 1 classes: outputs z (M, P) of motors of the classes ``row`` (M,), ``assumed`` s (P,).
 
-    The formulas of the module docstring; ASSUMED_BETWEEN is worth one class in the variance of a class without motors.
+    The formulas of the module docstring, with the errors' ``variance`` (M, P) of z; ASSUMED_BETWEEN is worth one class
+    in the variance of a class without motors.
     """
-    motors, classes = len(z), int(row.max()) + 1
-    count = np.bincount(row)[:, None]
-    raw = np.stack([z[row == each].mean(axis=0) for each in range(classes)])
-    center, residual = raw.mean(axis=0), z - raw[row]
-    w = (PRIOR_MOTORS * np.diag(assumed**2) + residual.T @ residual) / (PRIOR_MOTORS + motors - classes)
-    noise = np.diag(w) / count  # (C, P) variance of the mean of a class
+    classes, v = np.arange(int(row.max()) + 1)[:, None] == row, assumed**2
+    for _ in range(_ROUNDS):
+        weight = np.broadcast_to(v / np.maximum(v + variance, 1e-30) + 1e-6, z.shape)
+        count = classes @ weight  # (C, P)
+        raw = classes @ (weight * z) / count
+        residual = np.sqrt(weight) * (z - raw[row])
+        freedom = PRIOR_MOTORS + np.maximum(count.sum(axis=0) - len(classes), 0.0)
+        units = PRIOR_MOTORS * np.diag(assumed**2) + residual.T @ residual
+        units /= np.sqrt(np.outer(freedom, freedom))
+        v = np.diag(units)
+    center, noise = raw.mean(axis=0), v / count  # (C, P) variance of the mean of a class
     between = np.sum((raw - center) ** 2, axis=0)
-    u = np.maximum(0.0, between / (classes - 1) - noise.mean(axis=0))
+    u = np.maximum(0.0, between / (len(classes) - 1) - noise.mean(axis=0))
     share = u / np.maximum(u + noise, 1e-30)
-    wide = (np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2 + between) / classes * (classes + 1) / classes
-    units = w * (1.0 + np.mean(1.0 / count))
-    return ClassMoments(center + share * (raw - center), center, units, np.diag(wide) + w)
+    wide = (np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2 + between) / len(classes) * (1.0 + 1.0 / len(classes))
+    scale = np.sqrt(1.0 + np.mean(share / np.maximum(count, 1.0), axis=0))
+    return ClassMoments(center + share * (raw - center), center, units * np.outer(scale, scale), np.diag(wide) + units)
 
 
 def standardised(
-    model: Decoder, mean: np.ndarray, assumed: np.ndarray | None = None, classes: Sequence[str] = ()
+    model: Decoder,
+    mean: np.ndarray,
+    assumed: np.ndarray | None = None,
+    classes: Sequence[str] = (),
+    variance: np.ndarray | float = 0.0,
 ) -> tuple[Decoder, np.ndarray, JointClasses]:
     """Transform latents so that the units of a class are distributed as N(m, I); the decoded motors stay the same.
 
     ``mean`` (M, Z) are their latents in a model without a copula, ``assumed`` (Z,) the assumed standard deviations,
-    used for few motors, 0 if not given, and ``classes`` those of the motors, one if not given.
+    used for few motors, 0 if not given, ``classes`` those of the motors, one if not given, and ``variance`` (M, Z) that
+    of the means' errors, used for several classes.
     """
     motors, latents = mean.shape
     classes = tuple(classes) or ("",) * motors
@@ -129,7 +146,7 @@ def standardised(
     if latents == 0 or len(names) == 1:
         return *_of_one_class(model, mean, assumed), JointClasses.one(motors, latents, names[0])
     row = np.array([names.index(name) for name in classes])
-    found = class_moments(mean, row, np.zeros(latents) if assumed is None else assumed)
+    found = class_moments(mean, row, mean.std(axis=0) if assumed is None else assumed, variance)
     std = np.sqrt(np.diag(found.units)) + _RISE
     mixing = np.linalg.cholesky(found.units / np.outer(std, std) + _RISE * np.eye(latents)).T
 
@@ -164,12 +181,22 @@ def standard_posterior(
 
     The variances are the diagonal of `fit_posterior`'s Laplace approximation; the temperature is the motors' mean loss.
     """
-    model, mean, classes = standardised(model, mean, assumed, data.joint_classes)
+    variance = 0.0
+    if len(set(data.joint_classes)) > 1 and mean.size:
+        variance = fit_variance(latent_search(model, data, preset), mean)
+    model, mean, classes = standardised(model, mean, assumed, data.joint_classes, variance)
     if mean.size == 0:
         return model, mean, np.zeros_like(mean), classes
     search = latent_search(model, data, preset)
     covariance = laplace_covariance(search, mean, float(search.losses(mean).mean()))
     return model, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2)), classes
+
+
+def fit_variance(search: Search, mean: np.ndarray) -> np.ndarray:
+    """(M, Z) variance of the errors of latents, of a Laplace approximation; infinite where a log identifies nothing."""
+    posterior = laplace_covariance(search, mean, float(search.losses(mean).mean()))
+    share = np.diagonal(posterior, axis1=1, axis2=2)  # of a prior with variance 1
+    return share / np.maximum(1.0 - share, 1e-9)
 
 
 def with_scaled_spread(
