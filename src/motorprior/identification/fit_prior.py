@@ -25,7 +25,7 @@ from motorprior.identification.evaluation.errors import (
     log_warnings,
     replay_errors,
 )
-from motorprior.identification.evaluation.reference import GROWTH, held_out_growth, misfits, reference_metrics
+from motorprior.identification.evaluation.reference import held_out_growth, misfits, reference_metrics
 from motorprior.identification.latents.standardise import (
     MIN_MOTORS,
     RELIABLE_MOTORS,
@@ -167,7 +167,7 @@ def _fitted(
         # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
         misfit = misfits(metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions))
-        metrics[GROWTH] = held_out_growth(model, mean, classes, log, found.preset, metrics)
+        metrics |= held_out_growth(model, mean, classes, log, found.preset, metrics)
         model, mean, log_var, classes = with_scaled_spread(model, mean, log_var, classes, factor)
         if model.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")

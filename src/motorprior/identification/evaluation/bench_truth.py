@@ -19,7 +19,7 @@ from motorprior.bench.dynamometer import Response, Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, trial
 from motorprior.identification.evaluation.errors import capped
-from motorprior.identification.evaluation.reference import GROWTH, sample_residuals
+from motorprior.identification.evaluation.reference import sample_residuals, sampled_width
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.training_data.windows import VEL
@@ -122,14 +122,9 @@ def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, r
     for z in _latent_samples(posterior, rng):
         found = runs.errors(prior.model.motors(z))
         velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
-        residuals = sample_residuals(prior.metrics, rng, velocity) * _width(prior, posterior)[:, None, None]
-        errors.append(POSITION_SCALE * found[:, :, 0] + residuals)
+        width = sampled_width(prior.metrics, posterior.misfit, rng)[:, None, None]
+        errors.append(POSITION_SCALE * found[:, :, 0] + width * sample_residuals(prior.metrics, rng, velocity))
     return np.stack(errors)
-
-
-def _width(prior: MotorPrior, posterior: Posterior) -> np.ndarray:
-    """(M,) or (1,) factor on the residuals: the misfit of each motor, and its growth on other rows."""
-    return posterior.misfit * prior.metrics.get(GROWTH, 1.0)
 
 
 def _latent_samples(posterior: Posterior, rng: np.random.Generator) -> Iterator[np.ndarray]:
@@ -154,8 +149,8 @@ def bench_coverage(
             samples = []
             for z in _latent_samples(posterior, rng):
                 simulated = run(prior.model.motors(z), case)
-                residuals = sample_residuals(prior.metrics, rng, simulated.joint_vel) * _width(prior, posterior)
-                samples.append(simulated.joint_pos + residuals)
+                width = sampled_width(prior.metrics, posterior.misfit, rng)
+                samples.append(simulated.joint_pos + width * sample_residuals(prior.metrics, rng, simulated.joint_vel))
             inside.append(_inside(np.stack(samples), run(truth, case).joint_pos))
         for level in LEVELS:
             share = sum(float(np.mean(each[level])) / _COVERED for each in inside)

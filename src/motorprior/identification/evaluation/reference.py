@@ -17,14 +17,15 @@ from motorprior.identification.latents.latent_fit import fit_posterior, latent_s
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import excited_joints
+from motorprior.logs.operations import moved
 from motorprior.logs.splits import train_test_halves
 
 LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its own mean loss [s]
-GROWTH = "held_out_growth"  # metric: `held_out_growth`
+GROWTH, GROWTH_STD = "held_out_growth", "held_out_growth_std"  # metrics: `held_out_growth`
+ASSUMED_GROWTH_STD = 0.4  # of the logarithm of the growth, over motors
 _MIN_RESIDUAL, _MISFIT = 1e-5, (0.1, 20.0)  # [rad]; bounds of `misfits`
 _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
 
@@ -134,24 +135,31 @@ def held_out_growth(
     log: MotorLog,
     preset: Preset,
     metrics: Mapping[str, float],
-) -> float:
-    """How much residuals grow from the rows that a motor was fitted to, to later rows [-], at least 1.
+) -> dict[str, float]:
+    """How much residuals grow from the rows that a motor was fitted to, to later rows: metrics GROWTH and GROWTH_STD.
 
     The training motors, with latents ``mean`` (M, Z), are adapted to the first half of the log as new units of their
-    classes; the growth is the median ratio of their `misfits` in the second half to those in the first. 1 for halves of
-    less than two windows.
+    classes. The growth is the median ratio of their `misfits` in the second half to those in the first, at least 1; its
+    logarithm has a standard deviation over the motors, with ASSUMED_GROWTH_STD as three more motors.
     """
     first, rest = train_test_halves(log)
-    if min(first.duration, rest.duration) < 2.0 * (preset.history + preset.window) * preset.period:
-        return 1.0
-    preset = with_window_that_fits(preset, first)
-    data = training_data(first, preset, first.source)
-    prior = classes.moments(classes.of_motors)
-    found = fit_posterior(model, data, preset, metrics["loss_mean"], start=mean, prior=prior)
-    motors = model.motors(found.mean)
-    own, later = (misfits(metrics, *replay_errors(motors, part, preset.nominal_conditions)) for part in (first, rest))
-    moving = [joint for joint in excited_joints(first) if joint in excited_joints(rest)]
-    return max(1.0, float(np.median((later / own)[moving]))) if moving else 1.0
+    ratio = np.zeros(0)
+    if min(first.duration, rest.duration) > 2.0 * (preset.history + preset.window) * preset.period:
+        preset = with_window_that_fits(preset, first)
+        data, prior = training_data(first, preset, first.source), classes.moments(classes.of_motors)
+        found = fit_posterior(model, data, preset, metrics["loss_mean"], start=mean, prior=prior)
+        motors, nominal = model.motors(found.mean), preset.nominal_conditions
+        own, later = (misfits(metrics, *replay_errors(motors, part, nominal)) for part in (first, rest))
+        ratio = np.log(later / own)[moved(first) & moved(rest)]
+    growth = max(0.0, float(np.median(ratio))) if len(ratio) else 0.0
+    scatter = float(np.sum((ratio - growth) ** 2)) + 3.0 * ASSUMED_GROWTH_STD**2
+    return {GROWTH: math.exp(growth), GROWTH_STD: math.sqrt(scatter / (len(ratio) + 3.0))}
+
+
+def sampled_width(metrics: Mapping[str, float], misfit: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(M,) sampled factors on the residuals of motors with this ``misfit`` (M,) or (1,) on other rows."""
+    std = metrics.get(GROWTH_STD, 0.0)
+    return misfit * metrics.get(GROWTH, 1.0) * np.exp(std * rng.standard_normal(len(misfit)))
 
 
 def sample_residuals(metrics: dict[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
