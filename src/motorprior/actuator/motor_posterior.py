@@ -14,6 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count
 from motorprior.exceptions import ConfigError
+from motorprior.robots.joint_classes import classes_by_name
 from motorprior.schema import Header, Tensor, check_tensors
 
 _REMEDY = "write it with `motorprior adapt`"
@@ -83,7 +84,8 @@ class MotorPosterior:
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z))
+        central = self.prior.classes.moments(classes_by_name(self.joint_names))[0]
+        factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z, central))
         return motors.with_factors(factors)
 
     def take(self, index: list[int]) -> MotorPosterior:
@@ -124,7 +126,6 @@ class MotorPosterior:
         return cls(prior, mean, covariance, names, header["seconds"], outlier_p_value, gains)
 
 
-def kp_ratio(model: GreyBox, z: np.ndarray) -> np.ndarray:
-    """(M,) kp of grey-box motors with latents (M, Z) over that of the central motor [-]."""
-    central = model.constants(np.zeros((1, model.num_latents)))["kp"]
-    return model.constants(z)["kp"] / central
+def kp_ratio(model: GreyBox, z: np.ndarray, central: np.ndarray | float = 0.0) -> np.ndarray:
+    """(M,) kp of grey-box motors with latents (M, Z) over that of the central motors, of their classes [-]."""
+    return model.constants(z)["kp"] / model.constants(np.broadcast_to(central, z.shape))["kp"]

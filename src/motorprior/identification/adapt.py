@@ -30,6 +30,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import moved
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
+from motorprior.robots.joint_classes import classes_by_name
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
@@ -182,7 +183,8 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
     if not isinstance(prior.model, GreyBox):
         return ""
-    share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents), weak_below(prior.model)
+    central = prior.classes.moments(classes_by_name(names))[0]
+    share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents, central), weak_below(prior.model)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:
         return ""
