@@ -5,7 +5,7 @@
 Per prior and constant: the standard deviation of its logarithm (of encoder_zero [rad]) between the training motors of
 a class of joints, pooled over the classes, and between the means of the classes. It contains errors of the fits, so
 it is an upper bound. Servos of an arm (one class) differ by their places, too. These are the sources
-of `standardise.ASSUMED_STD` and ASSUMED_BETWEEN; those of a Pupper come from `motorprior calibrate`.
+of `standardise.ASSUMED_STD` and ASSUMED_BETWEEN: the Unitree Go2, and the Stanford Pupper by `motorprior calibrate`.
 """
 
 from __future__ import annotations

@@ -52,21 +52,19 @@ PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
 _ROUNDS = 4  # of the weights of `class_moments`
 _RISE = 1e-6  # minimum slope of a latent over its normal score
 # s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of
-# a Go2 and between the motors of a Pupper: armature 0.3 and 0.1, Coulomb friction 0.15 and 0.25, viscous damping 0.2
-# (Go2), delay 0.36 and 0.4, encoder zero 5 mrad (Go2; 6 mrad between the joints of a Z1), kp 0.1 and kd_over_kp 0.03
-# (Pupper). The others are assumed. Firmware registers do not differ.
+# one quadruped, and between the motors of another (benchmarks/unit_spread.py): armature 0.3 and 0.1, Coulomb friction
+# 0.15 and 0.25, delay 0.36 and 0.4; of the first, viscous damping 0.2 and encoder zero 5 mrad; of the second, kp 0.1 and
+# kd_over_kp 0.03. The others are assumed. Firmware registers do not differ.
 ASSUMED_STD = {
     "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.2, "stall_torque": 0.1, "no_load_speed": 0.05,
     "backlash": 0.4, "encoder_zero": 0.1, "delay": 0.4, "coulomb": 0.2, "viscous_damping": 0.2, "integral_rate": 0.05,
     "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
-OTHER_STD = 0.25  # of every other constant: that of Coulomb friction of a Pupper
-# standard deviation between the classes of a robot: hip, thigh and calf of a Go2 differ by 0.8 in armature, 0.7 in
-# Coulomb friction, 0.5 in viscous damping
+OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
+# standard deviation between the classes of a robot: hip, thigh and calf of that quadruped differ by 0.8 in armature, 0.7
+# in Coulomb friction, 0.5 in viscous damping
 ASSUMED_BETWEEN = 0.6
-ASSUMED_SOURCE = (
-    "units of a Unitree Go2 per class of joints and motors of a Stanford Pupper (benchmarks/unit_spread.py)"
-)
+ASSUMED_SOURCE = "units of the joint classes of one quadruped and motors of another (benchmarks/unit_spread.py)"
 
 
 def assumed_std(terms: tuple[str, ...], fixed: np.ndarray) -> np.ndarray:
