@@ -53,7 +53,7 @@ _ROUNDS = 4  # of the weights of `class_moments`
 _RISE = 1e-6  # minimum slope of a latent over its normal score
 # s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of
 # one quadruped, and between the motors of another (benchmarks/unit_spread.py): armature 0.3 and 0.1, Coulomb friction
-# 0.15 and 0.25, delay 0.36 and 0.4; of the first, viscous damping 0.2 and encoder zero 5 mrad; of the second, kp 0.1 and
+# 0.15 and 0.25, delay 0.36 and 0.4; of the first, viscous damping 0.2, encoder zero 5 mrad; of the second, kp 0.1 and
 # kd_over_kp 0.03. The others are assumed. Firmware registers do not differ.
 ASSUMED_STD = {
     "kp": 0.1, "kd_over_kp": 0.03, "torque_limit": 0.1, "armature": 0.2, "stall_torque": 0.1, "no_load_speed": 0.05,
@@ -61,7 +61,7 @@ ASSUMED_STD = {
     "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
 OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
-# standard deviation between the classes of a robot: hip, thigh and calf of that quadruped differ by 0.8 in armature, 0.7
+# standard deviation between classes of a robot: hip, thigh and calf of that quadruped differ by 0.8 in armature, 0.7
 # in Coulomb friction, 0.5 in viscous damping
 ASSUMED_BETWEEN = 0.6
 ASSUMED_SOURCE = "units of the joint classes of one quadruped and motors of another (benchmarks/unit_spread.py)"
