@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.commands.study import WALKS, run_study
-from motorprior.commands.study_conditions import FIXED_MOTORS, Study
+from motorprior.commands.study import CHOICES, WALKS, run_study
+from motorprior.commands.study_conditions import Study
 from motorprior.exceptions import MotorPriorError
 from motorprior.studies.environments import ENVIRONMENTS
-from motorprior.studies.summary import CONDITIONS, OWN, OWN_FOREIGN, read_walks, scores
+from motorprior.studies.summary import CONDITIONS, FROZEN, OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
 
 DRAWS = 2
 
@@ -19,8 +19,8 @@ DRAWS = 2
 def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
-        tmp_path_factory.mktemp("study") / "run", seeds=2, draws=DRAWS, seconds=2.5, iterations=1, motors=12,
-        bench_steps=1500, adam_steps=30, workers=2,
+        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, draws=DRAWS, seconds=2.5, iterations=1,
+        conditions=CONDITIONS + tuple(FROZEN), motors=12, bench_steps=1500, adam_steps=30, workers=2,
     )  # fmt: skip
     run_study(config)
     return config
@@ -30,38 +30,36 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
 def test_every_policy_walks_every_draw_in_its_environments(done: Study):
     walks = read_walks(done.out / WALKS)
     for place in (OWN, *ENVIRONMENTS):
-        for condition in CONDITIONS:
+        for condition in done.conditions:
             cell = [walk for walk in walks if (walk["place"], walk["condition"]) == (place, condition)]
-            if condition == "untrained":
-                assert len(cell) == (0 if place == OWN else DRAWS)
-                continue
-            draws = 1 if place == OWN and condition in FIXED_MOTORS else DRAWS
-            assert scores(cell, "speed").shape == (done.seeds, draws)
+            assert scores(cell, "speed").shape == (done.benches, done.seeds, DRAWS)
     own_foreign = {walk["condition"] for walk in walks if walk["place"] == OWN_FOREIGN}
-    assert own_foreign == {"oracle", "prior_adapted", "pd_adapted"}
+    assert own_foreign == {"oracle", "adapted_prior", "adapted_pd"}
 
 
 @pytest.mark.slow
 def test_figures_have_intervals_and_p_values(done: Study):
     figures = read_json(done.out / "figures.json")
     for twin in ENVIRONMENTS:
-        for condition in CONDITIONS:
+        for condition in done.conditions:
             low, value, high = (figures[f"{twin}/{condition}/upright{end}"] for end in ("/low", "", "/high"))
             assert low <= value <= high
-            if condition not in ("prior", "untrained"):
-                assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_prior"] <= 1.0
-    fits = read_json(done.out / "fits" / "fits.json")
-    assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["pd_friction"]["error"]
-    assert read_json(done.out / "spreads" / "spreads.json")["fleet"] == "mixed"
+            if condition != REFERENCE:
+                assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_{REFERENCE}"] <= 1.0
+    fits = read_json(done.out / "bench_0" / "fits" / "fits.json")
+    assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["friction_pd"]["error"]
+    for setting, choices in CHOICES.items():
+        selection = read_json(done.out / "selection" / f"{setting}.json")
+        assert selection["fleet"] == "mixed" and selection["chosen"] in choices
     page = (done.out / "report.html").read_text("utf-8")
-    assert "prior_adapted" in page and "foreign" in page
+    assert "adapted_prior" in page and "foreign" in page
 
 
 @pytest.mark.slow
 def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
     before = (done.out / WALKS).read_bytes()
-    shutil.rmtree(done.out / "watched" / "prior_0")
-    (done.out / "walk" / "prior_1" / "stage.json").unlink()
+    shutil.rmtree(done.out / "bench_0" / "watched" / "sampled_prior_0")
+    (done.out / "bench_1" / "walk" / "sampled_prior_0" / "stage.json").unlink()
     run_study(done)
     assert (done.out / WALKS).read_bytes() == before
 

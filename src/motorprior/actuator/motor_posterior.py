@@ -12,7 +12,7 @@ from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
-from motorprior.bounds import TEXT, generator_of, many, number, require_count
+from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
 from motorprior.exceptions import ConfigError
 from motorprior.schema import Header, Tensor, check_tensors
 
@@ -50,8 +50,11 @@ class MotorPosterior:
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
+        prior_share: float = 0.0,
     ) -> GreyBoxActuator | NetworkActuator:
         """Sample ``count`` motors: one per joint of the posterior, or ``count`` samples of a single motor.
+
+        z ~ N(mean, covariance + prior_share²·I).
 
         Args:
             count: number of motors.
@@ -59,6 +62,7 @@ class MotorPosterior:
             gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not given.
             limit_follows_gain: scale the torque limit of every motor by its kp over that of the prior's central motor,
                 as for a smaller torque constant in firmware that controls currents. Grey boxes only.
+            prior_share: share of the prior's standard deviation of z, 1, in addition to the posterior's [-].
 
         Raises:
             ConfigError: the posterior has neither one nor ``count`` motors, or an argument is out of range.
@@ -69,7 +73,8 @@ class MotorPosterior:
                 f"the posterior has {len(self.mean)} motors, the robot {count}",
                 remedy=f"adapt to one motor, or to all {count} in the order of the robot",
             )
-        factors = np.linalg.cholesky(self.covariance)
+        require_number("prior_share", prior_share)
+        factors = np.linalg.cholesky(self.covariance + prior_share**2 * np.eye(self.mean.shape[1]))
         noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
         if self.gains is not None:
             gains = checked_gains(np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count)

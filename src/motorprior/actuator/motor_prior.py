@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -41,6 +41,12 @@ _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
+FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
+    "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
+    "delay": ("delay", "velocity_filter"),
+    "armature": ("armature",),
+    "play": ("gear_stiffness", "backlash", "gear_damping"),
+}
 _HEADER = Header(
     "motor prior",
     6,
@@ -127,6 +133,20 @@ class MotorPrior:
         require_number("spread", spread)
         z = spread * generator_of(seed).standard_normal((count, self.model.num_latents))
         return self.model.motors(z, gains=self._gains(count, gains))
+
+    def with_frozen(self, group: str) -> MotorPrior:
+        """The prior whose motors all have the mean motor's constants of a group of `FROZEN`.
+
+        Raises:
+            ConfigError: an unknown group, or a prior without physical constants.
+        """
+        model = self.model
+        if group not in FROZEN or not isinstance(model, GreyBox):
+            problem = f"no constants {group!r} to freeze"
+            raise ConfigError(problem, remedy=f"a prior of preset rollout has {', '.join(FROZEN)}", argument="frozen")
+        constants = np.array([name in FROZEN[group] for name in parameters_of(model.motor.terms)])
+        motor = replace(model.motor, slope=np.where(constants, 0.0, model.motor.slope))
+        return replace(self, model=replace(model, motor=motor))
 
     def _gains(self, count: int, gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:

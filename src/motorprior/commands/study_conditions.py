@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -34,19 +34,21 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.stage import description, is_finished, working
-from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
-from motorprior.studies.summary import ADAPTED, CONDITIONS
+from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, NOISY, OUT_OF_FAMILY, motors_of_robot
+from motorprior.studies.summary import ADAPTED, CONDITIONS, FROZEN
 
-MOTORS_ONLY = Randomization()  # only the motors differ between episodes
+# of every training in addition to the motors: the sensor noise of the environments, and pushes, since policies trained
+# without any disturbance walk on a limit cycle that the smallest error leaves
+TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
 PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
-FITTED_PDS = {"ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "pd_friction": WITH_FRICTION}  # to the bench; their constants
-PRESETS = {name: name for name in ("paper", "paper_wide", "one_network")} | dict.fromkeys(
-    ("prior_mean", "prior", "prior_adapted", "prior_robust"), "rollout"
+FITTED_PDS = {"ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "friction_pd": WITH_FRICTION}  # to the bench; their constants
+PRESETS = {name: name for name in ("paper", "paper_wide")} | dict.fromkeys(
+    ("central_motor", "sampled_prior", "adapted_prior", "robust_prior", *FROZEN), "rollout"
 )  # condition -> preset of its prior
-FIXED_MOTORS = frozenset({*FITTED_PDS, "pd_adapted", "prior_mean", "one_network"})  # equal in all training episodes
 LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
 LOG_STREAM = 0x20B2  # random stream of these logs
 FITS = "fits.json"
+VALIDATION = "validation"  # population of the validation fleet
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
 
 
@@ -62,8 +64,10 @@ class Study:
     """Out-of-family population, of the environments `foreign` and `hard`."""
     conditions: tuple[str, ...] = CONDITIONS
     """Training conditions: those of docs/transfer.md, or other motors, as of `walk`."""
-    seeds: int = 8
-    """Policies per condition."""
+    benches: int = 4
+    """Benches, each with its own motors, robots, floors and pushes: with the seed `seed` and the following ones."""
+    seeds: int = 4
+    """Policies per condition and bench."""
     draws: int = 32
     """Walks of each policy per environment."""
     seconds: float = 10.0
@@ -74,10 +78,14 @@ class Study:
     iterations: int = 50
     """ARS iterations per policy."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose motors the best policy of a search and the range of the randomised PD are
-    selected; no test environment uses it. The first of the robot's other fleets if not given."""
-    spread: float | None = None
+    """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the randomised PD and
+    the share of the adapted prior are selected; no test environment uses it. The first of the robot's other fleets if
+    not given."""
+    pd_range: float | None = None
     """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
+    prior_share: float | None = None
+    """Share of the prior's standard deviation that the adapted prior's motors have in addition to the posterior's [-];
+    selected on the validation fleet if not given."""
     motors: int = 32
     """Motors on the bench."""
     bench_steps: int = 10_000
@@ -85,7 +93,7 @@ class Study:
     adam_steps: int | None = None
     """Adam steps of each identification; the preset's own number if not given."""
     seed: int = 0
-    """Seed of the bench and the priors; policies of different studies share no search seed."""
+    """Seed of the first bench and its priors; policies of different benches share no search seed."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -105,7 +113,14 @@ class Study:
 
     def fleet_of(self, population: str) -> str | None:
         """The fleet of a population."""
+        if population == VALIDATION:
+            return self.validation_fleet(load_robot(self.robot))
         return self.foreign if population == OUT_OF_FAMILY else self.fleet
+
+    def of_benches(self) -> list[Study]:
+        """The settings of every bench, with its folder and its seed."""
+        seeds = range(self.seed, self.seed + self.benches)
+        return [replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds]
 
     def validation_fleet(self, robot: Robot) -> str | None:
         """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
@@ -123,14 +138,14 @@ class Study:
     def require_valid(self) -> None:
         """Check the settings; raises `ConfigError`, which names the invalid one."""
         robot = load_robot(self.robot)
-        for name in (name for name in self.conditions if name not in CONDITIONS):
+        for name in (name for name in self.conditions if name not in (*CONDITIONS, *FROZEN)):
             try:
                 simulated_motors(name, robot)
             except ConfigError as error:
                 remedy = f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`"
                 raise ConfigError(f"no condition {name!r}", argument="conditions", remedy=remedy) from error
         robot.require_legs()
-        for name in ("seeds", "draws", "iterations", "workers"):
+        for name in ("benches", "seeds", "draws", "iterations", "workers"):
             require_count(name, getattr(self, name))
         require_count("motors", self.motors, robot.num_joints)
         require_executor(self.executor, self.ray_address)
@@ -139,9 +154,18 @@ class Study:
         if len(used) < 2 or (validation and load_robot_fleet(robot, validation, "validation").name in used):
             problem = "fleet, foreign and validation must be three different fleets"
             raise ConfigError(problem, argument="foreign", remedy="change one of them")
-        if self.spread is None and "pd_randomised" in self.conditions and validation is None:
-            problem = f"no fleet of {robot.name!r} to select the range of pd_randomised on"
-            raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or a spread")
+        if validation is None and self.to_select():
+            problem = f"no fleet of {robot.name!r} to select {', '.join(self.to_select())} on"
+            raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or these numbers")
+
+    def to_select(self) -> dict[str, str]:
+        """Setting that is selected on the validation fleet -> its condition."""
+        settings = {"pd_range": "random_pd", "prior_share": "adapted_prior"}
+        return {
+            setting: name
+            for setting, name in settings.items()
+            if name in self.conditions and getattr(self, setting) is None
+        }
 
 
 @dataclass(frozen=True)
@@ -149,20 +173,24 @@ class Condition:
     """A policy to train and to evaluate.
 
     Attributes:
+        bench: settings of its bench, see `Study.of_benches`.
         name: of the training condition, in tables.
-        seed: of the training; an adapted policy walks on the robot of this number alone.
+        seed: of the training.
         motors: of the training episodes.
         randomization: of the training episodes, in addition to the motors.
         population: OUT_OF_FAMILY for conditions trained for out-of-family motors.
         environments: in which it is evaluated.
+        robot: number of the only robot that it walks on; all if not given.
     """
 
+    bench: Study
     name: str
     seed: int
     motors: str
-    randomization: Randomization = MOTORS_ONLY
+    randomization: Randomization = TRAINING
     population: str = IN_FAMILY
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
+    robot: int | None = None
 
     @property
     def folder(self) -> str:
@@ -171,75 +199,66 @@ class Condition:
         return re.sub(r"[^\w.=-]", "_", f"{self.name}{population}_{self.seed}")
 
 
-def conditions_of(config: Study, seed: int) -> list[Condition]:
-    """The policies of this seed."""
+def conditions_of(bench: Study, seed: int) -> list[Condition]:
+    """The policies of this seed on a bench."""
     made = []
-    for name in config.conditions:
-        if name in PER_POPULATION:
-            for population in (OUT_OF_FAMILY, IN_FAMILY):
-                motors = _motors(config, name, population, seed)
-                environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population == population)
-                made.append(Condition(name, seed, motors, population=population, environments=environments))
-        elif name != "untrained" or seed == 0:
-            randomization = ROBUST if name == "prior_robust" else MOTORS_ONLY
-            made.append(Condition(name, seed, _motors(config, name, IN_FAMILY, seed), randomization))
+    for name in bench.conditions:
+        robot, randomization = seed if name in ADAPTED else None, ROBUST if name == "robust_prior" else TRAINING
+        for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
+            within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
+            environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population in within)
+            motors = motors_of(bench, name, population, seed)
+            made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
     return made
 
 
-def _motors(config: Study, name: str, population: str, seed: int) -> str:
+def motors_of(bench: Study, name: str, population: str, seed: int) -> str:
     """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
-    if name not in CONDITIONS:
+    if name not in (*CONDITIONS, *FROZEN):
         return name
     if name == "oracle":
-        return motor_text("fleet", fleet=config.fleet_of(population))
-    if name == "untrained":
-        return motor_text("pd", fleet=config.fleet)
-    if name == "pd_randomised":
-        return randomized_pd(config, config.spread or 0.0)
-    if name in FITTED_PDS:
-        return motor_text("pd", **read_json(config.out / "fits" / FITS)[name]["constants"])
-    if name == "pd_adapted":
-        fits = read_json(_robot_folder(config, population, seed, name) / FITS)
+        return motor_text("fleet", fleet=bench.fleet_of(population))
+    if name == "adapted_pd":
+        fits = read_json(_robot_folder(bench, population, seed, name) / FITS)
         return motor_text("pd", **fits[name]["constants"])
-    prior = prior_path(config, PRESETS[name])
-    if name == "prior_adapted":
-        return motor_text("posterior", file=_robot_folder(config, population, seed) / POSTERIOR, prior=prior)
-    return motor_text("prior", file=prior, latent_spread=0.0 if name == "prior_mean" else 1.0)
+    if name in (*FITTED_PDS, "random_pd"):
+        kind, pd_range = ("friction_pd", bench.pd_range) if name == "random_pd" else (name, None)
+        return motor_text("pd", spread=pd_range, **read_json(bench.out / "fits" / FITS)[kind]["constants"])
+    prior = prior_path(bench, PRESETS[name])
+    if name == "adapted_prior":
+        file = _robot_folder(bench, population, seed) / POSTERIOR
+        return motor_text("posterior", file=file, prior=prior, prior_share=bench.prior_share)
+    spread = 0.0 if name == "central_motor" else None
+    return motor_text("prior", file=prior, latent_spread=spread, frozen=FROZEN.get(name))
 
 
-def randomized_pd(config: Study, spread: float) -> str:
-    """The PD with friction; its constants vary by a relative range ``spread``."""
-    return motor_text("pd", spread=spread, **read_json(config.out / "fits" / FITS)["pd_friction"]["constants"])
-
-
-def prior_path(config: Study, preset: str) -> Path:
+def prior_path(bench: Study, preset: str) -> Path:
     """The prior of a preset."""
-    return config.out / "priors" / preset / PRIOR
+    return bench.out / "priors" / preset / PRIOR
 
 
-def fit_models(config: Study, threads: int, progress: Progress) -> None:
-    """Record the benches; identify the priors and fit the PDs that the conditions need."""
-    used = {PRESETS[name] for name in config.conditions if name in PRESETS}
-    presets = sorted(used, reverse=True)  # the longest first
-    needs_pds = any(name in config.conditions for name in (*FITTED_PDS, "pd_randomised"))
-    benches = {preset: config.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in presets}
-    rollout = config.out / "bench" / "rollout"
-    for out in dict.fromkeys((*benches.values(), rollout) if needs_pds else benches.values()):
-        bench = Bench(out, config.fleet, out.name, config.motors, config.bench_steps, config.seed, config.robot)
-        run_bench(bench, progress)
+def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> None:
+    """Record the motors of the benches; identify the priors and fit the PDs that the conditions need."""
     works = []
-    for preset, bench in benches.items():
-        out, steps = prior_path(config, preset).parent, network_steps(preset, config.adam_steps)
-        works.append(partial(run_identify, Identify(bench, out, preset, config.seed, steps)))
-    if needs_pds:
-        works.append(partial(_fit_pds, config, rollout / "log.parquet", config.out / "fits", FITTED_PDS))
+    for bench in benches:
+        used = {PRESETS[name] for name in bench.conditions if name in PRESETS}
+        logs = {preset: bench.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in used}
+        rollout = bench.out / "bench" / "rollout"
+        for out in sorted({rollout, *logs.values()}):
+            run_bench(
+                Bench(out, bench.fleet, out.name, bench.motors, bench.bench_steps, bench.seed, bench.robot), progress
+            )
+        for preset in sorted(used, reverse=True):  # the longest first
+            out, steps = prior_path(bench, preset).parent, network_steps(preset, bench.adam_steps)
+            works.append(partial(run_identify, Identify(logs[preset], out, preset, bench.seed, steps)))
+        works.append(partial(_fit_pds, bench, rollout / "log.parquet", bench.out / "fits", FITTED_PDS))
     in_parallel(works, threads, progress)
 
 
-def _fit_pds(config: Study, log: Path, folder: Path, kinds: Mapping[str, tuple[str, ...]], progress: Progress) -> None:
+def _fit_pds(bench: Study, log: Path, folder: Path, kinds: Mapping[str, tuple[str, ...]], progress: Progress) -> None:
     """Fit PDs to a log with known loads; FITS has constants and error."""
-    robot = load_robot(config.robot)
-    nominal = nominal_pd(load_robot_fleet(robot, config.fleet), 1)
+    robot = load_robot(bench.robot)
+    nominal = nominal_pd(load_robot_fleet(robot, bench.fleet), 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
     wanted = description("study", {"start": start, "kinds": kinds}, [log, *robot.files])
     if is_finished(folder, wanted):
@@ -250,32 +269,35 @@ def _fit_pds(config: Study, log: Path, folder: Path, kinds: Mapping[str, tuple[s
         write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})
 
 
-def adapt_robots(config: Study, threads: int, progress: Progress) -> None:
-    """Record LOG_SECONDS of the motors of the robot of every seed and population, and adapt to them."""
-    if not any(name in config.conditions for name in ADAPTED):
-        return
-    robots = [(population, seed) for seed in range(config.seeds) for population in (IN_FAMILY, OUT_OF_FAMILY)]
-    in_parallel([partial(_adapt, config, *robot) for robot in robots], threads, progress)
+def adapt_robots(robots: Iterable[tuple[Study, str, int]], threads: int, progress: Progress) -> None:
+    """Record LOG_SECONDS of the motors of robots (bench, population, number), and adapt to them."""
+    in_parallel([partial(_adapt, *robot) for robot in robots], threads, progress)
 
 
-def _robot_folder(config: Study, population: str, seed: int, fit: str = "") -> Path:
-    return config.out / "robots" / "_".join(filter(None, (population, str(seed), fit)))
+def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
+    """The robots that policies of a bench are adapted to: one per seed and population."""
+    adapted = any(name in bench.conditions for name in ADAPTED)
+    seeds = range(bench.seeds if adapted else 0)
+    return [(bench, population, seed) for seed in seeds for population in (IN_FAMILY, OUT_OF_FAMILY)]
 
 
-def _adapt(config: Study, population: str, seed: int, progress: Progress) -> None:
-    robot, folder = load_robot(config.robot), _robot_folder(config, population, seed)
-    fleet, preset = load_robot_fleet(robot, config.fleet_of(population)), bench_preset("adapt").for_robot(robot)
-    log = _robot_folder(config, population, seed, "log") / f"{folder.name}.parquet"
-    settings = {"study": config.seed, "robot": seed, "seconds": LOG_SECONDS}
-    wanted = description("study", settings, [*fleet_files(robot, config.fleet_of(population)), *robot.files])
+def _robot_folder(bench: Study, population: str, seed: int, fit: str = "") -> Path:
+    return bench.out / "robots" / "_".join(filter(None, (population, str(seed), fit)))
+
+
+def _adapt(bench: Study, population: str, seed: int, progress: Progress) -> None:
+    robot, folder = load_robot(bench.robot), _robot_folder(bench, population, seed)
+    fleet, preset = load_robot_fleet(robot, bench.fleet_of(population)), bench_preset("adapt").for_robot(robot)
+    log = _robot_folder(bench, population, seed, "log") / f"{folder.name}.parquet"
+    settings = {"study": bench.seed, "robot": seed, "seconds": LOG_SECONDS}
+    wanted = description("study", settings, [*fleet_files(robot, bench.fleet_of(population)), *robot.files])
     if not is_finished(log.parent, wanted):
         with working(log.parent, wanted):
-            motors = motors_of_robot(robot, fleet, config.seed, seed)
-            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, config.seed, seed)
+            motors = motors_of_robot(robot, fleet, bench.seed, seed)
+            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, bench.seed, seed)
             write_log(log, record(motors, preset, steps, log_seed, fleet))
-    if "prior_adapted" in config.conditions:
-        run_adapt(Adapt(prior_path(config, "rollout"), log, folder, anyway=True), progress)
-    if "pd_adapted" in config.conditions:
-        _fit_pds(
-            config, log, _robot_folder(config, population, seed, "pd_adapted"), {"pd_adapted": WITH_FRICTION}, progress
-        )
+    if "adapted_prior" in bench.conditions:
+        run_adapt(Adapt(prior_path(bench, "rollout"), log, folder, anyway=True), progress)
+    if "adapted_pd" in bench.conditions and population != VALIDATION:
+        out = _robot_folder(bench, population, seed, "adapted_pd")
+        _fit_pds(bench, log, out, {"adapted_pd": WITH_FRICTION}, progress)
