@@ -1,6 +1,7 @@
 """A minimal transfer study: every condition in every environment, resumable to the same bytes."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,11 @@ from motorprior.artifacts import read_json
 from motorprior.commands.study import CHOICES, WALKS, run_study
 from motorprior.commands.study_conditions import Study
 from motorprior.exceptions import MotorPriorError
-from motorprior.studies.environments import ENVIRONMENTS
+from motorprior.locomotion.command import Commands
+from motorprior.robots.load import load_robot
+from motorprior.simulation.scene import WalkConfig
+from motorprior.studies.compare import POLICY, TrainedPolicy, run_walks
+from motorprior.studies.environments import ENVIRONMENTS, walk_seed
 from motorprior.studies.summary import CONDITIONS, FROZEN, OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
 
 DRAWS = 2
@@ -35,6 +40,20 @@ def test_every_policy_walks_every_draw_in_its_environments(done: Study):
             assert scores(cell, "speed").shape == (done.benches, done.seeds, DRAWS)
     own_foreign = {walk["condition"] for walk in walks if walk["place"] == OWN_FOREIGN}
     assert own_foreign == {"oracle", "adapted_prior", "adapted_pd"}
+
+
+@pytest.mark.slow
+def test_walks_have_the_command_of_the_training(done: Study):
+    folder = done.out / "bench_0" / "walk" / "oracle_0"
+    trained = TrainedPolicy.load(folder / POLICY, load_robot(done.robot))
+    low, high = trained.policy.provenance["commands"]["forward"]
+    assert low == high == pytest.approx(0.75)
+    walk = WalkConfig(250, randomization=trained.randomization, commands=Commands.steady(low))
+    seed_of = partial(walk_seed, 0)
+    episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(DRAWS), seed_of)
+    rows = [walk for walk in read_walks(done.out / WALKS) if (walk["bench"], walk["place"]) == (0, OWN)]
+    found = [walk["speed"] for walk in rows if walk["condition"] == "oracle"]
+    assert found == pytest.approx([episode.displacement[0] / 2.5 for episode in episodes], rel=1e-4)
 
 
 @pytest.mark.slow

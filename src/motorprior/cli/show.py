@@ -94,8 +94,6 @@ def demo(config: Demo) -> None:
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
         table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
         table("Constants of your motors", *constant_table(constants_in(results)))
-    _fidelity(results)
-    _transferred(results)
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
@@ -202,7 +200,7 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """Run the whole study, about two hours on two cores; a rerun resumes. The options from foreign to seed and those
+    """Run the whole study, about three hours on two cores; a rerun resumes. The options from foreign to seed and those
     of the executor need it."""
 
 
@@ -212,10 +210,10 @@ def transfer(config: TransferCommand) -> None:
     if config.study:
         if config.walks or config.engine is not None:
             raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
-        from motorprior.report.study import difference_table, headline_table  # here: it imports matplotlib
+        from motorprior.report.study import difference_table, headline_table, own_table  # here: it imports matplotlib
 
         found = run_study(Study(**study), TERMINAL, command_line("transfer --study", Study(**study)))
-        for each in (headline_table(found), difference_table(found)):
+        for each in (own_table(found), headline_table(found), difference_table(found)):
             table(each.caption, each.columns, each.rows)
         print(config.out / PAGE)
         return

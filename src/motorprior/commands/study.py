@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
 from motorprior.artifacts import write_json, write_text
-from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet
+from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.commands import study_conditions as conditions
 from motorprior.commands.study_conditions import Condition, Study
 from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
@@ -35,7 +34,7 @@ from motorprior.simulation.scene import WalkConfig
 from motorprior.stage import PAGE, description, is_finished, locked, working, write_results
 from motorprior.studies import summary
 from motorprior.studies.compare import TrainedPolicy, run_walks
-from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_robot, twin_scene, walk_seed
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import walk_measures
 from motorprior.studies.summary import ADAPTED, Summary, WalkRow, read_walks, summarise, write_walks
 
@@ -43,6 +42,8 @@ WALKS = "walks.csv"
 CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
 SELECTION_SEEDS = range(900, 902)  # of policies and robots, used by no condition
 _EPISODE_STEPS = 500  # of training
+# of the search: with the defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
+_STEP_SIZE, _DELTA_STD = 0.03, 0.04
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
@@ -53,21 +54,25 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
     """
     config.require_valid()
     with locked(config.out):
-        threads = usable_threads(config.workers, progress)
-        config = config if config.ray_address else replace(config, workers=threads)
-        conditions.fit_models(config.of_benches(), threads, progress)
-        config = with_selected(config, threads, progress)
-        benches = config.of_benches()
-        robots = [robot for bench in benches for robot in conditions.robots_of(bench)]
-        conditions.adapt_robots(robots, threads, progress)
-        of_seeds = ((bench, seed) for seed in range(config.seeds) for bench in benches)
-        policies = [each for bench, seed in of_seeds for each in conditions.conditions_of(bench, seed)]
-        walks = walk_table(config, policies, progress)
-        write_walks(config.out / WALKS, walks)
-        found = summarise(walks)
+        found = summarise(study_walks(config, progress))
         write_results(config.out, found.as_results())
         _write_page(config, found, command)
     return found
+
+
+def study_walks(config: Study, progress: Progress) -> list[WalkRow]:
+    """The walks of a study, also in WALKS: of policies that are trained and evaluated unless they are finished."""
+    threads = usable_threads(config.workers, progress)
+    config = config if config.ray_address else replace(config, workers=threads)
+    conditions.fit_models(config.of_benches(), threads, progress)
+    config = with_selected(config, threads, progress)
+    benches = config.of_benches()
+    conditions.adapt_robots([robot for bench in benches for robot in conditions.robots_of(bench)], threads, progress)
+    of_seeds = ((bench, seed) for seed in range(config.seeds) for bench in benches)
+    policies = [each for bench, seed in of_seeds for each in conditions.conditions_of(bench, seed)]
+    walks = walk_table(config, policies, progress)
+    write_walks(config.out / WALKS, walks)
+    return walks
 
 
 def with_selected(config: Study, threads: int, progress: Progress) -> Study:
@@ -122,7 +127,7 @@ def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, p
     policy, folder = _train(robot, condition, progress), bench.out / "watched" / condition.folder
     tested = tuple(each for each in condition.environments if each in environments)
     settings = {
-        "twins": tested, "draws": bench.draws, "seconds": bench.seconds, "speed": bench.commanded(robot),
+        "twins": tested, "draws": bench.draws, "seconds": bench.seconds, "speed": bench.commanded,
         "study": bench.seed, "condition": condition.name, "robot": condition.robot,
     }  # fmt: skip
     fleets = [file for fleet in (bench.fleet, bench.foreign) for file in fleet_files(robot, fleet)]
@@ -139,19 +144,24 @@ def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:
     bench, name = condition.bench, condition.folder
     walk = Walk(
         out=bench.out / "walk" / name, motors=condition.motors, iterations=bench.iterations,
-        commands=bench.commands(robot), episode_steps=_EPISODE_STEPS, validation=bench.validation_fleet(robot),
-        randomization=condition.randomization, search=ArsConfig(seed=SEEDS_APART * bench.seed + condition.seed),
-        robot=bench.robot, workers=bench.episodes_at_a_time, executor=bench.executor, ray_address=bench.ray_address,
+        commands=bench.commands, episode_steps=_EPISODE_STEPS, validation=bench.validation_fleet(robot),
+        randomization=condition.randomization, search=_search(bench, condition.seed), robot=bench.robot,
+        workers=bench.episodes_at_a_time, executor=bench.executor, ray_address=bench.ray_address,
     )  # fmt: skip
     run_walk(walk, progress, f"bench {bench.seed}, {name}")
     return walk.out / POLICY
+
+
+def _search(bench: Study, seed: int) -> ArsConfig:
+    seed, top = SEEDS_APART * bench.seed + seed, max(1, bench.directions // 2)
+    return ArsConfig(bench.directions, top, _STEP_SIZE, _DELTA_STD, seed)
 
 
 def _evaluate(trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...]) -> list[WalkRow]:
     """Walks of a policy in its training simulation and in environments."""
     bench, robot, policy, draws = condition.bench, trained.robot, trained.policy.arrays, range(condition.bench.draws)
     steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
-    walk = WalkConfig(steps, commands=bench.commands(robot), gait=trained.policy.gait)
+    walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait)
     executor = partial(make_executor, workers=bench.episodes_at_a_time, kind=bench.executor, address=bench.ray_address)
     own = summary.OWN_FOREIGN if condition.population == OUT_OF_FAMILY else summary.OWN
     scene = trained.scene(replace(walk, randomization=condition.randomization))
@@ -159,20 +169,15 @@ def _evaluate(trained: TrainedPolicy, condition: Condition, environments: tuple[
     for name in environments:
         environment = ENVIRONMENTS[name]
         fleet = load_robot_fleet(robot, bench.fleet_of(environment.population))
-        motors = partial(_motors_of_draw, robot, fleet, bench.seed, condition.robot)
+        motors = partial(motors_of_walk, robot, fleet, bench.seed, condition.robot)
         scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
         episodes[name] = run_walks(scene, policy, draws, seed_of, motors, executor)
     return [
         {"bench": bench.seed, "place": place, "condition": condition.name, "seed": condition.seed, "draw": draw}
-        | walk_measures(robot, episode, bench.commanded(robot), steps)
+        | walk_measures(robot, episode, bench.commanded, steps)
         for place, walked in episodes.items()
         for draw, episode in enumerate(walked)
     ]
-
-
-def _motors_of_draw(robot: Robot, fleet: Fleet, study: int, only: int | None, draw: int) -> Actuator:
-    """Motors of the robot of a walk: robot ``only``, or if it is None, robot ``draw``."""
-    return motors_of_robot(robot, fleet, study, draw if only is None else only).actuator()
 
 
 def _write_page(config: Study, found: Summary, command: str) -> None:
@@ -180,7 +185,7 @@ def _write_page(config: Study, found: Summary, command: str) -> None:
     from motorprior.report.study import study_sections
 
     robot = load_robot(config.robot)
-    settings = asdict(config) | {"speed": config.commanded(robot), "validation": config.validation_fleet(robot)}
+    settings = asdict(config) | {"speed": config.commanded, "validation": config.validation_fleet(robot)}
     for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
         del settings[name]
     write_text(config.out / PAGE, page("Transfer study", study_sections(found), settings, command))

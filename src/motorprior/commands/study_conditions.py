@@ -64,6 +64,8 @@ class Study:
     """Out-of-family population, of the environments `foreign` and `hard`."""
     conditions: tuple[str, ...] = CONDITIONS
     """Training conditions: those of docs/transfer.md, or other motors, as of `walk`."""
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
+    """Environments of the evaluation, some of those of docs/transfer.md."""
     benches: int = 4
     """Benches, each with its own motors, robots, floors and pushes: with the seed `seed` and the following ones."""
     seeds: int = 4
@@ -75,8 +77,10 @@ class Study:
     speed: float | None = None
     """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
     lower speeds the plain gait walks on any motors."""
-    iterations: int = 50
+    iterations: int = 45
     """ARS iterations per policy."""
+    directions: int = 12
+    """Directions per iteration; the better half of them is used."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the randomised PD and
     the share of the adapted prior are selected; no test environment uses it. The first of the robot's other fleets if
@@ -103,13 +107,15 @@ class Study:
     ray_address: str | None = None
     """A running Ray cluster to join, with the executor ray."""
 
-    def commanded(self, robot: Robot) -> float:
-        """Commanded speed [m/s]."""
-        return 1.5 * robot.require_legs().forward[1] if self.speed is None else self.speed
+    @property
+    def commanded(self) -> float:
+        """Commanded speed [m/s]. The maximum is that of the robot, not of a policy, which has its own range."""
+        return 1.5 * load_robot(self.robot).require_legs().forward[1] if self.speed is None else self.speed
 
-    def commands(self, robot: Robot) -> Commands:
+    @property
+    def commands(self) -> Commands:
         """Commands of every episode."""
-        return Commands.steady(self.commanded(robot))
+        return Commands.steady(self.commanded)
 
     def fleet_of(self, population: str) -> str | None:
         """The fleet of a population."""
@@ -119,8 +125,10 @@ class Study:
 
     def of_benches(self) -> list[Study]:
         """The settings of every bench, with its folder and its seed."""
-        seeds = range(self.seed, self.seed + self.benches)
-        return [replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds]
+        benches: list[Study] = []
+        for seed in range(self.seed, self.seed + self.benches):
+            benches.append(replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1))
+        return benches
 
     def validation_fleet(self, robot: Robot) -> str | None:
         """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
@@ -144,6 +152,9 @@ class Study:
             except ConfigError as error:
                 remedy = f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`"
                 raise ConfigError(f"no condition {name!r}", argument="conditions", remedy=remedy) from error
+        if unknown := set(self.environments) - set(ENVIRONMENTS):
+            remedy = f"use some of {', '.join(ENVIRONMENTS)}"
+            raise ConfigError(f"no environments {sorted(unknown)}", argument="environments", remedy=remedy)
         robot.require_legs()
         for name in ("benches", "seeds", "draws", "iterations", "workers"):
             require_count(name, getattr(self, name))
@@ -206,7 +217,7 @@ def conditions_of(bench: Study, seed: int) -> list[Condition]:
         robot, randomization = seed if name in ADAPTED else None, ROBUST if name == "robust_prior" else TRAINING
         for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
             within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
-            environments = tuple(key for key, each in ENVIRONMENTS.items() if each.population in within)
+            environments = tuple(name for name in bench.environments if ENVIRONMENTS[name].population in within)
             motors = motors_of(bench, name, population, seed)
             made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
     return made
@@ -237,21 +248,25 @@ def prior_path(bench: Study, preset: str) -> Path:
     return bench.out / "priors" / preset / PRIOR
 
 
+def record_benches(bench: Study, progress: Progress) -> dict[str, Path]:
+    """Record the motors of a bench; preset -> folder of the logs of its prior, the longest fit first."""
+    used = sorted({PRESETS[name] for name in bench.conditions if name in PRESETS}, reverse=True)
+    logs = {preset: bench.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in used}
+    for out in sorted({bench.out / "bench" / "rollout", *logs.values()}):
+        motors, steps = bench.motors, bench.bench_steps
+        run_bench(Bench(out, bench.fleet, out.name, motors, steps, bench.seed, bench.robot), progress)
+    return logs
+
+
 def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> None:
     """Record the motors of the benches; identify the priors and fit the PDs that the conditions need."""
     works = []
     for bench in benches:
-        used = {PRESETS[name] for name in bench.conditions if name in PRESETS}
-        logs = {preset: bench.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in used}
-        rollout = bench.out / "bench" / "rollout"
-        for out in sorted({rollout, *logs.values()}):
-            run_bench(
-                Bench(out, bench.fleet, out.name, bench.motors, bench.bench_steps, bench.seed, bench.robot), progress
-            )
-        for preset in sorted(used, reverse=True):  # the longest first
+        for preset, log in record_benches(bench, progress).items():
             out, steps = prior_path(bench, preset).parent, network_steps(preset, bench.adam_steps)
-            works.append(partial(run_identify, Identify(logs[preset], out, preset, bench.seed, steps)))
-        works.append(partial(_fit_pds, bench, rollout / "log.parquet", bench.out / "fits", FITTED_PDS))
+            works.append(partial(run_identify, Identify(log, out, preset, bench.seed, steps)))
+        log = bench.out / "bench" / "rollout" / "log.parquet"
+        works.append(partial(_fit_pds, bench, log, bench.out / "fits", FITTED_PDS))
     in_parallel(works, threads, progress)
 
 
@@ -297,7 +312,9 @@ def _adapt(bench: Study, population: str, seed: int, progress: Progress) -> None
             steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, bench.seed, seed)
             write_log(log, record(motors, preset, steps, log_seed, fleet))
     if "adapted_prior" in bench.conditions:
-        run_adapt(Adapt(prior_path(bench, "rollout"), log, folder, anyway=True), progress)
+        with progress.start(f"bench {bench.seed}: adapt the prior to robot {folder.name}", 1) as task:
+            run_adapt(Adapt(prior_path(bench, "rollout"), log, folder, anyway=True))  # silent: fits no PD to compare
+            task.advance()
     if "adapted_pd" in bench.conditions and population != VALIDATION:
         out = _robot_folder(bench, population, seed, "adapted_pd")
         _fit_pds(bench, log, out, {"adapted_pd": WITH_FRICTION}, progress)

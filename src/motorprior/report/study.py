@@ -72,7 +72,7 @@ def headline_table(summary: Summary) -> Table:
             return ""
         speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
         share = 100.0 * float(np.mean(summary.upright[place, condition] >= CONVERGED))
-        return f"{_interval(speed, 1.0, '.2f')}; {_interval(upright, 100.0, '.0f')}; {share:.0f}"
+        return f"{with_interval(speed, 1.0, '.2f')}; {with_interval(upright, 100.0, '.0f')}; {share:.0f}"
 
     rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
     caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
@@ -87,7 +87,7 @@ def difference_table(summary: Summary) -> Table:
         texts = []
         for measure, factor, form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
             if (found := summary.differences.get((place, condition, measure))) is not None:
-                texts.append(f"{_interval(found.difference, factor, form)} p={found.p:.2g}")
+                texts.append(f"{with_interval(found.difference, factor, form)} p={found.p:.2g}")
         return "; ".join(texts)
 
     rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
@@ -95,7 +95,8 @@ def difference_table(summary: Summary) -> Table:
     return Table(("trained on", *places), [row for row in rows if any(row[1:])], caption)
 
 
-def _interval(found: Estimate, factor: float, form: str) -> str:
+def with_interval(found: Estimate, factor: float, form: str) -> str:
+    """The value times ``factor`` and, if it is defined, its interval."""
     ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
     return f"{factor * found.value:{form}}{ends}"
 
