@@ -156,8 +156,8 @@ def study_of(config: Demo) -> Study:
     """The transfer study, small: one bench, the environments fleet and hard."""
     shared = {name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__}
     return Study(
-        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, pd_range=_PD_RANGE,
-        prior_share=_PRIOR_SHARE,
+        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, robots=1,
+        pd_range=_PD_RANGE, prior_share=_PRIOR_SHARE,
     )  # fmt: skip
 
 

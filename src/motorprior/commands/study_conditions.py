@@ -72,6 +72,9 @@ class Study:
     """Policies per condition and bench."""
     draws: int = 32
     """Walks of each policy per environment."""
+    robots: int | None = None
+    """Robots of each population with an adapted prior and PD; policy k is adapted to robot k modulo this number; one
+    per policy if not given."""
     seconds: float = 10.0
     """Duration of a walk [s]."""
     speed: float | None = None
@@ -122,6 +125,10 @@ class Study:
         if population == VALIDATION:
             return self.validation_fleet(load_robot(self.robot))
         return self.foreign if population == OUT_OF_FAMILY else self.fleet
+
+    def robot_of(self, seed: int) -> int:
+        """Number of the robot that the adapted policies of a seed walk on."""
+        return seed % self.robots if self.robots else seed
 
     def of_benches(self) -> list[Study]:
         """The settings of every bench, with its folder and its seed."""
@@ -214,30 +221,31 @@ def conditions_of(bench: Study, seed: int) -> list[Condition]:
     """The policies of this seed on a bench."""
     made = []
     for name in bench.conditions:
-        robot, randomization = seed if name in ADAPTED else None, ROBUST if name == "robust_prior" else TRAINING
+        robot = bench.robot_of(seed) if name in ADAPTED else None
+        randomization = ROBUST if name == "robust_prior" else TRAINING
         for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
             within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
             environments = tuple(name for name in bench.environments if ENVIRONMENTS[name].population in within)
-            motors = motors_of(bench, name, population, seed)
+            motors = motors_of(bench, name, population, bench.robot_of(seed))
             made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
     return made
 
 
-def motors_of(bench: Study, name: str, population: str, seed: int) -> str:
-    """Motors of a condition: fitted to the bench, to the log of the robot of a seed, or those of a population."""
+def motors_of(bench: Study, name: str, population: str, number: int) -> str:
+    """Motors of a condition: fitted to the bench or to the log of a robot, or those of a population."""
     if name not in (*CONDITIONS, *FROZEN):
         return name
     if name == "oracle":
         return motor_text("fleet", fleet=bench.fleet_of(population))
     if name == "adapted_pd":
-        fits = read_json(_robot_folder(bench, population, seed, name) / FITS)
+        fits = read_json(_robot_folder(bench, population, number, name) / FITS)
         return motor_text("pd", **fits[name]["constants"])
     if name in (*FITTED_PDS, "random_pd"):
         kind, pd_range = ("friction_pd", bench.pd_range) if name == "random_pd" else (name, None)
         return motor_text("pd", spread=pd_range, **read_json(bench.out / "fits" / FITS)[kind]["constants"])
     prior = prior_path(bench, PRESETS[name])
     if name == "adapted_prior":
-        file = _robot_folder(bench, population, seed) / POSTERIOR
+        file = _robot_folder(bench, population, number) / POSTERIOR
         return motor_text("posterior", file=file, prior=prior, prior_share=bench.prior_share)
     spread = 0.0 if name == "central_motor" else None
     return motor_text("prior", file=prior, latent_spread=spread, frozen=FROZEN.get(name))
@@ -290,31 +298,31 @@ def adapt_robots(robots: Iterable[tuple[Study, str, int]], threads: int, progres
 
 
 def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
-    """The robots that policies of a bench are adapted to: one per seed and population."""
+    """The robots that policies of a bench are adapted to."""
     adapted = any(name in bench.conditions for name in ADAPTED)
-    seeds = range(bench.seeds if adapted else 0)
-    return [(bench, population, seed) for seed in seeds for population in (IN_FAMILY, OUT_OF_FAMILY)]
+    numbers = sorted({bench.robot_of(seed) for seed in range(bench.seeds)}) if adapted else []
+    return [(bench, population, number) for number in numbers for population in (IN_FAMILY, OUT_OF_FAMILY)]
 
 
-def _robot_folder(bench: Study, population: str, seed: int, fit: str = "") -> Path:
-    return bench.out / "robots" / "_".join(filter(None, (population, str(seed), fit)))
+def _robot_folder(bench: Study, population: str, number: int, fit: str = "") -> Path:
+    return bench.out / "robots" / "_".join(filter(None, (population, str(number), fit)))
 
 
-def _adapt(bench: Study, population: str, seed: int, progress: Progress) -> None:
-    robot, folder = load_robot(bench.robot), _robot_folder(bench, population, seed)
+def _adapt(bench: Study, population: str, number: int, progress: Progress) -> None:
+    robot, folder = load_robot(bench.robot), _robot_folder(bench, population, number)
     fleet, preset = load_robot_fleet(robot, bench.fleet_of(population)), bench_preset("adapt").for_robot(robot)
-    log = _robot_folder(bench, population, seed, "log") / f"{folder.name}.parquet"
-    settings = {"study": bench.seed, "robot": seed, "seconds": LOG_SECONDS}
+    log = _robot_folder(bench, population, number, "log") / f"{folder.name}.parquet"
+    settings = {"study": bench.seed, "robot": number, "seconds": LOG_SECONDS}
     wanted = description("study", settings, [*fleet_files(robot, bench.fleet_of(population)), *robot.files])
     if not is_finished(log.parent, wanted):
         with working(log.parent, wanted):
-            motors = motors_of_robot(robot, fleet, bench.seed, seed)
-            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, bench.seed, seed)
+            motors = motors_of_robot(robot, fleet, bench.seed, number)
+            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, bench.seed, number)
             write_log(log, record(motors, preset, steps, log_seed, fleet))
     if "adapted_prior" in bench.conditions:
         with progress.start(f"bench {bench.seed}: adapt the prior to robot {folder.name}", 1) as task:
             run_adapt(Adapt(prior_path(bench, "rollout"), log, folder, anyway=True))  # silent: fits no PD to compare
             task.advance()
     if "adapted_pd" in bench.conditions and population != VALIDATION:
-        out = _robot_folder(bench, population, seed, "adapted_pd")
+        out = _robot_folder(bench, population, number, "adapted_pd")
         _fit_pds(bench, log, out, {"adapted_pd": WITH_FRICTION}, progress)
