@@ -62,19 +62,19 @@ class Demo:
     """In the logs the robot is suspended with its body level, so that the loads of its motors are known."""
     seed: int = 0
     """Seed of everything."""
-    motors: int = 12
+    motors: int = 16
     """Motors on the bench."""
-    bench_steps: int = 4000
+    bench_steps: int = 3000
     """Samples per motor and excitation."""
     adam_steps: int | None = None
     """Adam steps of the paper's network; the preset's own number if not given."""
     iterations: int = 25
     """ARS iterations per policy."""
-    directions: int = 12
+    directions: int = 14
     """Directions per iteration of ARS."""
-    seeds: int = 3
+    seeds: int = 2
     """Policies per condition."""
-    draws: int = 12
+    draws: int = 16
     """Walks of each policy per environment."""
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""

@@ -80,9 +80,9 @@ class Study:
     speed: float | None = None
     """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
     lower speeds the plain gait walks on any motors."""
-    iterations: int = 45
+    iterations: int = 40
     """ARS iterations per policy."""
-    directions: int = 12
+    directions: int = 14
     """Directions per iteration; the better half of them is used."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the randomised PD and
@@ -274,7 +274,9 @@ def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> No
             out, steps = prior_path(bench, preset).parent, network_steps(preset, bench.adam_steps)
             works.append(partial(run_identify, Identify(log, out, preset, bench.seed, steps)))
         log = bench.out / "bench" / "rollout" / "log.parquet"
-        works.append(partial(_fit_pds, bench, log, bench.out / "fits", FITTED_PDS))
+        of_random = {"friction_pd"} if "random_pd" in bench.conditions else set()
+        kinds = {name: free for name, free in FITTED_PDS.items() if name in of_random.union(bench.conditions)}
+        works.append(partial(_fit_pds, bench, log, bench.out / "fits", kinds))
     in_parallel(works, threads, progress)
 
 

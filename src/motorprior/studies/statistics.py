@@ -2,7 +2,8 @@
 
 Scores are (benches, policies, draws): a bench per own draw of motors, robots, floors and pushes; a row per trained
 policy; a column per sample of motors; NaN if undefined. A bench is a random effect: intervals are those of the mean of
-the benches' statistics, so that they contain the differences between benches, policies and samples.
+the benches' statistics, so that they contain the differences between benches, policies and samples. Those of a single
+bench are over its samples: they contain no difference between trainings.
 """
 
 from __future__ import annotations
@@ -66,19 +67,19 @@ def _mean_of(scores: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def estimate(scores: np.ndarray, statistic: Statistic = iqms) -> Estimate:
-    """Mean over benches of the statistic of each bench's walks, with its interval; of a single bench over policies."""
+    """Mean over benches of the statistic of each bench's walks, with its interval; of a single bench over its samples."""
     return _interval(_units(scores, statistic))
 
 
 def compare_scores(one: np.ndarray, other: np.ndarray, statistic: Statistic = iqms) -> Comparison:
-    """Compare scores of two conditions on the same benches; on a single bench, policies with equal seeds are pairs."""
+    """Compare scores of two conditions on the same benches and samples."""
     difference = _interval(_units(one, statistic) - _units(other, statistic))
     return Comparison(difference, permutation_p(statistic(one), statistic(other)))
 
 
 def _units(scores: np.ndarray, statistic: Statistic) -> np.ndarray:
-    """A value per bench; of a single bench, one per policy."""
-    return statistic(scores.reshape(len(scores), -1) if len(scores) > 1 else scores[0])
+    """A value per bench; of a single bench, one per sample."""
+    return statistic(scores.reshape(len(scores), -1) if len(scores) > 1 else scores[0].T)
 
 
 def _interval(values: np.ndarray) -> Estimate:
