@@ -67,7 +67,7 @@ def _mean_of(scores: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def estimate(scores: np.ndarray, statistic: Statistic = iqms) -> Estimate:
-    """Mean over benches of the statistic of each bench's walks, with its interval; of a single bench over its samples."""
+    """Mean over benches of the statistic of a bench's walks, with its interval; of a single bench over its samples."""
     return _interval(_units(scores, statistic))
 
 
