@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.commands.study import CHOICES, WALKS, run_study
-from motorprior.commands.study_conditions import Study
+from motorprior.commands.study_settings import Study
 from motorprior.exceptions import MotorPriorError
 from motorprior.locomotion.command import Commands
 from motorprior.robots.load import load_robot

@@ -17,7 +17,7 @@ from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.study import run_study
-from motorprior.commands.study_conditions import Study
+from motorprior.commands.study_settings import Study
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log

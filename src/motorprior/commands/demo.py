@@ -16,7 +16,7 @@ from motorprior.bench.fleet import load_robot_fleet
 from motorprior.commands import study_conditions
 from motorprior.commands.real_motors import RealMotors, run_real_motors
 from motorprior.commands.study import study_walks
-from motorprior.commands.study_conditions import Study
+from motorprior.commands.study_settings import Study
 from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
 from motorprior.progress import SILENT, Progress

@@ -21,7 +21,8 @@ import numpy as np
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.commands import study_conditions as conditions
-from motorprior.commands.study_conditions import Condition, Study
+from motorprior.commands.study_conditions import Condition
+from motorprior.commands.study_settings import VALIDATION, Study
 from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
@@ -85,13 +86,13 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
     chosen = {}
     for setting, name in config.to_select().items():
         if name in ADAPTED:
-            robots = [(first, conditions.VALIDATION, seed) for seed in SELECTION_SEEDS]
+            robots = [(first, VALIDATION, seed) for seed in SELECTION_SEEDS]
             conditions.adapt_robots(robots, threads, progress)
         found = {}
         for value in CHOICES[setting]:
             policies = []
             for seed in SELECTION_SEEDS:
-                motors = conditions.motors_of(replace(first, **{setting: value}), name, conditions.VALIDATION, seed)
+                motors = conditions.motors_of(replace(first, **{setting: value}), name, VALIDATION, seed)
                 robot, shown = seed if name in ADAPTED else None, f"{name}_{value:g}"
                 policies.append(
                     Condition(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot=robot)

@@ -27,8 +27,8 @@ def answer(summary: Summary, speed: float, film: Picture) -> Section:
         f"seen, commanded {speed:g} m/s: {'; '.join(f'{place}: {text}' for place, text in _PLACES.items())}."
     )
     sure = (
-        f"95 % intervals over the robots, of {policies} policies per condition, all for one bench of motors. They do not "
-        "contain differences between trainings or benches; those of the study do (docs/transfer.md)."
+        f"95 % intervals over the robots, of {policies} policies per condition, all for one bench of motors. They "
+        "contain no differences between trainings or benches; those of the study do (docs/transfer.md)."
     )
     table = Table(
         ("trained on", *(f"{place}: {name}" for place in _PLACES for name in ("upright [%]", "speed [m/s]", "gap"))),
