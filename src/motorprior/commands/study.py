@@ -26,6 +26,7 @@ from motorprior.commands.study_settings import VALIDATION, Study
 from motorprior.commands.walk import POLICY, SEEDS_APART, Walk, run_walk
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.executor import make_executor, ray_cluster
 from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.load import load_robot
@@ -144,13 +145,19 @@ def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:
     """The policy's file."""
     bench, name = condition.bench, condition.folder
     walk = Walk(
-        out=bench.out / "walk" / name, motors=condition.motors, iterations=bench.iterations,
-        commands=bench.commands, episode_steps=_EPISODE_STEPS, validation=bench.validation_fleet(robot),
-        randomization=condition.randomization, search=_search(bench, condition.seed), robot=bench.robot,
+        out=bench.out / "walk" / name, motors=condition.motors, randomization=condition.randomization,
+        commands=bench.commands, task=_task(bench), episode_steps=_EPISODE_STEPS, iterations=bench.iterations,
+        search=_search(bench, condition.seed), validation=bench.validation_fleet(robot), robot=bench.robot,
         workers=bench.episodes_at_a_time, executor=bench.executor, ray_address=bench.ray_address,
     )  # fmt: skip
     run_walk(walk, progress, f"bench {bench.seed}, {name}")
     return walk.out / POLICY
+
+
+def _task(bench: Study) -> TaskWeights:
+    # a robot that stands earns a little; with the default, weak robots earn less by stumbling on than by falling early,
+    # and their search ends there
+    return TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
 
 
 def _search(bench: Study, seed: int) -> ArsConfig:
