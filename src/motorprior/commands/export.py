@@ -7,8 +7,8 @@ from pathlib import Path
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.export.registry import Exported, export
-from motorprior.export.replay import as_mrad
+from motorprior.exports.registry import Exported, export
+from motorprior.exports.replay import as_mrad
 from motorprior.progress import SILENT, Progress
 
 

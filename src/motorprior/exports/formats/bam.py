@@ -3,7 +3,8 @@
 BAM's actuator unitree_go1 has our law without velocity filter: clip(kp·ratio·(target - q) - damping·dq, ±max_torque).
 Its friction m5, with E of the load and M of the motor [N·m], is
 
-    friction_base + |load_friction_external·E - load_friction_motor·M| + friction_stribeck·exp(-|dq/dtheta_stribeck|^alpha)
+    friction_base + |load_friction_external·E - load_friction_motor·M| + friction_stribeck·s,
+    s = exp(-|dq/dtheta_stribeck|^alpha)
 
 In a rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
 load_friction·J/(J + a) and load_friction·a/(J + a), here for J = a. kp, damping and command_delay are not parameters of
@@ -19,8 +20,8 @@ import numpy as np
 from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.artifacts import write_json
 from motorprior.bench.dynamometer import Trial
-from motorprior.export.bam_law import BamMotor
-from motorprior.export.exporter import Constants, Exporter, Request
+from motorprior.exports.bam_law import BamMotor
+from motorprior.exports.exporter import Constants, Exporter, Request
 
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}

@@ -17,35 +17,44 @@ import numpy as np
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
-from motorprior.export.exporter import Constants, Exporter, with_kd
+from motorprior.exports.exporter import Exporter, with_kd
 from motorprior.signals import rms
 
 LOADS = {"leg": 1.25, "shank": 0.1}  # load inertia over the median armature [-]
 GRAVITY = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
 SECONDS, HOLD = 3.0, 0.01  # of a trial, and of every target, like those of a 100 Hz policy [s]
-_SIGNALS = ("gait", "sine", "steps")  # a third of the motors each
+SMOOTH, STEPS = ("gait", "sine"), ("steps",)  # signals, in turn for the motors
 _SEED = 54
 
 
-def trial(load: str, armature: np.ndarray, dt: float = 0.002) -> Trial:
+def trial(load: str, armature: np.ndarray, dt: float = 0.002, signals: tuple[str, ...] = SMOOTH) -> Trial:
     """Commands and load for motors with these armatures (n,) [kg·m²], at steps of ``dt`` [s]."""
     rng, steps, n = np.random.default_rng(_SEED), round(SECONDS / dt), len(armature)
-    signals = [EXCITATIONS[_SIGNALS[motor % len(_SIGNALS)]].target for motor in range(n)]
-    targets = np.stack([zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in signals], axis=1)
+    chosen = [EXCITATIONS[signals[motor % len(signals)]].target for motor in range(n)]
+    targets = np.stack([zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in chosen], axis=1)
     inertia = np.full(n, LOADS[load] * float(np.median(armature)))
     weight = np.tile(-GRAVITY * inertia, (steps, 1))
     return Trial(targets, weight, inertia, dt, load_stiffness=weight)
 
 
+def carried(motors: GreyBoxActuator, dt: float = 0.002) -> np.ndarray:
+    """(n,) mean absolute torque in the gears on the leg [N·m]."""
+    given = trial("leg", motors.constants()["armature"], dt)
+    return np.abs(run(motors, given).joint_torque).mean(axis=0)
+
+
 def losses(exporter: Exporter, motors: GreyBoxActuator, dt: float = 0.002) -> dict[str, float]:
-    """RMSE over all motors of exported against our own joint angles by load [rad]; empty for a format without loss."""
+    """RMSE over all motors of exported against our own joint angles [rad]: leg, shank, and leg_steps.
+
+    The latter with targets that jump, where the torque limit is reached. Empty for a format without loss.
+    """
     if exporter.replay is None:
         return {}
-    values = with_kd(motors.constants())
+    values = with_kd(motors.constants()) | {"carried": carried(motors, dt)}
     found = {}
-    for load in LOADS:
-        given = trial(load, values["armature"], dt)
-        found[load] = float(rms(exporter.replay(values, given) - run(motors, given).joint_pos))
+    for name, load, signals in (("leg", "leg", SMOOTH), ("shank", "shank", SMOOTH), ("leg_steps", "leg", STEPS)):
+        given = trial(load, values["armature"], dt, signals)
+        found[name] = float(rms(exporter.replay(values, given) - run(motors, given).joint_pos))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Servos of better-actuator-models (BAM): their law, their friction m1 to m6, and their pendulum's integration.
+"""Servos of better-actuator-models (BAM): law, friction m1 to m6, and integration of its simulator.
 
 After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E that of the load, without the motor [N·m]:
 
@@ -15,7 +15,7 @@ from E and M, acts on the torque in the gear, and the Stribeck velocity is our o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from motorprior.artifacts import read_json
 from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError, ConfigError, quoted
-from motorprior.export.exporter import motors_of
+from motorprior.exports.exporter import motors_of
 
 # name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
 VOLTAGE = {
@@ -37,8 +37,8 @@ VOLTAGE = {
 TORQUE = "unitree_go1"
 _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
-# stiff and light enough for steps of 0.5 ms; BAM's servos have a rigid gear
-RIGID = {"gear_frequency": 600.0, "gear_damping_ratio": 0.3, "period": 0.0005}
+# resolved at steps of 2 ms; BAM's servos have a rigid gear
+RIGID = {"gear_frequency": 500.0, "gear_damping_ratio": 0.3, "period": 0.002}
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class BamMotor:
         return float(self.values.get(name, 0.0))
 
     def law(self) -> tuple[float, float, float, float]:
-        """kp [N·m/rad], kd [N·m·s/rad], stall torque [N·m], and 1 if kd acts within the limit, else 0."""
+        """Gains kp [N·m/rad], kd [N·m·s/rad], stall torque [N·m], and 1 if kd acts within the limit, else 0."""
         if self.actuator == TORQUE:
             return self["ratio"] * self.kp, self["damping"], self["max_torque"], 1.0
         _, gain, max_pwm, _ = VOLTAGE[self.actuator]
@@ -96,8 +96,11 @@ class BamMotor:
             found += slow * v[name] * torque * torque
         return found
 
-    def simulate(self, given: Trial, motor: int) -> np.ndarray:
-        """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial."""
+    def simulate(self, given: Trial, motor: int, load: Callable[[float], float] | None = None) -> np.ndarray:
+        """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial.
+
+        ``load`` (angle [rad]) replaces the external torque of the trial [N·m].
+        """
         assert given.load_stiffness is not None
         kp, kd, limit, within = self.law()
         inertia, h, viscous = given.load_inertia[motor] + self["armature"], given.dt, self["friction_viscous"]
@@ -111,10 +114,11 @@ class BamMotor:
             out[step] = q
             push = kp * (targets[step] - q - offset) - within * kd * dq
             torque = min(limit, max(-limit, push)) - (1.0 - within) * kd * dq
-            load = given.external_torque[step, motor] + given.load_stiffness[step, motor] * q
-            net = torque + load
+            weight = given.external_torque[step, motor] + given.load_stiffness[step, motor] * q
+            weight = weight if load is None else load(q)
+            net = torque + weight
             stop = inertia / h * dq + net
-            net -= math.copysign(min(abs(stop), self.friction(torque, load, dq) + viscous * abs(dq)), stop)
+            net -= math.copysign(min(abs(stop), self.friction(torque, weight, dq) + viscous * abs(dq)), stop)
             acceleration = net / inertia
             dq += h * acceleration
             q += h * dq + 0.5 * acceleration * h * h
@@ -131,7 +135,7 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
         count: number of equal motors.
 
     Returns:
-        Motors for physics steps up to 0.5 ms, as the gear is stiff.
+        Motors with a stiff gear, for physics steps up to 2 ms.
 
     Raises:
         ArtifactError: not such a file, or an actuator whose law is unknown here.

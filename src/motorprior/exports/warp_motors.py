@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.geared_motor import memory_rows, motor_table
-from motorprior.actuator.geared_motor_step import BASE_CONSTANTS, BASE_STATE, Arithmetic, MotorState, StepConstants, step
+from motorprior.actuator.geared_motor_step import (
+    BASE_CONSTANTS,
+    BASE_STATE,
+    MAX_STIFFNESS,
+    Arithmetic,
+    MotorState,
+    StepConstants,
+    step,
+)
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.optional_terms import REFERENCE
 from motorprior.exceptions import ConfigError
@@ -77,7 +85,7 @@ class Symbol:
         return self.new(f"-{self.text}")
 
     def __abs__(self) -> Symbol:
-        return self.new(f"fabsf({self.text})")
+        return self.new(f"wp::abs({self.text})")
 
 
 def _text(value: Any) -> str:
@@ -87,10 +95,10 @@ def _text(value: Any) -> str:
 SYMBOLS = Arithmetic(
     where=lambda condition, yes, no: condition.new(f"{condition.text} ? {_text(yes)} : {_text(no)}"),
     indicator=lambda condition: condition.new(f"{condition.text} ? 1.0f : 0.0f"),
-    clip=lambda x, limit: x.new(f"fminf(fmaxf({x.text}, -({_text(limit)})), {_text(limit)})"),
+    clip=lambda x, limit: x.new(f"wp::min(wp::max({x.text}, -({_text(limit)})), {_text(limit)})"),
     positive_part=lambda x: x.new(f"{x.text} > 0.0f ? {x.text} : ({x.text} == {x.text} ? 0.0f : {x.text})"),
-    with_sign_of=lambda x, other: x.new(f"copysignf({x.text}, {other.text})"),
-    sqrt=lambda x: x.new(f"sqrtf({x.text})"),
+    with_sign_of=lambda x, other: x.new(f"wp::copysign({x.text}, {other.text})"),
+    sqrt=lambda x: x.new(f"wp::sqrt({x.text})"),
 )
 
 
@@ -149,13 +157,13 @@ def motor_kernels(terms: tuple[str, ...]) -> tuple[Any, Any]:
             for row in range(table.shape[0]):
                 table[row, i] = bank[row, chosen[i]]
             for row in range(line):
-                memory[row, i] = float(0.0)
+                memory[row, i] = 0.0
             memory[0, i] = joint_pos[i]
             memory[reference, i] = command[i]
             for row in range(line, memory.shape[0]):
                 memory[row, i] = command[i]
             clock[i] = 0
-            damping[i] = float(0.0)
+            damping[i] = 0.0
 
     rows, row, ints = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
     step_kernel.__annotations__ = dict(
@@ -176,62 +184,58 @@ def motor_kernels(terms: tuple[str, ...]) -> tuple[Any, Any]:
 def _annotated(function: Any, wp: Any) -> Any:
     # the annotations above are text, as of every module with `from __future__ import annotations`
     kinds = {"int": int, "float": float}
-    names = {name: kinds.get(text) or eval(text, {"wp": wp, "float": float, "int": int})  # noqa: S307
+    names = {name: kinds.get(text) or eval(text, {"wp": wp, "float": float, "int": int})
              for name, text in function.__annotations__.items()}  # fmt: skip
     function.__annotations__ = names
     return function
 
 
 class WarpMotors:
-    """n motors on a device of Warp, each drawn from a bank of motors at its resets.
+    """n motors on a device of Warp. They start when `reset` has given each a column of the bank.
 
     Args:
-        bank: the motors that resets draw from; samples of all joints one after the other, see ``groups``.
-        groups: (n,) joint of every motor, whose samples are bank[g·K : (g + 1)·K].
-        samples: K.
+        bank: motors that resets choose from.
+        count: n.
         dt: physics step [s].
         device: of Warp.
-        seed: of the draws.
 
     Raises:
-        ConfigError: the motors cannot be simulated at this step, or their gears are softer there: see `require_gear`.
+        ConfigError: the motors cannot be simulated at this step, or `require_gear`.
     """
 
-    def __init__(self, bank: GreyBoxActuator, groups: np.ndarray, samples: int, dt: float, device: str, seed: int = 0):
+    def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
         import warp as wp
 
         require_gear(bank, dt)
-        self._wp, self._dt, self._device, n = wp, dt, device, len(groups)
+        self._launch, self._dt, self._device, self.count = wp.launch, dt, device, count
         terms = bank.model.motor.terms
-        table = motor_table(bank.constants(), dt, terms).astype(np.float32)
         self._step, self._reset = motor_kernels(terms)
-        self._groups, self._samples, self._rng = groups, samples, np.random.default_rng(seed)
-        self._bank = wp.array(np.ascontiguousarray(table), dtype=float, device=device)
-        self.table = wp.zeros((len(table), n), dtype=float, device=device)
-        self.memory = wp.zeros((memory_rows(dt), n), dtype=float, device=device)
-        self.clock = wp.zeros(n, dtype=int, device=device)
-        self.torque, self.damping = (wp.zeros(n, dtype=float, device=device) for _ in range(2))
-        self.chosen = wp.zeros(n, dtype=int, device=device)  # column of the bank of every motor
+        table = motor_table(bank.constants(), dt, terms).astype(np.float32)
+        self._bank = wp.array(table, dtype=float, device=device)
+        self.table = wp.zeros((len(table), count), dtype=float, device=device)
+        self.memory = wp.zeros((memory_rows(dt), count), dtype=float, device=device)
+        self.clock = wp.zeros(count, dtype=int, device=device)
+        self.torque, self.damping = (wp.zeros(count, dtype=float, device=device) for _ in range(2))
 
-    def reset(self, mask: Any, command: Any, joint_pos: Any, draw: bool = True) -> None:
-        """Restart masked motors (n,) at rest at ``joint_pos`` [rad], as new samples if ``draw``; Warp arrays (n,)."""
-        if draw:
-            index = self._groups * self._samples + self._rng.integers(0, self._samples, len(self._groups))
-            drawn = np.where(mask.numpy(), index, self.chosen.numpy()).astype(np.int32)
-            self.chosen.assign(drawn)
-        inputs = [self._bank, self.chosen, mask, command, joint_pos, self.table, self.memory, self.clock, self.damping]
-        self._wp.launch(self._reset, dim=len(self._groups), inputs=inputs, device=self._device)
+    def reset(self, mask: Any, chosen: Any, command: Any, joint_pos: Any) -> None:
+        """Restart the motors of a mask (n,) at rest at ``joint_pos`` [rad], as the columns ``chosen`` of the bank.
+
+        ``command`` is the target before the first step [rad]. All are Warp arrays (n,).
+        """
+        inputs = [self._bank, chosen, mask, command, joint_pos, self.table, self.memory, self.clock, self.damping]
+        self._launch(self._reset, dim=self.count, inputs=inputs, device=self._device)
 
     def step(self, command: Any, joint_pos: Any, joint_vel: Any) -> None:
-        """Write torque [N·m] and damping [N·m·s/rad] of the coming physics step to the arrays of these names."""
-        inputs = [self.table, self.memory, self.clock, command, joint_pos, joint_vel, self._dt, self.torque, self.damping]
-        self._wp.launch(self._step, dim=len(self._groups), inputs=inputs, device=self._device)
+        """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step.
+
+        The engine gets torque - damping·joint_vel, of which it integrates the damping implicitly, as for `Motors`.
+        """
+        arrays = [self.table, self.memory, self.clock, command, joint_pos, joint_vel, self._dt, self.torque]
+        self._launch(self._step, dim=self.count, inputs=[*arrays, self.damping], device=self._device)
 
 
 def require_gear(motors: GreyBoxActuator, dt: float) -> None:
     """Raise `ConfigError` if a physics step [s] would soften a gear to less than half of its stiffness."""
-    from motorprior.actuator.geared_motor_step import MAX_STIFFNESS
-
     values = motors.constants()
     longest = np.sqrt(2.0 * MAX_STIFFNESS * values["armature"] / values["gear_stiffness"])
     if dt > (limit := float(longest.min())):

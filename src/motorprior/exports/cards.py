@@ -12,10 +12,10 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.exceptions import ArtifactError
-from motorprior.export.exporter import UNITS
+from motorprior.exports.exporter import UNITS
 
 PRIOR, PAGE = "prior.safetensors", "README.md"
-_LIBRARY = files("motorprior.export") / "library"
+_LIBRARY = files("motorprior.exports") / "library"
 
 
 def shipped_cards() -> tuple[str, ...]:
@@ -65,7 +65,8 @@ def _page(prior: MotorPrior, about: Mapping[str, str | float]) -> str:
 
 def _constants(model: GreyBox) -> list[str]:
     values = model.constants(np.random.default_rng(0).standard_normal((2000, model.num_latents)))
-    lines = ["Constants of sampled motors, 5, 50 and 95 % quantiles:", "", "| constant | 5 % | 50 % | 95 % |", "|---|---|---|---|"]
+    head = "| constant | 5 % | 50 % | 95 % |"
+    lines = ["Constants of sampled motors, 5, 50 and 95 % quantiles:", "", head, "|---|---|---|---|"]
     for name, value in values.items():
         unit = UNITS.get(name, "")
         cells = " | ".join(f"{each:.3g}" for each in np.quantile(value, (0.05, 0.5, 0.95)))

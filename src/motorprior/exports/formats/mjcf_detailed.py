@@ -20,9 +20,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from motorprior.export.exporter import Constants, Exporter, Request
-from motorprior.export.mjcf_text import MjcfText
-from motorprior.export.plain_joint import drive, number, replayed, servo, write_variants
+from motorprior.exports.exporter import Constants, Exporter, Request
+from motorprior.exports.mjcf_text import MjcfText
+from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_variants
 
 _INERTIAL = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-10 1e-10 1e-10"/>'
 _FREE = 'limited="false" stiffness="0"'
@@ -33,7 +33,7 @@ def write_detailed(text: MjcfText, joint: str, values: Constants) -> None:
     v = {name: float(value) for name, value in values.items()}
     text.set(text.joint(joint), {"armature": "0", "damping": "0", "frictionloss": "0"})
     rotor = {
-        "armature": v["armature"], "damping": v["viscous_damping"], "frictionloss": v["coulomb"],
+        "armature": v["armature"], "damping": v["viscous_damping"], "frictionloss": float(dry_friction(values)),
         "ref": v["encoder_zero"],
     }  # fmt: skip
     text.insert_before_body_of(text.joint(joint), [_hinge(text, joint, rotor, v["torque_limit"])])

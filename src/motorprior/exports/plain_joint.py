@@ -14,9 +14,9 @@ import numpy as np
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ArtifactError
-from motorprior.export.exporter import Constants, Request
-from motorprior.export.mjcf_text import MjcfText
-from motorprior.export.replay import replay_mjcf, rig
+from motorprior.exports.exporter import Constants, Request
+from motorprior.exports.mjcf_text import MjcfText
+from motorprior.exports.replay import replay_mjcf, rig
 from motorprior.robots.model_source import model_files
 
 DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
@@ -32,10 +32,15 @@ WriteMotor = Callable[[MjcfText, str, Constants], None]
 def plain(values: Constants) -> dict[str, np.ndarray]:
     """Parameters by name of UNITS, in the shape of the constants."""
     return {
-        "armature": values["armature"], "damping": values["viscous_damping"], "frictionloss": values["coulomb"],
+        "armature": values["armature"], "damping": values["viscous_damping"], "frictionloss": dry_friction(values),
         "kp": values["kp"], "kv": values["kd"], "forcerange": values["torque_limit"], "delay": values["delay"],
         "offset": values["encoder_zero"],
     }  # fmt: skip
+
+
+def dry_friction(values: Constants) -> np.ndarray:
+    """Dry friction [N·m] at the mean torque on a leg, which stands for that of the load."""
+    return values["coulomb"] + values["load_friction"] * values["carried"]
 
 
 def servo(values: Constants, kv: float, timestep: float) -> dict[str, str]:

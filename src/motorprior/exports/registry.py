@@ -1,8 +1,8 @@
-"""Write motors of a prior or posterior in any format. A new format is a file in `export.formats` with its EXPORTER."""
+"""Write motors of a prior or posterior in any format. A new format is a file in `exports.formats` with its EXPORTER."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -14,13 +14,15 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import constants_of
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.export import formats
-from motorprior.export.exporter import Exporter, Request, motors_of, sampled
-from motorprior.export.replay import losses
+from motorprior.exports import formats
+from motorprior.exports.exporter import Exporter, Request, motors_of, sampled
+from motorprior.exports.replay import carried, losses
+
+MAX_STEP = 0.002  # of the replay [s]
 
 
 def find_exporters() -> dict[str, Exporter]:
-    """The EXPORTER of every module in `export.formats` by name."""
+    """The EXPORTER of every module in `exports.formats` by name."""
     found = (import_module(f"{formats.__name__}.{module.name}").EXPORTER for module in iter_modules(formats.__path__))
     return {exporter.name: exporter for exporter in found}
 
@@ -58,7 +60,7 @@ def export(
         gains: (2, J) kp and kd, see `MotorPrior.sample`.
 
     Returns:
-        Files, and RMSE of the exported motors against ours, in closed loop on a leg and on a shank (`export.replay`).
+        Files, and RMSE of the exported motors against ours, in closed loop on a leg and on a shank (`exports.replay`).
 
     Raises:
         ConfigError: an unknown format or joint, a model missing, or a prior without physical constants.
@@ -73,15 +75,12 @@ def export(
     if exporter.needs_model and model is None:
         raise ConfigError(f"format {format} changes your MJCF", remedy="give model", argument="model")
     sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
-    values = sample.constants()
-    flat = {name: value.ravel() for name, value in values.items()}
+    values, step = sample.constants(), min(MAX_STEP, sample.prior.model.period)
+    flat = motors_of({name: value.ravel() for name, value in values.items()}, sample.terms, sample.prior.model.period)
+    sample = replace(sample, carried=carried(flat, step).reshape(sample.carried.shape))
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
     if exporter.drops_terms:
         lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(sample.terms)}
-    found = losses(exporter, motors_of(flat, sample.terms, sample.prior.model.period), _step(sample.prior))
+    found = losses(exporter, flat, step)
     request = Request(sample, Path(out), None if model is None else Path(model), found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)
-
-
-def _step(prior: MotorPrior) -> float:
-    return min(0.002, prior.model.period)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from motorprior.export.exporter import Exporter, Request
-from motorprior.export.plain_joint import DROPS, replayed, write_plain, write_table
+from motorprior.exports.exporter import Exporter, Request
+from motorprior.exports.plain_joint import DROPS, replayed, write_plain, write_table
 
 TABLE = "motors.json"
 

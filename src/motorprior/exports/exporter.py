@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -37,6 +37,7 @@ class MotorSample:
     robots: tuple[GreyBoxActuator, ...]  # K
     joint_names: tuple[str, ...]  # J
     seed: int
+    carried: np.ndarray  # (K, J) mean absolute torque in the gear on a leg (`replay.carried`) [N·m]
 
     @property
     def prior(self) -> MotorPrior:
@@ -49,9 +50,15 @@ class MotorSample:
         return self.robots[0].model.motor.terms
 
     def constants(self) -> dict[str, np.ndarray]:
-        """(K, J) constants by name; kd [N·m·s/rad] in place of kd_over_kp."""
+        """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp, and ``carried``."""
         each = [with_kd(robot.constants()) for robot in self.robots]
-        return {name: np.stack([values[name] for values in each]) for name in each[0]}
+        return {name: np.stack([values[name] for values in each]) for name in each[0]} | {"carried": self.carried}
+
+    def bank(self) -> GreyBoxActuator:
+        """K·J motors, the K samples of a joint one after the other."""
+        first, gains = self.robots[0], [robot.gains for robot in self.robots if robot.gains is not None]
+        z = np.stack([robot.z for robot in self.robots], axis=1).reshape(-1, first.z.shape[1])
+        return replace(first, z=z, gains=np.stack(gains, axis=2).reshape(2, -1) if gains else None)
 
     def provenance(self) -> dict[str, object]:
         """Origin of the motors, for the files of every format."""
@@ -75,7 +82,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format; the EXPORTER of a module in `export.formats`."""
+    """A format; the EXPORTER of a module in `exports.formats`."""
 
     name: str  # of the option --format
     title: str  # for messages
@@ -101,7 +108,7 @@ def sampled(
     if len(boxes) < len(robots):
         remedy = "identify with preset rollout"
         raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
-    return MotorSample(source, boxes, joint_names, seed)
+    return MotorSample(source, boxes, joint_names, seed, np.zeros((motors, len(joint_names))))
 
 
 def with_kd(values: Constants) -> dict[str, np.ndarray]:
@@ -111,7 +118,7 @@ def with_kd(values: Constants) -> dict[str, np.ndarray]:
 
 
 def motors_of(values: Constants, terms: tuple[str, ...] = (), period: float = 0.002) -> GreyBoxActuator:
-    """n motors with the constants (n,) by name, kd instead of kd_over_kp; largest physics step ``period`` [s].
+    """Motors with the constants (n,) by name, kd instead of kd_over_kp; largest physics step ``period`` [s].
 
     A constant that is 0 becomes MIN_CONSTANT.
     """

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from motorprior.export.cards import write_card
-from motorprior.export.exporter import Exporter, Request
+from motorprior.exports.cards import write_card
+from motorprior.exports.exporter import Exporter, Request
 
 
 def write(request: Request) -> list[Path]:
