@@ -35,10 +35,10 @@ MODEL = """<?xml version="1.0"?>
   <worldbody>
     <body name="upper" pos="0 0 1" quat="0.8 0.6 0 0">
       <joint name="shoulder"   axis="0 1 0" armature='0.5' range="-2 2" /><!-- shoulder -->
-      <geom type="capsule" fromto="0 0 0 0 0 -0.12" size="0.01" mass="0.06"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.12" size="0.01" mass="0.5"/>
       <body name="fore" pos="0 0 -0.12">
         <joint name="elbow" axis="0 1 0"/>
-        <geom type="capsule" fromto="0 0 0 0 0 -0.1" size="0.01" mass="0.04"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.1" size="0.01" mass="0.2"/>
         <body name="hand" pos="0 0 -0.1"><joint name="wrist" axis="0 0 1"/><geom size="0.01"/></body>
       </body>
     </body>
@@ -139,7 +139,7 @@ def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(prior: Motor
     data = mujoco.MjData(model)
     model.opt.gravity[:] = 0.0
     for _ in range(1000):
-        data.ctrl[model.actuator("first").id] = 0.5
+        data.ctrl[0] = 0.5  # the first control stays the first
         mujoco.mj_step(model, data)
     zero = json.loads((tmp_path / "motors.json").read_text())["samples"]["offset"][0][0]
     assert float(data.joint("shoulder").qpos[0]) == pytest.approx(0.5 - zero, abs=0.03)
@@ -177,6 +177,12 @@ def test_a_published_servo_moves_here_as_in_its_own_simulation(tmp_path: Path):
     assert BamMotor.of(SERVO, kp=16.0).law()[0] == pytest.approx(16 * 0.166 * 7.4 * 1.2 / 2.7)
 
 
+DIRECTIONAL = {
+    "model": "m5", "load_friction_motor": 0.1, "load_friction_external": 0.05, "friction_stribeck": 0.05,
+    "load_friction_motor_stribeck": 0.0, "load_friction_external_stribeck": 0.02, "dtheta_stribeck": 1.0, "alpha": 1.3,
+}  # fmt: skip
+
+
 def gravity(weight: float, offset: float, q: float) -> float:
     return -weight * float(np.sin(q + offset))
 
@@ -186,13 +192,11 @@ def test_the_simulation_is_that_of_the_installed_bam():
     from bam.model import load_model_from_dict
     from bam.simulate import Simulator
 
-    for table in (SERVO, SERVO | {"model": "m5", "load_friction_motor": 0.1, "load_friction_external": 0.05,
-                                  "friction_stribeck": 0.05, "load_friction_motor_stribeck": 0.0,
-                                  "load_friction_external_stribeck": 0.02, "dtheta_stribeck": 1.0, "alpha": 1.3}):  # fmt: skip
+    for table in (SERVO, SERVO | DIRECTIONAL):
         given, model = pendulum(0.002), load_model_from_dict(table)
         length, mass = 0.1, 0.5
-        entries = [{"goal_position": float(each), "position": 0.0, "speed": 0.0, "torque_enable": True}
-                   for each in given.position_target[:, 0]]  # fmt: skip
+        rest = {"position": 0.0, "speed": 0.0, "torque_enable": True}
+        entries = [rest | {"goal_position": float(each)} for each in given.position_target[:, 0]]
         log = {"mass": mass, "arm_mass": 0.0, "length": length, "kp": 16.0, "vin": 7.4, "dt": 0.002, "entries": entries}
         model.max_velocity.value = 1e9
         found = np.array(Simulator(model).rollout_log(log, simulate_control=True)[0])

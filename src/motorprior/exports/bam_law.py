@@ -1,6 +1,6 @@
 """Servos of better-actuator-models (BAM): law, friction m1 to m6, and integration of its simulator.
 
-After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E that of the load, without the motor [N·m]:
+After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E that of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)

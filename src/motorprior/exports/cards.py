@@ -24,7 +24,7 @@ def shipped_cards() -> tuple[str, ...]:
 
 
 def from_pretrained(name: str | Path) -> MotorPrior:
-    """The prior of a motor card: a shipped one by name, such as "go2", or your folder.
+    """The prior of a motor card: a shipped one by name (`shipped_cards`), or your folder.
 
     Raises:
         ArtifactError: neither a shipped card nor a folder with a prior.

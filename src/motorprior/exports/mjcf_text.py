@@ -53,6 +53,7 @@ class MjcfText:
         except expat.ExpatError as error:
             raise ArtifactError(f"not XML ({error})", where=path, remedy="give an MJCF") from error
         self._edits: list[tuple[int, int, bytes]] = []
+        self._options: set[str] = set()
 
     @cached_property
     def compiled(self) -> mujoco.MjModel:
@@ -76,6 +77,18 @@ class MjcfText:
         names = ", ".join(tag.attributes.get("name", "?") for tag in joints) or "no joints"
         remedy = f"it has {names}; joints of an included file: give that file"
         raise ConfigError(f"no joint {name!r}", where=self._path, remedy=remedy, argument="joints")
+
+    def set_option(self, name: str, value: str) -> None:
+        """Set an attribute of the root's <option>, which is added if there is none; a second time has no effect."""
+        if name in self._options:
+            return
+        self._options.add(name)
+        own = [tag for tag in self.tags if tag.element == "option" and len(tag.path) == 1]
+        if own:
+            self.set(own[-1], {name: value})
+        else:
+            at = self.tags[0].ends[0]
+            self._edits.append((at, at, f'  <option {name}="{value}"/>\n'.encode()))
 
     def actuator_of(self, joint: str) -> Tag | None:
         """The first actuator that names the joint."""
@@ -104,9 +117,9 @@ class MjcfText:
                 self._edits.append((at, at + len(f"</{tag.element}".encode()), f"</{element}".encode()))
         self._edits.append((tag.start, stop, text.encode()))
 
-    def insert_in(self, section: str, lines: list[str]) -> None:
-        """Insert elements at the end of a section of the root, which is added if there is none."""
-        own = [tag for tag in self.tags if tag.element == section and len(tag.path) == 1 and tag.ends[0] != tag.start]
+    def insert_in(self, section: str, lines: list[str], apart: bool = False) -> None:
+        """Insert elements at the end of a section of the root; in one more section if there is none, or ``apart``."""
+        own = [] if apart else [tag for tag in self.tags if tag.element == section and len(tag.path) == 1 and tag.ends[0] != tag.start]
         inner = "".join(f"  {line}\n  " for line in lines)
         if own:
             at = own[0].ends[0]
@@ -123,7 +136,8 @@ class MjcfText:
     def text(self) -> str:
         """The text with all changes."""
         data = self._data
-        for start, stop, new in sorted(self._edits, key=lambda edit: edit[:2], reverse=True):
+        order = sorted(range(len(self._edits)), key=lambda index: (self._edits[index][0], index), reverse=True)
+        for start, stop, new in (self._edits[index] for index in order):
             data = data[:start] + new + data[stop:]
         return data.decode()
 

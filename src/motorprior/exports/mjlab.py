@@ -1,7 +1,7 @@
 """Motors of a prior or posterior as an actuator of mjlab 1.6 (extra ``mjlab``).
 
     cfg.scene.entities["robot"].articulation.actuators = (
-        MotorPriorActuatorCfg(target_names_expr=(".*_joint",), source=mp.from_pretrained("go2")),
+        MotorPriorActuatorCfg(target_names_expr=(".*_joint",), source=mp.from_pretrained(NAME)),
     )
     cfg.events["motors"] = per_world_damping()
 

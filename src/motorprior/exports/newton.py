@@ -1,6 +1,6 @@
 """Motors of a prior or posterior as a drive of Newton 1.6 (extra ``newton``), the physics of Isaac Lab 3.
 
-    motors = mp.from_pretrained("go2").sample(12, seed=0)
+    motors = mp.from_pretrained(NAME).sample(12, seed=0)
     actuator = newton.actuators.Actuator(indices, drive=MotorPriorDrive(motors, dt=0.002))
 
 A drive cannot pass a damping to the solver, so the joint gets torque - damping·velocity as an effort, which is stable

@@ -8,7 +8,8 @@ Per joint, next to the body that it moves:
 The actuator is a servo kp·(u - θ) with delay. A second one, a `dcmotor` without input, has the resistance 1/kd, the
 torque constant 1 and the electric time constant of the velocity filter: its shorted winding brakes the rotor by
 kd·filtered velocity. MuJoCo limits the sum of both to the torque limit (``actuatorfrcrange``), as our law does. A
-damper outside of the actuators, such as a Maxwell element, would not be limited.
+damper outside of the actuators, such as a Maxwell element, would not be limited. An integrator that does not damp
+tendons implicitly is changed to implicitfast.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -24,6 +25,8 @@ from motorprior.exports.exporter import Constants, Exporter, Request
 from motorprior.exports.mjcf_text import MjcfText
 from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_variants
 
+# integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
+IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _INERTIAL = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-10 1e-10 1e-10"/>'
 _FREE = 'limited="false" stiffness="0"'
 
@@ -45,7 +48,10 @@ def write_detailed(text: MjcfText, joint: str, values: Constants) -> None:
     drive(text, joint, f"{joint}_rotor", "general", servo(at_rotor, 0.0, text.timestep))
     brake = {"motorconst": "1", "resistance": number(1.0 / v["kd"]), "inductance": f"0 {number(v['velocity_filter'])}"}
     attributes = " ".join(f'{name}="{value}"' for name, value in brake.items())
-    text.insert_in("actuator", [f'<dcmotor name="{joint}_brake" joint="{joint}_rotor" input="none" {attributes}/>'])
+    brake_tag = f'<dcmotor name="{joint}_brake" joint="{joint}_rotor" input="none" {attributes}/>'
+    text.insert_in("actuator", [brake_tag], apart=True)  # after the others, whose indices stay
+    if text.compiled.opt.integrator not in IMPLICIT:
+        text.set_option("integrator", "implicitfast")
 
 
 def _hinge(text: MjcfText, joint: str, attributes: dict[str, float], limit: float) -> str:
