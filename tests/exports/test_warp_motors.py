@@ -1,6 +1,6 @@
 """The Warp kernel, and the actuators of mjlab and Newton, against the compiled motors; skipped without these."""
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 from dataclasses import replace
 
 import numpy as np

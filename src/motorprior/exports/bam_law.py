@@ -6,6 +6,7 @@ After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E t
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
     friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic,  s = exp(-|dq/dtheta_stribeck|^alpha)
               G = load_friction_base·|E - M| (m3, m4), |load_friction_external·E - load_friction_motor·M| (m5, m6)
+    encoder   reads q - q_offset, where q is the angle of the joint
     joint     stopped by at most F + friction_viscous·|dq|, inertia J + armature
 
 A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction, which BAM takes
@@ -112,7 +113,7 @@ class BamMotor:
         dq = 0.0
         for step in range(len(steps)):
             out[step] = q
-            push = kp * (targets[step] - q - offset) - within * kd * dq
+            push = kp * (targets[step] - q + offset) - within * kd * dq
             torque = min(limit, max(-limit, push)) - (1.0 - within) * kd * dq
             weight = given.external_torque[step, motor] + given.load_stiffness[step, motor] * q
             weight = weight if load is None else load(q)
@@ -162,7 +163,7 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
         "stribeck_torque": servo["friction_stribeck"], "viscous_damping": servo["friction_viscous"],
         "load_friction": load, "gear_stiffness": gear, "backlash": 0.0,
         "gear_damping": 2.0 * RIGID["gear_damping_ratio"] * armature * RIGID["gear_frequency"],
-        "encoder_zero": servo["q_offset"],
+        "encoder_zero": -servo["q_offset"],
     }  # fmt: skip
     if not within:  # the voltage limits, and the back-EMF brakes beyond it
         values |= {"stall_torque": limit, "no_load_speed": limit / damping}

@@ -9,7 +9,7 @@ damping and friction of their own. A motor has one past, so rotor and delay line
 holds the motors that a reset restarts, at the angles of their next step.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
 # Newton and Warp are optional dependencies; no `annotations` from the future, as Warp reads these.
 from dataclasses import dataclass
 from typing import Any

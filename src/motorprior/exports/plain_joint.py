@@ -66,7 +66,7 @@ def delayed(delay: float, timestep: float) -> dict[str, str]:
     return {"nsample": str(samples), "interp": "linear", "delay": number(late)}
 
 
-def number(value: float) -> str:
+def number(value: float | np.ndarray) -> str:
     """Six significant digits."""
     return f"{float(value):.6g}"
 

@@ -5,7 +5,8 @@ simulators on a GPU and the CPU share one formula. n motors are columns of a tab
 motor has its own position in the delay line, so each can be reset alone.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
+# pyright: reportCallIssue=false, reportInvalidTypeForm=false
 # Warp is an optional dependency.
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def parameters(values: Constants) -> dict[str, float | str]:
     v = {name: float(value) for name, value in values.items()}
     return {
         "model": "m5", "actuator": "unitree_go1", "ratio": 1.0, "max_torque": v["torque_limit"],
-        "armature": v["armature"], "q_offset": v["encoder_zero"], "friction_base": v["coulomb"],
+        "armature": v["armature"], "q_offset": -v["encoder_zero"], "friction_base": v["coulomb"],
         "friction_stribeck": v["stribeck_torque"], "friction_viscous": v["viscous_damping"],
         "load_friction_motor": 0.5 * v["load_friction"], "load_friction_external": 0.5 * v["load_friction"],
         "load_friction_motor_stribeck": 0.0, "load_friction_external_stribeck": 0.0, **STRIBECK_SHAPE,
