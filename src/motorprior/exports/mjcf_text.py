@@ -119,7 +119,13 @@ class MjcfText:
 
     def insert_in(self, section: str, lines: list[str], apart: bool = False) -> None:
         """Insert elements at the end of a section of the root; in one more section if there is none, or ``apart``."""
-        own = [] if apart else [tag for tag in self.tags if tag.element == section and len(tag.path) == 1 and tag.ends[0] != tag.start]
+        own = (
+            []
+            if apart
+            else [
+                tag for tag in self.tags if tag.element == section and len(tag.path) == 1 and tag.ends[0] != tag.start
+            ]
+        )
         inner = "".join(f"  {line}\n  " for line in lines)
         if own:
             at = own[0].ends[0]
