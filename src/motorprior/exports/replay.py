@@ -1,8 +1,8 @@
 """Replay exported motors next to our own: one hinge on a leg and on a shank, in closed loop.
 
 Loads scale with the motors, whose median armature is a: the shank has the inertia 0.1·a, the leg 1.25·a, both with the
-gravity of a pendulum of 0.1 m, linear about 45°. For the motors of the shipped robot (a = 0.0032 kg·m²) these are its bare
-shank and its leg.
+gravity of a pendulum of 0.1 m, linear about 45°. For the motors of the shipped robot (a = 0.0032 kg·m²) these are its
+bare shank and its leg.
 """
 
 # pyright: reportAttributeAccessIssue=false
