@@ -95,10 +95,10 @@ class MotorPriorActuator(Actuator):
         self._waiting.fill_(False)
         self._motors.step(target, pos, vel)
         damping = self._model.dof_damping
-        if damping.shape[0] != self._worlds:
+        if damping.wp_array.shape[0] != self._worlds:  # the tensor is expanded to all worlds
             remedy = 'add cfg.events["motors"] = per_world_damping()'
             raise ConfigError("all worlds share one dof_damping", remedy=remedy)
-        wp.to_torch(damping)[:, self._dofs] = self._damping
+        damping[:, self._dofs] = self._damping  # mjlab shows the model's arrays as tensors
         return self._torque
 
 
