@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from motorprior.exceptions import LogError as LogError
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
+    from motorprior.exports.bam_law import read_motor as read_motor
+    from motorprior.exports.cards import from_pretrained as from_pretrained
+    from motorprior.exports.registry import export as export
     from motorprior.identification.adapt import adapt as adapt
     from motorprior.identification.fit_prior import fit_prior as fit_prior
     from motorprior.locomotion.policy import Policy as Policy

@@ -20,6 +20,7 @@ from motorprior.commands.adapt import Adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
+from motorprior.commands.export import Export, run_export  # noqa: E402
 from motorprior.commands.identify import Identify, run_identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
 from motorprior.commands.play import Play  # noqa: E402
@@ -50,6 +51,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
     "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),
+    "export": (_positional(Export, motors_of=Path), partial(run_export, progress=TERMINAL)),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
     "replay": (_positional(Replay, logs=Path), show.replay),
     "walk": (show.WalkCommand, show.walk),
