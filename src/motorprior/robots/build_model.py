@@ -16,6 +16,7 @@ from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import GeneratedModel, files_digest
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.robots.user_model import cannot_read
+from motorprior.robots.user_spec import read_spec
 
 CONTACT_TIME = 0.02  # [s] time constant of a foot's contact, MuJoCo's default
 CONTACT_DT = 0.001  # [s] longest physics step at which a foot's contact is critically damped
@@ -50,7 +51,7 @@ def _read(robot: Robot) -> Any:
         return mujoco.MjSpec.from_string(source.mjcf())
     if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
         raise ArtifactError("the model is missing or has changed", where=source.path, remedy="load the robot again")
-    return mujoco.MjSpec.from_file(str(source.path))
+    return read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])
 
 
 def _set_physics(spec: Any, physics_dt: float) -> None:
