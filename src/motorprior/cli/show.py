@@ -35,6 +35,7 @@ from motorprior.identification.evaluation.log_tables import (
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
@@ -75,7 +76,7 @@ def logs_check(config: LogsCheck) -> None:
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
-            for found in report.findings
+            for found in grouped(report.findings)
         ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)

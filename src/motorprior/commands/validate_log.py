@@ -12,7 +12,7 @@ from motorprior.artifacts import write_text
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.adapt import adapt_to, note_training_log
-from motorprior.identification.evaluation.errors import PRIOR, TUNED_PD, LogErrors, log_warnings
+from motorprior.identification.evaluation.errors import MAX_ERROR, PRIOR, TUNED_PD, LogErrors, log_warnings
 from motorprior.identification.evaluation.free_runs import (
     WHOLE_RUN,
     MotorModel,
@@ -120,13 +120,15 @@ def _measure(config: ValidateLog, prior: MotorPrior, train: MotorLog, test: Moto
         ADAPTED: prior.model.motors(posterior.mean),
         PRIOR: prior.model.motors(prior.expected(test.joint_names)),
     }
-    models |= fitted_baselines(train, preset, config.out / "baselines", config.adam_steps, config.seed, progress)
+    baselines = fitted_baselines(train, preset, config.out / "baselines", config.adam_steps, config.seed, progress)
+    models |= {name: motors for name, motors in baselines.items() if motors is not None}
+    failed = {name: np.full((1, test.num_joints), MAX_ERROR) for name, motors in baselines.items() if motors is None}
     results, errors = Results(), {}
     with progress.start("free runs", len(runs)) as task:
         for span, each in runs.items():
             quantity = f"{span}_rmse"  # a key of SPANS
             found = {name: values[None] for name, values in free_run_errors(each, models).items()}
-            errors[span] = LogErrors((test.source,), test.joint_names, found)
+            errors[span] = LogErrors((test.source,), test.joint_names, found | failed)
             results += error_results(errors[span], quantity, {"median": np.median, "mean": np.mean}).where(log=None)
             results += Results.of(
                 Result(f"{COVERAGE[quantity]}{level}", "1", share, model)

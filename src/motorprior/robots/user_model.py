@@ -32,7 +32,7 @@ class UserModel:
     def __init__(self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()):
         import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
 
-        from motorprior.robots.user_spec import read_spec
+        from motorprior.robots.user_model_spec import read_spec
 
         self._mujoco, self._path = mujoco, path
         try:

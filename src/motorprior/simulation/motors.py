@@ -77,10 +77,13 @@ def fleet_motors(robot: Robot, fleet: str | None = None) -> Drawn:
 
 
 @register("prior")
-def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0) -> Drawn:
-    """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-]."""
+def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0, of_robot: str = "") -> Drawn:
+    """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-].
+
+    of_robot is the robot or bench of the prior, if this robot has the same motors.
+    """
     require_number("latent_spread", latent_spread)
-    prior = load_prior(Path(file), robot) if isinstance(file, str) else file
+    prior = _loaded(file, robot, of_robot) if isinstance(file, str) else file
     prior.require(robot.name, robot.physics_dt)
     gains, name = robot_gains(prior, robot), prior.preset
     if latent_spread != 1.0:
@@ -88,16 +91,30 @@ def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.
     return Drawn(lambda rng: prior.sample(robot.num_joints, rng, gains, latent_spread), name, prior)
 
 
+def _loaded(file: str, robot: Robot, of_robot: str) -> MotorPrior:
+    if not of_robot:
+        return load_prior(Path(file), robot)
+    prior = MotorPrior.load(file)
+    if prior.robot != of_robot:
+        raise ConfigError(f"of_robot={of_robot}, but the prior is of {prior.robot!r}", where=file, remedy="correct it")
+    return prior.for_robot(robot.name)
+
+
 @register("posterior")
-def posterior_motors(robot: Robot, file: str, prior: str, limit_follows_gain: bool = False) -> Drawn:
+def posterior_motors(
+    robot: Robot, file: str, prior: str, limit_follows_gain: bool = False, of_robot: str = ""
+) -> Drawn:
     """Samples of the posterior of one motor or of all the robot's, and the prior that it belongs to.
+
+    of_robot is as for a prior.
 
     limit_follows_gain scales the torque limit of each motor with its kp: for motors that give less torque per ampere,
     from a log that does not reach the limit.
     """
-    of_prior = load_prior(Path(prior), robot)
+    of_prior = _loaded(prior, robot, of_robot)
     try:
-        return _of_posterior(MotorPosterior.load(file, of_prior), robot, limit_follows_gain)
+        found = MotorPosterior.load(file, MotorPrior.load(prior))
+        return _of_posterior(replace(found, prior=of_prior), robot, limit_follows_gain)
     except ConfigError as error:
         raise ConfigError(error.problem, where=file, remedy=error.remedy) from error
 
