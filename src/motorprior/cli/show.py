@@ -14,13 +14,15 @@ from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
+from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.show_file import Show, described
 from motorprior.commands.study import run_study
 from motorprior.commands.study_conditions import Study
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import Validate, run_validate
-from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError, LogError
@@ -33,6 +35,7 @@ from motorprior.identification.evaluation.log_tables import (
     error_table,
 )
 from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
@@ -98,6 +101,16 @@ def demo(config: Demo) -> None:
     _fidelity(results)
     _transferred(results)
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
+
+
+def identify(config: Identify) -> None:
+    """See `run_identify`."""
+    print(run_identify(config, TERMINAL))
+
+
+def show(config: Show) -> None:
+    """See `described`."""
+    print(described(config))
 
 
 def adapt(config: Adapt) -> None:

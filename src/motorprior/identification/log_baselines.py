@@ -26,14 +26,14 @@ BASELINE_PERIOD = 0.002  # of these presets [s]; priors with another period have
 def fitted_baselines(
     log: MotorLog,
     preset: Preset,
-    folder: Path,
+    folder: Path | None,
     adam_steps: int | None = None,
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> dict[str, MotorModel | None]:
     """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
 
-    Fits in ``folder`` are reused. ``adam_steps`` are those of the pooled network, the preset's own if not given. A
+    Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network, the preset's own if not given. A
     baseline that cannot be fitted or read is None, and a warning reports why.
 
     Raises:
@@ -46,7 +46,8 @@ def fitted_baselines(
         if name == "pooled_network" and adam_steps is not None:
             recipe = replace(recipe, steps=adam_steps)
         try:
-            fitted = fit_recipe(log, named, recipe, seed, folder / name, Notes(SILENT.note, progress), tuned=tuned)
+            out = None if folder is None else folder / name
+            fitted = fit_recipe(log, named, recipe, seed, out, Notes(SILENT.note, progress), tuned=tuned)
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None

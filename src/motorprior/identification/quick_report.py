@@ -153,4 +153,4 @@ def _within_bounds(prior: MotorPrior, name: str) -> np.ndarray:
 
 def _identified(prior: MotorPrior, name: str, values: np.ndarray) -> bool:
     """Whether the training log identifies a constant, or the motors differ in it."""
-    return prior.metrics[f"{IDENTIFIED}{name}"] > 0.0 or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
+    return prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO

@@ -25,7 +25,7 @@ from motorprior.locomotion.executor import Kind, make_executor
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import WARNED, WARNING, Progress, usable_threads
+from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.env import simulator_of
@@ -74,7 +74,7 @@ def train_policy(
     *,
     start: Policy | None = None,
     workers: int | None = None,
-    progress: Progress = WARNED,
+    progress: Progress = SHOWN,
     **changes: Any,
 ) -> Policy:
     """Train a walking policy by augmented random search, on motors drawn for every episode.

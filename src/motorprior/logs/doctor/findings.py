@@ -27,7 +27,8 @@ def grouped(findings: Sequence[Finding]) -> list[Finding]:
     """One finding for each kind: that of the largest value, with the other joints of the same kind in its message."""
     kinds: dict[tuple[str, str, str], list[Finding]] = {}
     for each in findings:
-        words = re.sub(r"[-+]?[\d.]+(e[-+]\d+)?", "#", each.message.replace(each.joint or "\0", "J"))
+        named = re.sub(rf"(?<!\w){re.escape(each.joint or chr(0))}(?!\w)", "J", each.message, count=1)
+        words = re.sub(r"[-+]?[\d.]+(e[-+]\d+)?", "#", named)
         kinds.setdefault((each.severity, each.check, words if each.joint else each.message), []).append(each)
     found = []
     for same in kinds.values():

@@ -39,9 +39,8 @@ _RECOVER = "repair it with `mcap recover`, or copy it again from its source"
 _REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE}; or read the bag {GIVE_COLUMNS}"
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
-    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
+def _mcap_file(path: Path) -> Path:
+    """The .mcap file of a bag, also of its folder; raises LogError, with the conversion, for another storage."""
     if path.is_dir():
         path = max(_files(path), key=lambda file: file.suffix == ".mcap")
     if path.suffix != ".mcap":
@@ -50,6 +49,13 @@ def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
         if path.suffix == ".bag":
             remedy = "convert this bag of ROS 1 by rosbags-convert (of the Python package rosbags)"
         raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path, remedy=remedy)
+    return path
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
+    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
+    path = _mcap_file(path)
     try:
         from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
         from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
@@ -112,6 +118,7 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
 
     Rows begin when every topic has a message.
     """
+    path = _mcap_file(path)
     parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
     row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
     times, values, latest = array("q"), array("d"), {}
