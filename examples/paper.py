@@ -44,11 +44,13 @@ outputs = torque[TAPS - 1 :] / T
 
 # 2 The latent actuator. Motor i has z = mean_i + std_i·noise, noise ~ N(0, I), so z ~ N(0, I) is another motor.
 def f(net, x, z):
+    """Torque / T."""
     hidden = jax.nn.soft_sign(x @ net["w1"] + z @ net["v1"] + net["b1"])
     return jax.nn.soft_sign(hidden @ net["w2"] + net["b2"]) @ net["w3"] + net["b3"]
 
 
 def loss(net, key, x, y, motor):
+    """MSE + weight·KL of a batch."""
     mean, log_var = net["mean"], net["log_var"]
     noise = jax.random.normal(key, (len(motor), LATENTS))
     predicted = f(net, x, mean[motor] + jnp.exp(0.5 * log_var[motor]) * noise)
@@ -66,6 +68,7 @@ adam = optax.adam(optax.cosine_decay_schedule(3e-3, args.steps))
 
 @jax.jit
 def update(net, state, key, x, y, motor):
+    """One Adam step."""
     change, state = adam.update(jax.grad(loss)(net, key, x, y, motor), state)
     return optax.apply_updates(net, change), state
 
@@ -93,7 +96,7 @@ MOTORS = {
 }
 PHASES = np.array([leg.phase for leg in robot.legs])
 FREQUENCY, STRIDE, LIFT = 3.0, 0.25, 0.25  # of the gait [Hz], [rad], [rad]
-OBSERVATIONS, ACTIONS = 8, 3 + 12
+OBSERVATIONS, ACTIONS = 8, 15
 
 
 # 4 The gait: hips swing, legs fold while they swing forward; the policy changes its size, and every joint a little.
@@ -122,19 +125,14 @@ def walk(policy, name, seed):
     return data.qpos[0], 1.0
 
 
-def reward(policy, name, seed):
-    distance, upright = walk(policy, name, seed)
-    return distance * upright
-
-
-# Augmented random search (Mania et al., 2018): steps along the best of some random directions.
 def train(name, noise=0.05, step_size=0.05):
+    """Augmented random search (Mania et al., 2018): steps along the best of some random directions."""
     policy, rng = np.zeros((ACTIONS, OBSERVATIONS)), np.random.default_rng(1)
     for iteration in range(args.iterations):
         deltas = rng.standard_normal((args.directions, *policy.shape))
         seeds = [1000 * iteration + index for index in range(args.directions)]
-        both = [[reward(policy + s * noise * d, name, k) for s in (1, -1)] for d, k in zip(deltas, seeds, strict=True)]
-        returns = np.array(both)
+        walks = [[walk(policy + s * noise * d, name, k) for s in (1, -1)] for d, k in zip(deltas, seeds, strict=True)]
+        returns = np.prod(walks, axis=2)  # distance times share upright
         best = np.argsort(returns.max(axis=1))[-(args.directions + 1) // 2 :]
         gain = np.tensordot(returns[best, 0] - returns[best, 1], deltas[best], 1) / len(best)
         policy = policy + step_size * gain / (returns[best].std() + 1e-6)

@@ -62,7 +62,7 @@ class Lines:
         """See `Progress.start`."""
         started = time.monotonic()
         self.note(f"{name} ...")
-        yield _Lines(self, name, total)
+        yield Ticks(self.note, name, total)
         self.note(f"{name}: {time.monotonic() - started:.1f} s")
 
     def note(self, text: str) -> None:
@@ -70,18 +70,18 @@ class Lines:
         print(text, file=self._stream or sys.stderr, flush=True)
 
 
-class _Lines(Task):
-    """A unit of work of `Lines`."""
+class Ticks(Task):
+    """A unit of work that reports its finished parts every ten seconds."""
 
-    def __init__(self, lines: Lines, name: str, total: int):
-        self._lines, self._name, self._total, self._done, self._printed = lines, name, total, 0, time.monotonic()
+    def __init__(self, note: Callable[[str], None], name: str, total: int):
+        self._note, self._name, self._total, self._done, self._printed = note, name, total, 0, time.monotonic()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """See `Task.advance`."""
         self._done += count
         if time.monotonic() - self._printed > 10.0:
             self._printed = time.monotonic()
-            self._lines.note(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
+            self._note(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
 
 
 def _warn(text: str) -> None:

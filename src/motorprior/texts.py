@@ -59,3 +59,20 @@ class Summary:
         """For notebooks."""
         facts = "<br>".join(map(html.escape, self._lines))
         return f"<p>{facts}</p>{html_table(self.columns, self.rows) if self.rows else ''}"
+
+
+class Described:
+    """Prints as its `overview`; its ``repr`` is the short form."""
+
+    def overview(self) -> Summary:
+        """What a person wants to know."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self.overview().short
+
+    def __str__(self) -> str:
+        return str(self.overview())
+
+    def _repr_html_(self) -> str:
+        return self.overview().html

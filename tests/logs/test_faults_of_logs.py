@@ -50,7 +50,9 @@ def test_single_velocities_are_no_other_unit():
 def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):
     angle = np.cumsum(np.full(400, 0.05))
     ticks = np.rint(np.stack([angle + 0.05, angle], axis=1) * 4096 / (2 * np.pi)) % 4096
-    np.savetxt(tmp_path / "log.csv", np.column_stack([TIME[:400], ticks]), delimiter=",", header="t,goal,pos", comments="")
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([TIME[:400], ticks]), delimiter=",", header="t,goal,pos", comments=""
+    )
     lines = 'motor = "m"\ntime = "t"\nposition_target = "goal"\njoint_pos = "pos"\n[units]\nangle = "tick"\n'
     (tmp_path / "map.toml").write_text(lines + "ticks_per_turn = 4096\n[joints.pan]\n")
     report = check_log(mp.read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml"))
@@ -76,7 +78,9 @@ def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_get_no_remedy()
     command = log.position_target[:, [0, 0]] * [1, -1]
     report = check_log(replace(log, position_target=command, joint_pos=-np.roll(command, 3, axis=0), joint_vel=None))
     found = report.of("tracking")
-    assert [each.remedy for each in found] == ["", ""] and all("follows the command of" in each.message for each in found)
+    assert [each.remedy for each in found] == ["", ""] and all(
+        "follows the command of" in each.message for each in found
+    )
 
 
 def test_findings_of_one_kind_are_one_line():
@@ -88,7 +92,9 @@ def test_findings_of_one_kind_are_one_line():
 
 def test_a_bench_log_becomes_one_of_the_robots_joints_by_one_option(tmp_path: Path):
     path = write_bam(tmp_path)
-    with pytest.raises(mp.ConfigError, match="joints pendulum need 1 different names of pupper_v2's joints -> .*as_joint"):
+    with pytest.raises(
+        mp.ConfigError, match=r"joints pendulum need 1 different names of pupper_v2's joints -> .*as_joint"
+    ):
         mp.load_log(path, robot="pupper_v2")
     with pytest.raises(mp.ConfigError, match="as_joint"):
         mp.load_log(path, robot="pupper_v2", as_joint=["nose"])

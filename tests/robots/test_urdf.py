@@ -17,8 +17,11 @@ MESH = '<mesh filename="package://dog_description/meshes/body.obj"/>'
 
 
 def link(name: str, mass: float, shape: str = '<box size=".05 .05 .1"/>') -> str:
-    inertia = f'<mass value="{mass}"/><inertia ixx="{mass / 1e3}" iyy="{mass / 1e3}" izz="{mass / 1e3}" ixy="0" ixz="0" iyz="0"/>'
-    return f'<link name="{name}"><inertial>{inertia}</inertial><collision><geometry>{shape}</geometry></collision></link>'
+    own = mass / 1e3
+    inertia = f'<mass value="{mass}"/><inertia ixx="{own}" iyy="{own}" izz="{own}" ixy="0" ixz="0" iyz="0"/>'
+    return (
+        f'<link name="{name}"><inertial>{inertia}</inertial><collision><geometry>{shape}</geometry></collision></link>'
+    )
 
 
 def joint(name: str, parent: str, child: str, place: str, axis: str, kind: str = "revolute") -> str:
@@ -84,10 +87,13 @@ def test_the_mesh_of_a_package_is_found_or_left_out(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (('"FR_k" type="revolute"', '"FR_k" type="continuous"'), '\'FR_k\' has no limits.*type="revolute" and <limit'),
+        (('"FR_k" type="revolute"', '"FR_k" type="continuous"'), "'FR_k' has no limits.*type=\"revolute\" and <limit"),
         (('"FR_k" type="revolute">', '"FR_k" type="revolute"><mimic joint="FR_h"/>'), "'FR_k' follows 'FR_h' .*fixed"),
         (('"FR_k" type="revolute"', '"FR_k" type="prismatic"'), "'FR_k'.*not a hinge.*type=\"fixed\""),
-        (('ixx="0.0002" iyy="0.0002" izz="0.0002"', 'ixx="2000" iyy="2000" izz="2000"'), "'FR_hip' has 2e.03 kg·m² and 0.2 kg, a radius of gyration of 100 m"),
+        (
+            ('ixx="0.0002" iyy="0.0002" izz="0.0002"', 'ixx="2000" iyy="2000" izz="2000"'),
+            "'FR_hip' has 2e.03 kg·m² and 0.2 kg, a radius of gyration of 100 m",
+        ),
         (('<link name="FR">', '<link name="toe">'), "no foot 'FR' -> give a named <collision>"),
         (('<inertial><mass value="3.0"/>', "<!--"), "body.obj"),
     ],
@@ -95,7 +101,9 @@ def test_the_mesh_of_a_package_is_found_or_left_out(tmp_path: Path):
 def test_what_a_urdf_lacks_is_said_in_its_words(tmp_path: Path, change: tuple[str, str], words: str):
     text = urdf()
     assert change[0] in text
-    text = text.replace(change[0], change[1], 1).replace('<child link="FR"/>', f'<child link="{"toe" if "toe" in change[1] else "FR"}"/>')
+    text = text.replace(change[0], change[1], 1).replace(
+        '<child link="FR"/>', f'<child link="{"toe" if "toe" in change[1] else "FR"}"/>'
+    )
     if "<!--" in change[1]:
         text = text.replace("</inertial>", "-->", 1).replace('<box size=".05 .05 .1"/>', MESH, 1)
     with pytest.raises(ArtifactError, match=words) as refused:
@@ -104,11 +112,17 @@ def test_what_a_urdf_lacks_is_said_in_its_words(tmp_path: Path, change: tuple[st
 
 
 def test_coupled_joints_of_an_mjcf_are_refused_and_a_foot_may_be_a_body(tmp_path: Path):
-    xml = quadruped().replace('name="FR" size', "size").replace('<body pos="0 0 -0.2"><joint name="FR_k"', '<body name="FR" pos="0 0 -0.2"><joint name="FR_k"')
+    xml = (
+        quadruped()
+        .replace('name="FR" size', "size")
+        .replace('<body pos="0 0 -0.2"><joint name="FR_k"', '<body name="FR" pos="0 0 -0.2"><joint name="FR_k"')
+    )
     with pytest.raises(ArtifactError, match="no foot 'FR'"):  # two spheres
         load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
     one = xml.replace('<geom size="0.02" pos="0 0 -0.1" mass="0.1"/><geom size="0.02"', '<geom size="0.02"', 1)
     assert load_robot(written(tmp_path, LEGS_TOML, "dog", one)).legs[0].foot == "FR"
-    coupled = quadruped().replace("</worldbody>", '</worldbody><equality><joint joint1="FR_k" joint2="FL_k"/></equality>')
+    coupled = quadruped().replace(
+        "</worldbody>", '</worldbody><equality><joint joint1="FR_k" joint2="FL_k"/></equality>'
+    )
     with pytest.raises(ArtifactError, match="'FR_k' follows 'FL_k' by an equality"):
         load_robot(written(tmp_path, LEGS_TOML, "dog", coupled))

@@ -17,7 +17,7 @@ from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count
 from motorprior.exceptions import ConfigError, listed
 from motorprior.schema import Header, Tensor, check_tensors
-from motorprior.texts import Summary
+from motorprior.texts import Described, Summary
 
 _REMEDY = "write it with `motorprior adapt`"
 NARROWER = 0.8  # standard deviation of a constant that the log narrows, over the prior's
@@ -37,7 +37,7 @@ _HEADER = Header(
 
 
 @dataclass(frozen=True, repr=False)
-class MotorPosterior:
+class MotorPosterior(Described):
     """Posterior of M motors, Z latents."""
 
     prior: MotorPrior
@@ -114,24 +114,15 @@ class MotorPosterior:
         count = len(self.mean) if len(self.mean) > 1 else 40
         return draw_response(self.sample(count, 0), "samples of the posterior", self.prior.model.period)
 
-    def summary(self) -> Summary:
+    def overview(self) -> Summary:
         """For people: log, outliers and constants."""
         worst = int(np.argmin(self.outlier_p_value))
         facts = {
             "log": f"{self.seconds:.3g} s", "prior": f"{self.prior.preset}, {self.prior.motor}",
-            "joints": listed(self.joint_names, 12),
+            "joints": listed(self.joint_names, 8),
             "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
         }  # fmt: skip
         return Summary(f"motor posterior of {len(self.mean)} motors", facts, COLUMNS, self.constants().cells)
-
-    def __repr__(self) -> str:
-        return self.summary().short
-
-    def __str__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
 
     def take(self, index: list[int]) -> MotorPosterior:
         """The motors at ``index``."""

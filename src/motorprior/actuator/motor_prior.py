@@ -34,7 +34,7 @@ from motorprior.bounds import (
 from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.motor_log import GAIN_UNITS
 from motorprior.schema import Header, Schema, Tensor, check_tensors
-from motorprior.texts import Summary
+from motorprior.texts import Described, Summary
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
@@ -97,7 +97,7 @@ Decoder: TypeAlias = GreyBox | LatentNetwork
 
 
 @dataclass(frozen=True, repr=False)
-class MotorPrior:
+class MotorPrior(Described):
     """A learned distribution of motors, with M training motors and Z latents."""
 
     model: Decoder
@@ -154,9 +154,11 @@ class MotorPrior:
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of 40 new motors to a step of the command."""
-        return draw_response(self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period)
+        return draw_response(
+            self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period
+        )
 
-    def summary(self) -> Summary:
+    def overview(self) -> Summary:
         """For people: origin, errors and constants."""
         kinds, metrics = ("grey box", "network"), self.metrics
         errors = [f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""]
@@ -166,19 +168,10 @@ class MotorPrior:
             "model": f"{kinds[isinstance(self.model, LatentNetwork)]}, {self.model.num_latents} latents, "
             f"physics steps up to {1e3 * self.model.period:g} ms",
             "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
-            "joints": listed(self.joint_names, 12), "replayed logs, median error": ", ".join(filter(None, errors)),
+            "joints": listed(self.joint_names, 8), "replayed logs, median error": ", ".join(filter(None, errors)),
         }  # fmt: skip
         table = self.constants()
         return Summary(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
-
-    def __repr__(self) -> str:
-        return self.summary().short
-
-    def __str__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
 
     def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
         """(J, Z) expected latents at these joints: those of the training motor of the same name, otherwise 0."""

@@ -21,7 +21,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema
-from motorprior.texts import Summary
+from motorprior.texts import Described, Summary
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"
@@ -78,7 +78,7 @@ class Distribution:
 
 
 @dataclass(frozen=True, repr=False)
-class Fleet:
+class Fleet(Described):
     """A population of physical motors."""
 
     name: str
@@ -119,22 +119,15 @@ class Fleet:
     def plot(self) -> Any:
         """A matplotlib figure of the responses of 40 motors to a step of the command."""
         motors = self.sample(40, 0).actuator()
-        return draw_response(motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step))
+        return draw_response(
+            motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step)
+        )
 
-    def summary(self) -> Summary:
+    def overview(self) -> Summary:
         """For people: robot and constants."""
         facts = {"robot": self.robot, "motor": self.motor, "family": self.family}
         rows = [row[:-1] for row in self.constants().cells]  # true constants
         return Summary(f"fleet {self.name!r} of physical motors", facts, COLUMNS[:-1], rows)
-
-    def __repr__(self) -> str:
-        return self.summary().short
-
-    def __str__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
 
     def center(self, count: int) -> TrueMotors:
         """``count`` copies of the central motor."""

@@ -115,7 +115,8 @@ def parse(args: list[str]) -> Any:
     if args and not args[0].startswith("-") and args[0] not in names:
         near = " or ".join(get_close_matches(args[0], [*names, *LOGS], 2)) or ", ".join(names)
         raise ConfigError(f"no command {args[0]!r}", remedy=f"did you mean {near}? `motorprior --help` lists them")
-    common = {} if HELP_ALL in args or not {"-h", "--help"} & set(args) else COMMON
+    asks = {"-h", "--help"} & set(args) and HELP_ALL not in args
+    common = {name: shown for name, shown in COMMON.items() if asks and name in args}
     args = ["--help" if word == HELP_ALL else word for word in args]
     every = Union[*_one_of(LOGS, common)]
     logs = Annotated[every, tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]

@@ -33,8 +33,8 @@ def fitted_baselines(
 ) -> dict[str, MotorModel | None]:
     """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
 
-    Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network, the preset's own if not given. A
-    baseline that cannot be fitted or read is None, and a warning reports why.
+    Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network, the preset's own if
+    not given. A baseline that cannot be fitted or read is None, and a warning reports why.
 
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.

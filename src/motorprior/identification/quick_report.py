@@ -106,7 +106,9 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickRep
         reached = bounds[RESPONSE_CONSTANTS[name][0]]
         results += _constant_results({name: values}, units, train.joint_names, ~reached)
         if reached.any():
-            joints = listed([f"{train.joint_names[i]} {values[i]:.3g} {units[name]}" for i in np.flatnonzero(reached)], 6)
+            joints = listed(
+                [f"{train.joint_names[i]} {values[i]:.3g} {units[name]}" for i in np.flatnonzero(reached)], 6
+            )
             warnings.append(f"{name.replace('_', ' ')} at a bound of the search, so not identifiable: {joints}")
     return results, drawn, warnings
 
@@ -153,4 +155,6 @@ def _within_bounds(prior: MotorPrior, name: str) -> np.ndarray:
 
 def _identified(prior: MotorPrior, name: str, values: np.ndarray) -> bool:
     """Whether the training log identifies a constant, or the motors differ in it."""
-    return prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
+    return (
+        prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
+    )

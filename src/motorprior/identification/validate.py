@@ -126,9 +126,7 @@ def validate(
     return Validation(results, drawn, warnings)
 
 
-def _train_and_test(
-    log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None
-) -> tuple[MotorLog, MotorLog]:
+def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None) -> tuple[MotorLog, MotorLog]:
     if seconds is not None and fitted_on:
         raise ConfigError("seconds given together with fitted_on", remedy="omit one of them", argument="seconds")
     if not fitted_on:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.signals import rms
-from motorprior.texts import Summary
+from motorprior.texts import Described, Summary
 
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
@@ -46,7 +46,7 @@ SIGN_CONVENTION = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class MotorLog:
+class MotorLog(Described):
     """One or more contiguous recordings (segments) of T rows and J joints.
 
     Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
@@ -83,7 +83,7 @@ class MotorLog:
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
 
-    def summary(self) -> Summary:
+    def overview(self) -> Summary:
         """For people: size, origin, channels, settings, and ranges of the joints."""
         size = f"{self.num_rows} rows, {self.duration:.4g} s at {1.0 / self.period:.4g} Hz"
         segments = len(self.segment_slices())
@@ -92,7 +92,7 @@ class MotorLog:
             "size": size + (f", {segments} segments" if segments > 1 else ""), "robot": self.robot,
             "motor": self.motor, "source": self.source[-100:],
             "channels besides command and angle": ", ".join(optional) or "none",
-            "loads": "known" if self.load_inertia is not None else "unknown: mp.load_log gives them from a robot's model",
+            "loads": "known" if self.load_inertia is not None else "unknown; mp.load_log computes them from a model",
             "settings": settings_text(self),
         }  # fmt: skip
         columns = ("joint", "angle from [°]", "to [°]", "command from [°]", "to [°]", "angle - command, rms [mrad]")
@@ -101,15 +101,6 @@ class MotorLog:
             ends = np.rad2deg([angle.min(), angle.max(), command.min(), command.max()]).tolist()
             rows.append([joint, *(f"{value:.1f}" for value in ends), f"{1e3 * rms(angle - command):.0f}"])
         return Summary(f"motor log of {self.num_joints} joints", facts, columns, rows)
-
-    def __repr__(self) -> str:
-        return self.summary().short
-
-    def __str__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
 
     @property
     def num_joints(self) -> int:

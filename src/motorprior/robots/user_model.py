@@ -69,7 +69,9 @@ class UserModel:
             first, second = int(model.eq_obj1id[0]), int(model.eq_obj2id[0])
             if model.eq_type[0] == self._mujoco.mjtEq.mjEQ_JOINT:
                 joint = model.joint(first).name
-                problem = f"joint {joint!r} follows {model.joint(second).name!r}" if second >= 0 else f"it fixes {joint!r}"
+                problem = (
+                    f"joint {joint!r} follows {model.joint(second).name!r}" if second >= 0 else f"it fixes {joint!r}"
+                )
                 problem += " (mimic)" if self._is_urdf else " by an equality constraint"
                 remedy = f"it has no motor of its own: make {joint!r} fixed" + (
                     ' by type="fixed", without <mimic>' if self._is_urdf else ", by deleting joint and constraint"
@@ -78,11 +80,14 @@ class UserModel:
                 problem = f"an equality constraint closes a loop (number 0 of {model.neq})"
                 remedy = "delete it: loops are not supported; give each leg as an open chain"
             raise self._error(problem, remedy)
-        radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12)) * (model.body_mass > 0.0)
+        radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
+        radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
         body, bound = int(radius.argmax()), max(MIN_REACH, MAX_GYRATION * model.stat.extent)
         if radius[body] > bound:
             mass, inertia = model.body_mass[body], model.body_inertia[body].max()
-            problem = f"link {model.body(body).name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
+            problem = (
+                f"link {model.body(body).name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
+            )
             problem += f"{radius[body]:.3g} m, above {bound:.3g} m, {MAX_GYRATION:g} times the size of the model"
             raise self._error(problem, "correct its inertia: kg·m², about the centre of mass")
 
@@ -123,7 +128,11 @@ class UserModel:
         known = [self._model.geom(index).name for index in range(self._model.ngeom)]
         if foot not in known:
             found = ", ".join(name for name in known if name) or "none has a name"
-            kind = "named <collision> of a URDF, or a link with one sphere" if self._is_urdf else "geom, or a body with one sphere"
+            kind = (
+                "named <collision> of a URDF, or a link with one sphere"
+                if self._is_urdf
+                else "geom, or a body with one sphere"
+            )
             raise self._error(f"no foot {foot!r}", f"give a {kind}; geoms with names: {found}")
         geom = self._model.geom(foot).id
         if self._model.geom_type[geom] != self._mujoco.mjtGeom.mjGEOM_SPHERE:

@@ -120,7 +120,9 @@ def other_weight(policy: Policy, robot: Robot) -> str:
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
     masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
-    return f"{WARNING}the policy was trained on a robot of {masses} -> train it again, or give the robot's earlier model"
+    return (
+        f"{WARNING}the policy was trained on a robot of {masses} -> train it again, or give the robot's earlier model"
+    )
 
 
 class TrainingFiles:

@@ -18,7 +18,9 @@ ANGLE = np.roll(TARGET, 2, axis=0)
 
 @pytest.fixture
 def columns(tmp_path: Path) -> ColumnMap:
-    lines = 'motor = "m"\nrate = 50\nposition_target = "q_des[{joint}]"\njoint_pos = "q[{joint}]"\n[joints.0]\n[joints.1]\n'
+    lines = (
+        'motor = "m"\nrate = 50\nposition_target = "q_des[{joint}]"\njoint_pos = "q[{joint}]"\n[joints.0]\n[joints.1]\n'
+    )
     (tmp_path / "map.toml").write_text(lines)
     return load_column_map(tmp_path / "map.toml")
 
@@ -60,7 +62,7 @@ class Payload:
 
 def test_nothing_in_a_file_is_executed(tmp_path: Path, columns: ColumnMap, capsys: pytest.CaptureFixture):
     (tmp_path / "log.pkl").write_bytes(pickle.dumps({"q": Payload()}))
-    with pytest.raises(LogError, match="builtins.print, which is not allowed"):
+    with pytest.raises(LogError, match=r"builtins\.print, which is not allowed"):
         read_log(tmp_path / "log.pkl", columns=columns)
     np.savez(tmp_path / "log.npz", q=np.array([Payload()]))
     with pytest.raises(LogError, match="damaged"):
@@ -80,5 +82,5 @@ def test_a_wrong_name_or_length_is_named(tmp_path: Path, columns: ColumnMap):
 def test_a_bag_in_sqlite_names_its_conversion(tmp_path: Path, columns: ColumnMap):
     (tmp_path / "rec.db3").write_bytes(b"SQLite format 3\0")
     for given in (None, columns):
-        with pytest.raises(LogError, match="not stored as MCAP: rec.db3 -> `ros2 bag convert"):
+        with pytest.raises(LogError, match=r"not stored as MCAP: rec\.db3 -> `ros2 bag convert"):
             read_log(tmp_path / "rec.db3", columns=given)

@@ -238,7 +238,9 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
             continue
         speed, spikes = np.abs(log.joint_vel[:, column]), velocity_spikes(log.joint_vel[:, [column]])[:, 0]
         if spikes.any():
-            message = f"joint_vel/{joint}: {spikes.sum()} single readings of up to {speed[spikes].max():.4g} rad/s (read "
+            message = (
+                f"joint_vel/{joint}: {spikes.sum()} single readings of up to {speed[spikes].max():.4g} rad/s (read "
+            )
             message += f"failed), first in row {spikes.argmax()}"
             remedy = f"{LEFT_OUT}; or leave joint_vel out"
             yield Finding("warning", "failed_reads", float(spikes.sum()), message, remedy, joint, int(spikes.argmax()))

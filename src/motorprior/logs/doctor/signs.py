@@ -94,7 +94,9 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     remedy = ""
     if len(causes) == 1:
         named = next(iter(causes))[0]
-        remedy = f"check the base's orientation, and order, axes, signs and zeros of {named}; correct them in the file, "
+        remedy = (
+            f"check the base's orientation, and order, axes, signs and zeros of {named}; correct them in the file, "
+        )
         remedy += f"{IN_MAP} by names, sign and zero, or in the model"
     joint = log.joint_names[joints[0]] if len(joints) == len(causes) == 1 and square == best else None
     yield Finding("warning", "gravity", 1.0 - best / given, message, remedy, joint)
