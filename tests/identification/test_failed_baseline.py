@@ -32,7 +32,7 @@ def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.Monkey
 
 
 def test_the_response_of_a_joint_far_off_its_command_is_found():
-    time = 0.002 * np.arange(4000)
+    time = 0.002 * np.arange(2000)
     command = 0.2 * np.sin(2 * np.pi * 0.7 * time) + 0.1 * np.sin(2 * np.pi * 1.7 * time)
     angle = 1.2 * np.roll(command, 65) + 0.68
     log = MotorLog(

@@ -70,7 +70,7 @@ HELP_ALL = "--help-all"
 # Options in the help of commands with more than fit a screen; HELP_ALL shows the others
 COMMON = {
     "demo": ("out", "logs", "columns", "suspended", "robot", "workers", "seed"),
-    "calibrate": ("logs", "out", "robot", "columns"),
+    "calibrate": ("logs", "out", "robot", "fleet", "posture"),
     "import": ("paths", "out", "columns", "robot", "suspended", "as_joint", "kp", "kd"),
     "bench": ("out", "robot", "fleet", "motors", "seed"),
     "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "gait", "workers"),
@@ -101,6 +101,14 @@ def _shown(settings: type, names: tuple[str, ...]) -> type:
     return make_dataclass(settings.__name__, hidden, bases=(settings,), frozen=True, namespace=documented)
 
 
+def _require_known(given: list[str], names: list[str]) -> None:
+    """Raise ConfigError, with the nearest names, for a word that is neither a name nor an option."""
+    for word in given:
+        if word not in names and not word.startswith("-"):
+            near = " or ".join(get_close_matches(word, names, 2)) or f"one of {', '.join(names)}"
+            raise ConfigError(f"no command {word!r}", remedy=f"did you mean {near}? --help lists them")
+
+
 def parse(args: list[str]) -> Any:
     """Parse a command line into settings.
 
@@ -111,10 +119,8 @@ def parse(args: list[str]) -> Any:
     if args == ["--version"]:
         print(f"motorprior {__version__}")
         raise SystemExit(0)
-    names = [*COMMANDS, "logs"]
-    if args and not args[0].startswith("-") and args[0] not in names:
-        near = " or ".join(get_close_matches(args[0], [*names, *LOGS], 2)) or ", ".join(names)
-        raise ConfigError(f"no command {args[0]!r}", remedy=f"did you mean {near}? `motorprior --help` lists them")
+    _require_known(args[:1], [*COMMANDS, "logs"])
+    _require_known(args[1:2] if args[:1] == ["logs"] else [], [*LOGS])
     asks = {"-h", "--help"} & set(args) and HELP_ALL not in args
     common = {name: shown for name, shown in COMMON.items() if asks and name in args}
     args = ["--help" if word == HELP_ALL else word for word in args]

@@ -1,12 +1,13 @@
 """Files of named arrays, read by a column map: PyTorch (.pt), NumPy (.npz, .npy), MATLAB (.mat), pickles (.pkl).
 
-A column is an array ``x`` (T,), or column 2 of an array (T, J), ``x[2]``. Arrays in tables and lists have names with
-dots, such as ``run.0.joint_pos``; the last part is enough where it is the only such name. A list with a table of
-arrays per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
+A column is an array ``x`` (T,), or column 2 of an array (T, J), ``x[2]`` or ``x_2``. Arrays in tables and lists have
+names with dots, such as ``run.0.joint_pos``; the last part is enough where it is the only such name. A list with a
+table of arrays per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
 """
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,6 +24,7 @@ from motorprior.logs.tables import element_of, unreadable
 from motorprior.logs.torch_tensors import torch_content
 from motorprior.logs.validity import CORRECT, missing_column
 
+_ELEMENT = re.compile(r"(.+)_(\d{1,6})", re.ASCII)
 _MAX_PARTS = 100  # of a list that is no list of steps
 
 
@@ -31,10 +33,12 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
     arrays, found = _arrays(path), {}
     for name in names:
         key, index = element_of(name)
-        ends = [known for known in arrays if known.endswith(f".{key}")]
-        if key not in arrays and len(ends) != 1:
+        values = _named(key, arrays)
+        if values is None and index is None and (element := _ELEMENT.fullmatch(name)):
+            key, index = element[1], int(element[2])
+            values = _named(key, arrays)
+        if values is None:
             raise missing_column("array", key, arrays, path)
-        values = arrays[key if key in arrays else ends[0]]
         table = values[:, None] if values.ndim == 1 else values
         if table.ndim != 2 or (index or 0) >= table.shape[1] or (index is None and table.shape[1] > 1):
             raise LogError(f"{name}: the array has shape {values.shape}", where=path, remedy=CORRECT)
@@ -42,6 +46,12 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
     if len(lengths := {name: len(column) for name, column in found.items()}) and len(set(lengths.values())) > 1:
         raise LogError(f"columns of different lengths: {quoted(lengths, 200)}", where=path, remedy=CORRECT)
     return found
+
+
+def _named(name: str, arrays: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """The array of this name, or the only one whose last part it is."""
+    ends = [known for known in arrays if known.endswith(f".{name}")]
+    return arrays.get(name, arrays[ends[0]] if len(ends) == 1 else None)
 
 
 def _unmapped(path: Path) -> str:
