@@ -41,7 +41,8 @@ def test_the_response_of_a_joint_far_off_its_command_is_found():
     )  # fmt: skip
     motors = fitted_responses(log.rows(slice(100, None)), identification_preset("rollout"), 0, SILENT)["servo_limits"]
     found = dict(zip(CONSTANTS, motors.constants[0].tolist(), strict=True))
-    assert found["delay"] == pytest.approx(0.13, abs=0.01)
+    # slow sines do not tell a pure delay from the lag of a second order
+    assert found["delay"] + 2.0 * found["damping"] / found["rate"] == pytest.approx(0.13, abs=0.01)
     assert found["gain"] == pytest.approx(1.2, abs=0.03) and found["offset"] == pytest.approx(0.68, abs=0.02)
 
 

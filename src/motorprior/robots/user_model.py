@@ -13,7 +13,8 @@ from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import is_urdf
 from motorprior.robots.robot import Leg
 
-MAX_GYRATION, MIN_REACH = 2.0, 0.5  # radius of gyration of a link, in sizes of the model; size at least [m]
+# radius of gyration of a link that is an error in any model: in sizes of the model, and at least [m]
+MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
 
 
 def cannot_read(path: Path | None, reason: str) -> ArtifactError:
@@ -82,7 +83,7 @@ class UserModel:
             raise self._error(problem, remedy)
         radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
         radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
-        body, bound = int(radius.argmax()), max(MIN_REACH, MAX_GYRATION * model.stat.extent)
+        body, bound = int(radius.argmax()), max(MIN_GYRATION, MAX_GYRATION * model.stat.extent)
         if radius[body] > bound:
             mass, inertia = model.body_mass[body], model.body_inertia[body].max()
             problem = (
