@@ -89,7 +89,7 @@ class UserModel:
             problem = (
                 f"link {model.body(body).name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
             )
-            problem += f"{radius[body]:.3g} m, above {bound:.3g} m, {MAX_GYRATION:g} times the size of the model"
+            problem += f"{radius[body]:.3g} m, above {bound:.3g} m"
             raise self._error(problem, "correct its inertia: kg·m², about the centre of mass")
 
     def _error(self, problem: str, remedy: str) -> ArtifactError:
