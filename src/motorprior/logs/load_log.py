@@ -106,7 +106,9 @@ def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], pat
         return log
     if len(as_joint) == log.num_joints and len(set(as_joint) & set(robot.joint_names)) == len(as_joint):
         return checked(replace(log, joint_names=as_joint, robot=robot.name))
-    problem = f"its joints {listed(log.joint_names, 8)} need {log.num_joints} different names of {robot.name}'s joints"
+    problem = f"its joints {listed(log.joint_names, 8)} are none of {robot.name}'s"
+    if as_joint:
+        problem = f"as_joint {', '.join(as_joint)} does not name {log.num_joints} different joints of {robot.name}"
     remedy = f"state which they are by as_joint, such as {robot.joint_names[0]}, of {', '.join(robot.joint_names)}"
     raise ConfigError(problem, where=path, remedy=remedy, argument="as_joint")
 
