@@ -210,7 +210,9 @@ def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
                 yield Finding("error", "units", size, message, remedy, joint, row)
             elif size > max(TURN, reach) or np.ptp(angle) > np.nanmax([TURN, high - low]):
                 message += f"; it moves over {np.ptp(angle):.4g} rad: more than one turn"
-                remedy = f"if these are not rad, {_DEGREES}; if the encoder wrapped, {_UNWRAP}"
+                remedy = (
+                    f"if these are not rad, {_DEGREES}; if the encoder wrapped, state wraps = true for it in the map"
+                )
                 yield Finding("warning", "units", size, message, remedy, joint, row)
             row = int(np.argmax(np.maximum(low - angle, angle - high)))
             if angle[row] < low or angle[row] > high:
