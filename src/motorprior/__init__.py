@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from motorprior.exports.registry import export as export
     from motorprior.identification.adapt import adapt as adapt
     from motorprior.identification.fit_prior import fit_prior as fit_prior
+    from motorprior.identification.validate import validate as validate
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log
     from motorprior.logs.load_log import load_log as load_log

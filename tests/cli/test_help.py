@@ -4,12 +4,14 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import pytest
 
+import motorprior as mp
 from motorprior.cli.console import command_line
-from motorprior.cli.main import COMMANDS, LOGS, parse
+from motorprior.cli.main import COMMANDS, COMMON, HELP_ALL, LOGS, parse
 from motorprior.commands.demo import Demo
 
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
@@ -20,7 +22,7 @@ def test_every_option_is_explained_with_its_unit(
     motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: str
 ):
     monkeypatch.setenv("COLUMNS", "120")  # wider, a long help has two columns
-    outcome = motorprior(*command.split(), "--help")
+    outcome = motorprior(*command.split(), HELP_ALL)
     assert outcome.code == 0 and outcome.out.startswith("usage: motorprior"), outcome.err
     plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)
     pieces = re.split(r"^ *(--[a-z][\w.-]+)", plain, flags=re.MULTILINE)
@@ -31,6 +33,27 @@ def test_every_option_is_explained_with_its_unit(
             assert re.search(r"\[[^\]]+\]", text), f"{option} has no unit: {text}"
     if not command:
         assert {*COMMANDS, "logs"} == set(re.findall(r"• ([\w-]+)", plain))
+
+
+@pytest.mark.parametrize("command", ["", "logs", *(f"logs {name}" for name in LOGS), *COMMANDS])
+def test_the_help_of_common_options_fits_a_screen(
+    motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: str
+):
+    monkeypatch.setenv("COLUMNS", "120")
+    outcome = motorprior(*command.split(), "--help")
+    assert outcome.code == 0 and len(outcome.out.splitlines()) <= 50, outcome.out
+    if (name := command.split(" ")[-1]) in COMMON:
+        assert HELP_ALL in outcome.out
+        shown, settings = COMMON[name], dict([*COMMANDS.items(), *LOGS.items()])[name][0]
+        assert set(shown) <= {each.name for each in fields(settings)}
+        assert len(outcome.out) < len(motorprior(*command.split(), HELP_ALL).out)
+
+
+def test_the_version_and_a_mistyped_command(motorprior: Callable[..., Any]):
+    assert motorprior("--version").out == f"motorprior {mp.__version__}\n"
+    outcome = motorprior("identfy", "bench")
+    assert outcome.code == 2 and "no command 'identfy' -> did you mean identify" in outcome.err
+    assert "did you mean import?" in motorprior("logs", "imprt", "a.csv").err
 
 
 def test_the_start_does_not_wait_for_heavy_libraries():

@@ -10,9 +10,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS
@@ -30,15 +31,17 @@ from motorprior.bounds import (
     require_count,
     require_number,
 )
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.motor_log import GAIN_UNITS
 from motorprior.schema import Header, Schema, Tensor, check_tensors
+from motorprior.texts import Described, Summary
 
-UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
+_UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
+IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
@@ -51,7 +54,7 @@ _HEADER = Header(
     "motor prior",
     6,
     {
-        "units": exactly(UNITS),
+        "units": exactly(_UNITS),
         "sign": exactly(SIGN),
         "motor_parameters": many(TEXT),
         "motor_terms": many(one_of(*TERMS)),
@@ -99,8 +102,8 @@ Decoder: TypeAlias = GreyBox | LatentNetwork
 """From latents to motors."""
 
 
-@dataclass(frozen=True)
-class MotorPrior:
+@dataclass(frozen=True, repr=False)
+class MotorPrior(Described):
     """A learned distribution of motors, with M training motors and Z latents."""
 
     model: Decoder
@@ -160,18 +163,52 @@ class MotorPrior:
         """The training motors at ``index``, at their posterior means."""
         return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
 
+    def constants(self) -> Constants:
+        """Constants of new motors with units and ranges between them, at the median logged gains if there are any."""
+        latents = np.random.default_rng(0).standard_normal((DRAWS, self.model.num_latents))
+        gains = None if self.gains is None else np.median(self.gains, axis=1)[:, None]
+        values = named_constants(self.model, latents, gains)
+        known = {name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}") for name in values}
+        identified = {name: None if value is None else value > 0.0 for name, value in known.items()}
+        return Constants.of(values, UNITS, identified)
+
+    def plot(self) -> Any:
+        """A matplotlib figure of the responses of 40 new motors to a step of the command."""
+        return draw_response(
+            self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period
+        )
+
+    def overview(self) -> Summary:
+        """For people: origin, errors and constants."""
+        kinds, metrics = ("grey box", "network"), self.metrics
+        errors = [f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""]
+        errors += [f"{100 * metrics['unexplained']:.0f} % of a PD's error remains" if "unexplained" in metrics else ""]
+        facts = {
+            "robot": self.robot or "none stated", "motor": self.motor, "preset": self.preset,
+            "model": f"{kinds[isinstance(self.model, LatentNetwork)]}, {self.model.num_latents} latents, "
+            f"physics steps up to {1e3 * self.model.period:g} ms",
+            "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
+            "joints": listed(self.joint_names, 8), "replayed logs, median error": ", ".join(filter(None, errors)),
+        }  # fmt: skip
+        table = self.constants()
+        return Summary(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
+
     def expected(self, joint_names: tuple[str, ...]) -> np.ndarray:
         """(J, Z) expected latents at these joints: those of the training motor of the same name, otherwise 0."""
         rows = dict(zip(self.joint_names, self.mean, strict=False))
         mean_motor = np.zeros(self.model.num_latents)
         return np.stack([rows.get(name, mean_motor) for name in joint_names])
 
+    def for_robot(self, robot: str) -> MotorPrior:
+        """The same motors on the joints of another robot, every one a sample."""
+        return replace(self, robot=robot, joint_names=())
+
     def require(self, robot: str, physics_dt: float) -> None:
         """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
-        if self.robot != robot:
-            raise ConfigError(
-                f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
-            )
+        if self.robot not in (robot, ""):
+            remedy = f"identify one from logs of {robot}; if {robot} has such motors, add of_robot={self.robot} to the "
+            remedy += f"text of the motors, prior:FILE,of_robot={self.robot}, or use prior.for_robot({robot!r})"
+            raise ConfigError(f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=remedy)
         self.training_motors(np.array([0])).arrays(physics_dt)
 
     def save(self, path: str | Path) -> None:
@@ -193,7 +230,7 @@ class MotorPrior:
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
         header = _HEADER.write(
-            units=UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
+            units=_UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
             period=model.period, network=network, grey_box=isinstance(model, GreyBox),
             standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,
             provenance=self.provenance, metrics=self.metrics, joint_names=list(self.joint_names),

@@ -14,13 +14,15 @@ from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
+from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.show_file import Show, described
 from motorprior.commands.study import run_study
 from motorprior.commands.study_settings import Study
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import Validate, run_validate
-from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError, LogError
@@ -33,8 +35,10 @@ from motorprior.identification.evaluation.log_tables import (
     error_table,
 )
 from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
@@ -75,7 +79,7 @@ def logs_check(config: LogsCheck) -> None:
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
-            for found in report.findings
+            for found in grouped(report.findings)
         ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)
@@ -95,6 +99,16 @@ def demo(config: Demo) -> None:
         table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
         table("Constants of your motors", *constant_table(constants_in(results)))
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
+
+
+def identify(config: Identify) -> None:
+    """See `run_identify`."""
+    print(run_identify(config, TERMINAL))
+
+
+def show(config: Show) -> None:
+    """See `described`."""
+    print(described(config))
 
 
 def adapt(config: Adapt) -> None:

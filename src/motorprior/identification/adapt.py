@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import named_multiples, with_logged_gains
+from motorprior.actuator.constants import named_constants
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
@@ -25,7 +25,7 @@ from motorprior.identification.latents.latent_fit import (
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 
@@ -136,12 +136,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
 
     Constants in units of a firmware are multiples with names of their own (`named_multiples`).
     """
-    if not isinstance(prior.model, GreyBox):
-        return {}
-    values, gains = prior.model.constants(latents), log.gains
-    if prior.model.gain_unit == PHYSICAL_GAINS and gains is not None:
-        return with_logged_gains(values, *gains)
-    return named_multiples(values) if prior.model.gain_unit else values
+    return named_constants(prior.model, latents, log.gains) if isinstance(prior.model, GreyBox) else {}
 
 
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:

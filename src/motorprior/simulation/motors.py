@@ -77,13 +77,16 @@ def fleet_motors(robot: Robot, fleet: str | None = None) -> Drawn:
 
 
 @register("prior")
-def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0, frozen: str = "") -> Drawn:
+def prior_motors(
+    robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0, frozen: str = "", of_robot: str = ""
+) -> Drawn:
     """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-].
 
-    frozen names constants that all motors have from the mean motor: friction, delay, armature or play.
+    frozen names constants that all motors have from the mean motor: friction, delay, armature or play. of_robot is the
+    robot or bench of the prior, if this robot has the same motors.
     """
     require_number("latent_spread", latent_spread)
-    prior = load_prior(Path(file), robot) if isinstance(file, str) else file
+    prior = _loaded(file, robot, of_robot) if isinstance(file, str) else file
     prior.require(robot.name, robot.physics_dt)
     if frozen:
         prior = prior.with_frozen(frozen)
@@ -93,19 +96,36 @@ def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.
     return Drawn(lambda rng: prior.sample(robot.num_joints, rng, gains, latent_spread), name, prior)
 
 
+def _loaded(file: str, robot: Robot, of_robot: str) -> MotorPrior:
+    if not of_robot:
+        return load_prior(Path(file), robot)
+    prior = MotorPrior.load(file)
+    if prior.robot != of_robot:
+        raise ConfigError(f"of_robot={of_robot}, but the prior is of {prior.robot!r}", where=file, remedy="correct it")
+    return prior.for_robot(robot.name)
+
+
 @register("posterior")
 def posterior_motors(
-    robot: Robot, file: str, prior: str, limit_follows_gain: bool = False, prior_share: float = 0.0
+    robot: Robot,
+    file: str,
+    prior: str,
+    limit_follows_gain: bool = False,
+    prior_share: float = 0.0,
+    of_robot: str = "",
 ) -> Drawn:
     """Samples of the posterior of one motor or of all the robot's, and the prior that it belongs to.
 
-    prior_share is a share of the prior's standard deviation of z in addition to the posterior's [-].
+    prior_share is a share of the prior's standard deviation of z in addition to the posterior's [-]. of_robot is as for
+    a prior.
+
     limit_follows_gain scales the torque limit of each motor with its kp: for motors that give less torque per ampere,
     from a log that does not reach the limit.
     """
-    of_prior = load_prior(Path(prior), robot)
+    of_prior = _loaded(prior, robot, of_robot)
     try:
-        return _of_posterior(MotorPosterior.load(file, of_prior), robot, limit_follows_gain, prior_share)
+        found = MotorPosterior.load(file, MotorPrior.load(prior))
+        return _of_posterior(replace(found, prior=of_prior), robot, limit_follows_gain, prior_share)
     except ConfigError as error:
         raise ConfigError(error.problem, where=file, remedy=error.remedy) from error
 
