@@ -29,6 +29,7 @@ def moving(rates: tuple[float, ...], lag: int = 3) -> MotorLog:
 
 def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     clean = moving((0.5, 0.8))
+    assert clean.joint_vel is not None
     angle, speed = clean.joint_pos.copy(), clean.joint_vel.copy()
     angle[[200, 700], 0], angle[900:902, 1], angle[-1, 1], speed[[400, 1200], 1] = -np.pi, -np.pi, -np.pi, 620.0
     log, (line,) = without_gaps(replace(clean, joint_pos=angle, joint_vel=speed))
@@ -40,6 +41,7 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
 
 def test_single_velocities_are_no_other_unit():
     log = moving((0.5,))
+    assert log.joint_vel is not None
     speed = log.joint_vel.copy()
     speed[[100, 800]] = 620.0
     report = check_log(replace(log, joint_vel=speed))

@@ -1,5 +1,8 @@
 """A legged URDF as ROS writes it becomes a robot; one that cannot is refused in the words of URDF."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+
 from pathlib import Path
 
 import mujoco

@@ -1,5 +1,8 @@
 """Walks that diverged are no falls, a policy remembers its robot's weight, and a model's floor and lamp stay behind."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,5 +1,8 @@
 """Motors on the joints of a user's model: coupled fingers stay stable, and every guard fires."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+
 from collections.abc import Callable
 
 import mujoco
