@@ -66,3 +66,11 @@ def test_every_bench_and_every_policy_is_shown():
     figures = summary.as_results().to_figures()
     assert figures["own/oracle/policies_upright"] == 11 / 12
     assert figures["bench_1/own/oracle/upright"] < 0.85 < 0.95 < figures["bench_2/own/oracle/upright"]
+
+
+def test_walks_that_diverged_are_in_no_figure():
+    walks = invented({"sampled_prior": 1.0, "oracle": 1.0})
+    for walk in walks[:3]:
+        walk["upright"] = walk["speed"] = float("nan")
+    figures = summarise(walks).as_results().to_figures()
+    assert all(np.isfinite(value) for value in figures.values()) and figures["own/sampled_prior/upright"] > 0.95

@@ -139,8 +139,12 @@ def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, p
     if not is_finished(folder, wanted):
         with working(folder, wanted):
             write_walks(folder / WALKS, _evaluate(TrainedPolicy.load(policy, robot), condition, tested))
+    walks = read_walks(folder / WALKS)
+    if diverged := sum(np.isnan(walk["upright"]) for walk in walks):
+        name = f"bench {bench.seed}, {condition.folder}"
+        progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: no figure contains them")
     task.advance(1, f"bench {bench.seed}, {condition.folder}")
-    return read_walks(folder / WALKS)
+    return walks
 
 
 def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:

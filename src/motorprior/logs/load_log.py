@@ -119,7 +119,7 @@ def without_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str
     Raises LogError as `begin_at_gaps`, or if a segment has fewer than 2 rows without failed reads.
     """
     failed = failed_reads(log)
-    counts, rows = failed.sum(axis=0), failed.any(axis=1)
+    counts, rows = failed.sum(axis=0), np.asarray(failed.any(axis=1))
     named = [f"{name} {count}" for name, count in zip(log.joint_names, counts, strict=True) if count]
     lines = [f"{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
     log, gaps = begin_at_gaps(checked(log.rows(~rows)) if named else log, period)

@@ -131,7 +131,7 @@ def summarise(walks: Sequence[WalkRow]) -> Summary:
         for measure in COMPARED:
             of_cell = scores(cell, measure)
             by_bench[place, condition, measure] = statistic_of(measure)(of_cell.reshape(len(of_cell), -1))
-        upright[place, condition] = scores(cell, "upright").mean(axis=2)
+        upright[place, condition] = statistics.means(scores(cell, "upright"))
         if place in ENVIRONMENTS and condition != REFERENCE and reference is not None:
             for measure in COMPARED:
                 one, other = scores(cell, measure), scores(reference, measure)
