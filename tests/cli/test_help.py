@@ -64,7 +64,7 @@ def test_the_start_does_not_wait_for_heavy_libraries():
 
 
 def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
-    words = "motorprior demo --fleet mixed --logs somewhere --columns any --suspended --motors 16"
+    words = "motorprior demo --fleet mixed --logs somewhere --columns any --suspended --motors 24"
     config = parse([*words.split()[1:], "--workers", "1"])
     assert isinstance(config, Demo)
     assert command_line("demo", config, ("out", "workers")) == words

@@ -102,7 +102,8 @@ def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], pat
     """The log with joints of the robot, if their names are given."""
     if as_joint and robot is None:
         raise ConfigError("as_joint without a robot", remedy="give robot", argument="as_joint")
-    if robot is None or (not as_joint and set(log.joint_names) & set(robot.joint_names)):
+    known = robot is not None and (log.robot == robot.name or set(log.joint_names) & set(robot.joint_names))
+    if robot is None or (known and not as_joint):
         return log
     if len(as_joint) == log.num_joints and len(set(as_joint) & set(robot.joint_names)) == len(as_joint):
         return checked(replace(log, joint_names=as_joint, robot=robot.name))
