@@ -73,6 +73,7 @@ def study_walks(config: Study, progress: Progress) -> list[WalkRow]:
     conditions.adapt_robots([robot for bench in benches for robot in conditions.robots_of(bench)], threads, progress)
     of_seeds = ((bench, seed) for seed in range(config.seeds) for bench in benches)
     policies = [each for bench, seed in of_seeds for each in conditions.conditions_of(bench, seed)]
+    policies.sort(key=lambda each: each.name != "oracle")  # the longest first, otherwise they run alone at the end
     walks = walk_table(config, policies, progress)
     write_walks(config.out / WALKS, walks)
     return walks

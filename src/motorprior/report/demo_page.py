@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_style import TEXT, describe, model_label, new_figure, panels
-from motorprior.report.study import forest_plot, own_table, with_interval
+from motorprior.report.study import conditions_in, forest_plot, own_table, with_interval
 from motorprior.studies.robustness import FRICTIONS, PUSHES
 from motorprior.studies.summary import COMPARED, OWN, OWN_FOREIGN, REFERENCE, Summary
 
@@ -20,7 +20,7 @@ _AS_GOOD = 0.02  # difference of the time upright below which two conditions are
 
 def answer(summary: Summary, speed: float, film: Picture) -> Section:
     """What was asked, what came out, how sure it is; the film; time upright, speed and transfer gap."""
-    conditions = list(dict.fromkeys(condition for _, condition in summary.upright))
+    conditions = conditions_in(summary)
     policies = next(iter(summary.upright.values())).shape[1]
     asked = (
         f"Policies are trained in simulation on models of a robot's motors, and then walk robots that they have never "

@@ -32,7 +32,7 @@ def study_sections(summary: Summary) -> list[Section]:
         "the time."
     )
     drawn = picture(
-        forest_plot(summary, _conditions(summary)),
+        forest_plot(summary, conditions_in(summary)),
         "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the training simulation.",
     )
     walks = "A policy that falls in the simulation of its training has not converged."
@@ -46,7 +46,8 @@ def study_sections(summary: Summary) -> list[Section]:
     return sections
 
 
-def _conditions(summary: Summary) -> list[str]:
+def conditions_in(summary: Summary) -> list[str]:
+    """Training conditions in the order of every table."""
     found, order = {condition for _, condition in summary.upright}, (*CONDITIONS, *FROZEN)
     return [name for name in order if name in found] + sorted(found - set(order))
 
@@ -54,7 +55,7 @@ def _conditions(summary: Summary) -> list[str]:
 def own_table(summary: Summary) -> Table:
     """A row per condition, a cell per bench: time upright of every policy in the simulation of its training."""
     rows = []
-    for condition in _conditions(summary):
+    for condition in conditions_in(summary):
         for place in (OWN, OWN_FOREIGN):
             if (policies := summary.upright.get((place, condition))) is not None:
                 cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
@@ -74,7 +75,7 @@ def headline_table(summary: Summary) -> Table:
         share = 100.0 * float(np.mean(summary.upright[place, condition] >= CONVERGED))
         return f"{with_interval(speed, 1.0, '.2f')}; {with_interval(upright, 100.0, '.0f')}; {share:.0f}"
 
-    rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
+    rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
     caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
     return Table(("trained on", *places), rows, caption)
 
@@ -90,7 +91,7 @@ def difference_table(summary: Summary) -> Table:
                 texts.append(f"{with_interval(found.difference, factor, form)} p={found.p:.2g}")
         return "; ".join(texts)
 
-    rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
+    rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
     caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"
     return Table(("trained on", *places), [row for row in rows if any(row[1:])], caption)
 
@@ -104,7 +105,7 @@ def with_interval(found: Estimate, factor: float, form: str) -> str:
 def forest_plot(summary: Summary, conditions: Sequence[str]) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    environments = [place for place in dict.fromkeys(place for place, _ in upright) if place in ENVIRONMENTS] or [OWN]
+    environments = [place for place in ENVIRONMENTS if place in {place for place, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
     for axes, environment in zip(panels(figure, 1, len(environments), sharey=True)[0], environments, strict=True):
         for row, condition in enumerate(conditions):
