@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
     from motorprior.identification.adapt import adapt as adapt
+    from motorprior.identification.excitation.fit_excitation import fit_excitation as fit_excitation
     from motorprior.identification.fit_prior import fit_prior as fit_prior
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log

@@ -20,6 +20,7 @@ from motorprior.commands.adapt import Adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
+from motorprior.commands.excite import Excite, run_excite  # noqa: E402
 from motorprior.commands.identify import Identify, run_identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
 from motorprior.commands.play import Play  # noqa: E402
@@ -51,6 +52,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
     "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
+    "excite": (_positional(Excite, runs=PATHS), partial(run_excite, progress=TERMINAL)),
     "replay": (_positional(Replay, logs=Path), show.replay),
     "walk": (show.WalkCommand, show.walk),
     "play": (_positional(Play, policies=PATHS), show.play),

@@ -28,6 +28,8 @@ class Bench:
     preset: str = "rollout"
     """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, in short), narrow (sinusoids on
     one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
+    excitation: Path | None = None
+    """Play this file of `motorprior excite` in every segment, on its loads; otherwise the preset's excitation."""
     motors: int = 32
     """Number of motors drawn from the fleet."""
     steps: int = 10_000
@@ -49,8 +51,9 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
     require_seed(config.seed)
     robot = load_robot(config.robot)
     fleet, preset = load_robot_fleet(robot, config.fleet), bench_preset(config.preset).for_robot(robot)
+    preset, played = preset.with_excitation(config.excitation), [config.excitation] if config.excitation else []
     wanted = description(
-        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files], recipe=asdict(preset)
+        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files, *played], recipe=asdict(preset)
     )
     if is_finished(config.out, wanted):
         return
