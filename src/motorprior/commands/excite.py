@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
 from motorprior.bench.bounded_stream import Bounds
+from motorprior.bench.excitation import Streams
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
@@ -103,12 +103,9 @@ def _with_loads(config: Excite, path: Path, progress: Progress) -> MotorLog:
 
 def _write_csv(found: LearnedExcitation, path: Path, seconds: float, seed: int) -> None:
     """Columns time [s], and per class position_target [rad] and external_torque [N·m], a row per control period."""
-    streams = found.streams(
-        np.random.default_rng(seed), round(seconds / found.period), found.period, found.classes
-    )  # fmt: skip
-    names = [f"{channel}/{name}" for channel in ("position_target", "external_torque") for name in found.classes]
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["time", *names])
-        for row, values in enumerate(np.hstack([streams.position_target, streams.external_torque])):
-            writer.writerow([f"{row * found.period:.6g}", *(f"{value:.6g}" for value in values)])
+    streams = found.streams(np.random.default_rng(seed), round(seconds / found.period), found.period, found.classes)
+    names = [f"{channel}/{name}" for channel in Streams._fields[:2] for name in found.classes]
+    time = found.period * np.arange(len(streams.position_target))
+    with atomic_path(path) as temporary:
+        table = np.column_stack([time, streams.position_target, streams.external_torque])
+        np.savetxt(temporary, table, "%.6g", ",", header=",".join(["time", *names]), comments="")

@@ -8,6 +8,7 @@ Both see bounded streams; the critic also gets joint class and gait command.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -54,10 +55,10 @@ def train_generator(
             kept = [jnp.asarray(tensors[str(index)], leaf.dtype) for index, leaf in enumerate(leaves)]
             state = jax.tree.unflatten(structure, kept)
             report(first, "continued")
-    advance = _compiled_chunk(runs, optimisers)
+    advance, constants = _compiled_chunk(optimisers, len(runs.classes), runs.period), _constants(runs)
     for begin in range(first, steps, CHUNK):
         count = min(CHUNK, steps - begin)
-        state, gap = advance(state, _batches(runs, np.random.default_rng([seed, _STREAM, begin]), count))
+        state, gap = advance(state, _batches(runs, np.random.default_rng([seed, _STREAM, begin]), count), constants)
         if checkpoint is not None:
             arrays = {str(index): np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
             write_tensors(checkpoint, arrays, {"identity": identity, "steps": begin + count})
@@ -97,20 +98,24 @@ def _batches(runs: LearnedExcitation, rng: np.random.Generator, count: int) -> t
     return tuple(part.astype(kind).reshape(*shape, *part.shape[1:]) for part, kind in zip(parts, kinds, strict=True))
 
 
-def _compiled_chunk(runs: LearnedExcitation, optimisers: Mapping[str, Any]) -> Callable:
-    limits, scales = jnp.asarray(runs.bounds, jnp.float32), jnp.asarray(runs.scales, jnp.float32)
+def _constants(runs: LearnedExcitation) -> tuple[jnp.ndarray, ...]:
+    """Of each class: bounds, scales, and standard deviation of the scaled change of the target."""
     change = np.diff(runs.windows[..., 0], axis=1)
-    changes = jnp.asarray([np.std(change[runs.window_class == kind]) for kind in range(len(runs.classes))], jnp.float32)
-    changes = changes / scales[:, 0]
+    changes = [np.std(change[runs.window_class == kind]) for kind in range(len(runs.classes))] / runs.scales[:, 0]
+    return tuple(jnp.asarray(value, jnp.float32) for value in (runs.bounds, runs.scales, np.maximum(changes, 1e-6)))
 
-    def made(weights: Weights, inputs: jnp.ndarray, which: jnp.ndarray) -> jnp.ndarray:
+
+def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: float) -> Callable:
+    # numbers of the runs are arguments: the compiled program can then be cached for all runs of a shape
+    def made(weights: Weights, inputs: jnp.ndarray, which: jnp.ndarray, constants: Any) -> jnp.ndarray:
         """(B, frames, CHANNELS) bounded windows, scaled."""
+        limits, scales, _ = constants
         raw = generator(weights, inputs, jnp) * scales[which][:, None]
         bounds = Bounds(*limits[which].T)
         targets = jnp.swapaxes(raw[..., 0], 0, 1)
 
         def follow(state: Any, pair: Any) -> Any:
-            return bounded_stream.step(state, *pair, bounds, runs.period, jnp)
+            return bounded_stream.step(state, *pair, bounds, period, jnp)
 
         start = (targets[0], jnp.zeros_like(targets[0]))
         _, target = jax.lax.scan(follow, start, (targets[:-1], targets[1:]))
@@ -118,10 +123,10 @@ def _compiled_chunk(runs: LearnedExcitation, optimisers: Mapping[str, Any]) -> C
         whole = jnp.concatenate([jnp.swapaxes(target, 0, 1)[..., None], torque], axis=2)
         return (whole / scales[which][:, None])[:, BURN_IN:]
 
-    def scores(weights: Weights, norms: Weights, windows: jnp.ndarray, which: jnp.ndarray, command: jnp.ndarray) -> Any:
+    def scores(weights: Weights, norms: Weights, windows: jnp.ndarray, which: Any, command: Any, changes: Any) -> Any:
         """(B,) of the critic: large for windows of runs."""
         change = jnp.diff(windows[..., :1], axis=1) / changes[which][:, None, None]
-        kinds = jax.nn.one_hot(which, len(runs.classes))
+        kinds = jax.nn.one_hot(which, num_classes)
         given = jnp.concatenate([kinds, command[:, None]], axis=1)[:, None]
         given = jnp.broadcast_to(given, (*change.shape[:2], given.shape[2]))
         hidden = jnp.concatenate([windows[:, 1:], change, given], axis=2)
@@ -147,14 +152,15 @@ def _compiled_chunk(runs: LearnedExcitation, optimisers: Mapping[str, Any]) -> C
         update, adam = optimisers[name].update(gradient, state[f"{name}_adam"], state[name])
         return state | {name: optax.apply_updates(state[name], update), f"{name}_adam": adam}
 
-    def step(state: dict[str, Any], batch: Any) -> tuple[dict[str, Any], jnp.ndarray]:
+    def step(constants: Any, state: dict[str, Any], batch: Any) -> tuple[dict[str, Any], jnp.ndarray]:
         inputs, which, command, real = batch
-        fake = jax.lax.stop_gradient(made(state["generator"], inputs[0], which[0]))
+        changes = constants[2]
+        fake = jax.lax.stop_gradient(made(state["generator"], inputs[0], which[0], constants))
 
         def critic_loss(weights: Weights) -> Any:
             directions, norms = normed(weights, state["directions"])
-            of_real = scores(weights, norms, real[0], which[0], command[0])
-            of_fake = scores(weights, norms, fake, which[0], command[0])
+            of_real = scores(weights, norms, real[0], which[0], command[0], changes)
+            of_fake = scores(weights, norms, fake, which[0], command[0], changes)
             loss = jnp.mean(jax.nn.relu(1.0 - of_real)) + jnp.mean(jax.nn.relu(1.0 + of_fake))
             return loss, (directions, of_real.mean() - of_fake.mean())
 
@@ -163,15 +169,16 @@ def _compiled_chunk(runs: LearnedExcitation, optimisers: Mapping[str, Any]) -> C
         _, norms = normed(state["critic"], directions)
 
         def generator_loss(weights: Weights) -> jnp.ndarray:
-            return -jnp.mean(scores(state["critic"], norms, made(weights, inputs[1], which[1]), which[1], command[1]))
+            windows = made(weights, inputs[1], which[1], constants)
+            return -jnp.mean(scores(state["critic"], norms, windows, which[1], command[1], changes))
 
         state = updated(state, "generator", jax.grad(generator_loss)(state["generator"]))
         average = jax.tree.map(lambda a, b: DECAY * a + (1.0 - DECAY) * b, state["average"], state["generator"])
         return state | {"average": average}, gap
 
     @jax.jit
-    def chunk(state: dict[str, Any], batches: Any) -> tuple[dict[str, Any], jnp.ndarray]:
-        state, gaps = jax.lax.scan(step, state, batches)
+    def chunk(state: dict[str, Any], batches: Any, constants: Any) -> tuple[dict[str, Any], jnp.ndarray]:
+        state, gaps = jax.lax.scan(partial(step, constants), state, batches)
         return state, jnp.mean(gaps)
 
     return chunk

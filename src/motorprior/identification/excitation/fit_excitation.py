@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -67,10 +66,9 @@ def fit_excitation(
         from motorprior.identification.excitation.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
-        identity, started = json.loads(json.dumps(origin)), monotonic()
-        checkpoint = None if out is None else Path(out).with_suffix(".checkpoint")
+        started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
         with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
-            weights = train_generator(found, steps, seed, checkpoint, identity, task.advance)
+            weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
         progress.note(f"trained in {monotonic() - started:.1f} s")
         found = replace(found, weights=weights)
     found = replace(found.playing(play), provenance=origin)
