@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, bench_names, run
 from motorprior.bench.learned_excitation import LearnedExcitation
@@ -21,7 +21,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import recipe_of
-from motorprior.identification.training_data.windows import training_data
+from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 
 CANDIDATES = 64  # windows of each class to choose from
@@ -32,12 +32,12 @@ _NUDGE = 0.05  # of z, for the derivatives of constants
 
 @dataclass(frozen=True)
 class Plan:
-    """For one joint class."""
+    """For one joint class: seconds to play, and what they do to the standard deviations of constants' logarithms."""
 
     joint_class: str
-    seconds: float  # to play
-    before: dict[str, float]  # standard deviation of the logarithm of each constant, by the prior
-    after: dict[str, float]  # and after these seconds
+    seconds: float
+    before: dict[str, float]
+    after: dict[str, float]
     windows: np.ndarray  # (n,) indices of the candidates, the most informative first
 
     @property
@@ -75,17 +75,20 @@ def active(
 
 def information(prior: MotorPrior, model: GreyBox, trial: Trial) -> np.ndarray:
     """(n, K, K) information about z of the prior's central motor from each joint of a bench trial."""
-    count = len(trial.load_inertia)
-    z = np.zeros((count, model.num_latents))
-    response, rows = run(model.motors(z), trial), len(trial.position_target)
+    count, rows = len(trial.load_inertia), len(trial.position_target)
+    motors = prior.sample(count, 0, spread=0.0)
+    response, gains = run(motors, trial), motors.gains if isinstance(motors, GreyBoxActuator) else None
     log = MotorLog(
         time=np.arange(rows) * trial.dt, position_target=trial.position_target, joint_pos=response.joint_pos,
         joint_vel=response.joint_vel, joint_torque=response.joint_torque, external_torque=trial.external_torque,
         load_inertia=np.tile(trial.load_inertia, (rows, 1)), joint_names=bench_names(count), robot=prior.robot,
         motor=prior.motor, source="candidates",
     )  # fmt: skip
-    preset = replace(recipe_of(prior), gain_unit="", firmware=(), conditions=())
-    runs = WindowRuns(training_data(log, preset, log.source), preset)
+    if gains is not None:
+        kp, kd = np.repeat(gains[:, None], rows, axis=1)
+        log = replace(log, stated_kp=kp, stated_kd=kd, gain_unit=model.gain_unit)
+    preset = with_window_that_fits(recipe_of(prior), log)
+    runs, z = WindowRuns(training_data(log, preset, log.source), preset), np.zeros((count, model.num_latents))
     search = motor_search(model, runs)
     return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from motorprior.bench.bounded_stream import Bounds
-from motorprior.bench.learned_excitation import LearnedExcitation, class_of
+from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bench.stream_makers import CHANNELS, SUB
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
@@ -35,36 +35,32 @@ def windows_of(
     """The windows of runs with a control period of ``period`` [s], played by themselves.
 
     ``commands`` are the commanded speeds of the runs [m/s]. Static joints are left out. Raises `LogError` if no segment
-    is as long as a window, or the runs have different joints.
+    with a moving joint is as long as a window.
     """
     frames = round(seconds / period)
-    classes = tuple(dict.fromkeys(kind for log in logs for kind in joint_classes(log.joint_names)))
-    rows: list[tuple[int, float, np.ndarray]] = []
-    inertia: dict[int, list[float]] = {}
+    rows: list[tuple[str, float, np.ndarray]] = []
+    inertia: dict[str, list[float]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
-        for segment in log.segments():
-            moving = [int(joint) for joint in excited_joints(segment)] if segment.duration > seconds else []
-            if moving:
-                grid = resample(segment, period / SUB)
-                for joint in moving:
-                    kind = class_of(log.joint_names[joint], classes, 0)
-                    rows += [(kind, command, window) for window in _cut(grid, joint, frames)]
-                    if grid.load_inertia is not None:
-                        inertia.setdefault(kind, []).append(float(np.median(grid.load_inertia[:, joint])))
+        kinds = joint_classes(log.joint_names)
+        for segment in (each for each in log.segments() if each.duration > seconds):
+            grid = resample(segment, period / SUB)
+            for joint in excited_joints(segment).tolist():
+                rows += [(kinds[joint], command, window) for window in _cut(grid, joint, frames)]
+                if grid.load_inertia is not None:
+                    inertia.setdefault(kinds[joint], []).append(float(np.median(grid.load_inertia[:, joint])))
     if not rows:
         remedy = "record longer runs, or runs that move"
         raise LogError(f"no segment of {seconds:g} s with a moving joint", where=logs[0].source, remedy=remedy)
-    moving_classes = sorted({kind for kind, _, _ in rows})
-    kept = [row for kind in moving_classes for row in _spread([row for row in rows if row[0] == kind])]
-    which = np.array([moving_classes.index(kind) for kind, _, _ in kept])
-    windows = np.stack([window for _, _, window in kept])
-    by_class = [windows[which == kind] for kind in range(len(moving_classes))]
-    ranges = [(min(inertia[k]), max(inertia[k])) if k in inertia else UNLOADED for k in moving_classes]
+    classes = tuple(dict.fromkeys(kind for kind, _, _ in rows))
+    kept = [row for kind in classes for row in _spread([row for row in rows if row[0] == kind])]
+    which, windows = np.array([classes.index(kind) for kind, _, _ in kept]), np.stack([row[2] for row in kept])
+    of_class = [windows[which == kind] for kind in range(len(classes))]
+    ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else UNLOADED for kind in classes]
     return LearnedExcitation(
-        "recorded", tuple(classes[kind] for kind in moving_classes), period, windows, which,
+        "recorded", classes, period, windows, which,
         np.array([command for _, command, _ in kept], float), _frequency(windows[..., 0], period),
-        np.array([np.maximum(own.std(axis=(0, 1)), 1e-6) for own in by_class]),
-        np.array([_bounds(own, period) for own in by_class]), np.array(ranges),
+        np.array([np.maximum(own.std(axis=(0, 1)), 1e-6) for own in of_class]),
+        np.array([_bounds(own, period) for own in of_class]), np.array(ranges),
     )  # fmt: skip
 
 
