@@ -33,6 +33,7 @@ from motorprior.identification.excitation.fit_excitation import fit_excitation
 from motorprior.identification.excitation.plan import active
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import identification_preset, network_steps
+from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Lines
@@ -78,6 +79,10 @@ class Settings:
     budgets: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 60.0)  # of the curves [s]; none: leave them out
     policies: int = 0  # per cell of the largest losses, for transfer; 0: leave it out
     iterations: int = 50  # of their trainings
+    logs: tuple[Path, ...] = ()  # of a real robot: likeness of an excitation that is fitted to the first fit_logs
+    fit_logs: int = 5
+    columns: str | None = None  # column map of the logs
+    real_robot: str | None = None  # its .toml file, for the loads of suspended robots and fixed arms
 
 
 def cell(settings: Settings, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -204,9 +209,7 @@ def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
     excitation, held_out, train_seconds = learned(settings, robot, fleet)
     figures = {"train_seconds": train_seconds}
     alike = likeness(excitation, held_out, seed=0)
-    for kind in KINDS:
-        for quantity in ("auc", "coverage", "nearest"):
-            figures[f"likeness/{kind}/{quantity}"] = alike.mean(model=kind, quantity=quantity)
+    figures |= likeness_figures(alike, "likeness") | real_likeness(settings)
     for name in excitation.classes:
         write_picture(settings.out / f"likeness_{name}.png", excitation, held_out, name)
     write_text(settings.out / "likeness.md", likeness_table(alike, excitation.classes))
@@ -228,6 +231,25 @@ def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
     figures |= budgets(settings, robot, fleet, excitation)
     write_json(settings.out / "figures.json", figures)
     return figures, {"likeness": alike}
+
+
+def likeness_figures(alike: Results, name: str) -> dict[str, float]:
+    """Means over joint classes."""
+    quantities = ("auc", "coverage", "nearest")
+    return {f"{name}/{kind}/{each}": alike.mean(model=kind, quantity=each) for kind in KINDS for each in quantities}
+
+
+def real_likeness(settings: Settings) -> dict[str, float]:
+    """Likeness of an excitation that is fitted to the first ``fit_logs`` logs of a real robot to the others."""
+    if not settings.logs:
+        return {}
+    given = {"columns": settings.columns, "robot": settings.real_robot, "suspended": settings.real_robot is not None}
+    logs = [load_log(path, **given, progress=PROGRESS) for path in settings.logs]
+    out, steps = settings.out / "real.safetensors", settings.training_steps
+    found = fit_excitation(logs[: settings.fit_logs], steps=steps, out=out, progress=PROGRESS)
+    alike = likeness(found, fit_excitation(logs[settings.fit_logs :], "recorded", progress=PROGRESS), seed=0)
+    write_text(settings.out / "likeness_real.md", likeness_table(alike, found.classes))
+    return likeness_figures(alike, "likeness_real")
 
 
 def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedExcitation) -> dict[str, float]:
