@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
-FADE = 12  # frames of a cross-fade between two windows
+FADE = 10  # frames of a cross-fade between two windows
 NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
 STYLE_FRAMES = 250  # after which the slow inputs have changed
 HARMONICS = 2  # of the gait's phase that the generator gets
