@@ -36,6 +36,7 @@ from motorprior.identification.presets import identification_preset, network_ste
 from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
 from motorprior.progress import Lines
 from motorprior.report.plots_style import MODEL_COLORS, png_bytes
 from motorprior.results import Results
@@ -53,6 +54,7 @@ PROGRESS = Lines(sys.stderr)
 PLACES = {"standing": False, "suspended": True}
 COLORS = dict(zip(("runs", *KINDS), ("k", *MODEL_COLORS.values()), strict=False))
 HELD_OUT_STREAM = 67
+TROT = 2.5  # [s]
 ROUTES = {  # loss -> recipe; the last two have the same clock and data, so that only the loss differs
     "paper": "paper", "paper_wide": "paper_wide", "rollout": "rollout",
 }  # fmt: skip
@@ -99,21 +101,26 @@ def cell(settings: Settings, name: str, compute: Callable[[], dict[str, Any]]) -
 
 
 def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
-    """A physical robot that trots on the ground, with the torques of its motors and hence the loads of its joints."""
+    """A physical robot that trots on the ground, with its motors' torques and hence the loads of its joints.
+
+    Speed, frequency and height change every TROT seconds, with a new segment: windows of one trot are much alike.
+    """
     rng = np.random.default_rng([seed, 71])
     motors = fleet.sample(robot.num_joints, rng, of_one_robot=True).actuator()
-    targets = trot_targets(robot, rng, round(seconds / robot.control_dt))
-    played = replay(World(robot, robot.twin_physics_dt), motors, targets)
-    every = round(robot.physics_dt / robot.twin_physics_dt)
-    pos = played.joint_pos[::every]
-    log = MotorLog(
-        time=robot.physics_dt * np.arange(len(pos)), joint_pos=pos,
-        position_target=np.repeat(targets, round(robot.control_dt / robot.physics_dt), axis=0),
-        joint_vel=np.gradient(pos, robot.physics_dt, axis=0),
-        joint_torque=played.joint_torque.reshape(-1, every, robot.num_joints).mean(axis=1),
-        joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"walk {seed}",
-    )  # fmt: skip
-    return with_torque_balance(log, robot)
+    world, every = World(robot, robot.twin_physics_dt), round(robot.physics_dt / robot.twin_physics_dt)
+    trots = []
+    for _ in range(max(1, round(seconds / TROT))):
+        targets = trot_targets(robot, rng, round(TROT / robot.control_dt))
+        played = replay(world, motors, targets)
+        pos = played.joint_pos[::every]
+        trots.append(MotorLog(
+            time=robot.physics_dt * np.arange(len(pos)), joint_pos=pos,
+            position_target=np.repeat(targets, round(robot.control_dt / robot.physics_dt), axis=0),
+            joint_vel=np.gradient(pos, robot.physics_dt, axis=0),
+            joint_torque=played.joint_torque.reshape(-1, every, robot.num_joints).mean(axis=1),
+            joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"walk {seed}",
+        ))  # fmt: skip
+    return with_torque_balance(joined(trots), robot)
 
 
 def learned(settings: Settings, robot: Robot, fleet: Fleet) -> tuple[LearnedExcitation, LearnedExcitation, float]:
