@@ -67,8 +67,9 @@ class Settings:
     out: Path  # folder for cells, figures.json, table.md and likeness_CLASS.png
     robot: str = "pupper_v2"
     fleet: str = "pupper_v2"  # population of motors
-    runs: int = 12  # walks to learn from; a third as many others are held out
-    run_seconds: float = 10.0  # of a walk [s]
+    runs: int = 10  # walks to learn from
+    held_out_runs: int = 6  # other walks, for the likeness
+    run_seconds: float = 20.0  # of a walk [s]
     training_steps: int = 2000  # of the generator
     motors: int = 32  # on the bench, and as many held-out ones
     seconds: float = 20.0  # of log per motor [s]
@@ -126,7 +127,7 @@ def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
 def learned(settings: Settings, robot: Robot, fleet: Fleet) -> tuple[LearnedExcitation, LearnedExcitation, float]:
     """The excitation, the windows of held-out walks, and the seconds of the training."""
     paths = [settings.out / f"{name}.safetensors" for name in ("excitation", "held_out")]
-    held_out = range(1000, 1000 + max(1, settings.runs // 3))
+    held_out = range(1000, 1000 + settings.held_out_runs)
     if not all(path.exists() for path in paths):
         logs = [walk(robot, fleet, seed, settings.run_seconds) for seed in (*range(settings.runs), *held_out)]
         started = monotonic()
