@@ -115,7 +115,7 @@ def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: flo
         targets = jnp.swapaxes(raw[..., 0], 0, 1)
 
         def follow(state: Any, pair: Any) -> Any:
-            return bounded_stream.step(state, *pair, bounds, period, jnp)
+            return bounded_stream.step(state, pair[0], pair[1], bounds, period, jnp)
 
         start = (targets[0], jnp.zeros_like(targets[0]))
         _, target = jax.lax.scan(follow, start, (targets[:-1], targets[1:]))

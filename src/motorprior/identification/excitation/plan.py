@@ -60,7 +60,8 @@ def active(
     for index, name in enumerate(excitation.classes):
         which = np.full(candidates, index)
         target, torque = excitation.frames(rng, frames, which)
-        inertia = np.exp(rng.uniform(*np.log(excitation.load_inertia[index]), candidates))
+        low, high = np.log(excitation.load_inertia[index])
+        inertia = np.exp(rng.uniform(low, high, candidates))
         trial = Trial(np.repeat(target, SUB, axis=0), torque, inertia, excitation.period / SUB)
         added = information(prior, model, trial)
         plans.append(_plan(name, model, added, frames * excitation.period))
