@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from motorprior.exports.cards import from_pretrained as from_pretrained
     from motorprior.exports.registry import export as export
     from motorprior.identification.adapt import adapt as adapt
+    from motorprior.identification.excitation.fit_excitation import fit_excitation as fit_excitation
     from motorprior.identification.fit_prior import fit_prior as fit_prior
     from motorprior.identification.validate import validate as validate
     from motorprior.locomotion.policy import Policy as Policy

@@ -23,6 +23,7 @@ from motorprior.commands.adapt import Adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
+from motorprior.commands.excite import Excite, run_excite  # noqa: E402
 from motorprior.commands.export import Export, run_export  # noqa: E402
 from motorprior.commands.identify import Identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
@@ -58,6 +59,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),
     "export": (_positional(Export, motors_of=Path), partial(run_export, progress=TERMINAL)),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
+    "excite": (_positional(Excite, runs=PATHS), partial(run_excite, progress=TERMINAL)),
     "replay": (_positional(Replay, logs=Path), show.replay),
     "walk": (show.WalkCommand, show.walk),
     "play": (_positional(Play, policies=PATHS), show.play),
