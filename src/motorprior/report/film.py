@@ -81,8 +81,8 @@ def write_film(
 
 
 def comparison_gif(robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None]) -> bytes:
-    """A GIF of ``steps`` control steps of walks by title, 8 pictures per second; a robot that falls stays there."""
-    stride = max(1, round(0.125 / robot.control_dt))
+    """A GIF of ``steps`` control steps of walks by title, 5 pictures per second; a robot that falls stays there."""
+    stride = max(1, round(0.2 / robot.control_dt))
     traces = [until_end(episode.trace, steps)[::stride] for episode in walks.values()]
     notes = [
         [
