@@ -51,7 +51,7 @@ class Excite:
     plan: Path | None = None
     """Prior (.safetensors): keep the windows that shrink its posterior most, and report what they identify."""
     csv: float = 0.0
-    """Also write so many seconds of targets and external torques of every joint class as .csv, for any other bench."""
+    """Duration of targets and external torques of every joint class that are also written as .csv [s]."""
     seed: int = 0
     """Of training and streams."""
 
