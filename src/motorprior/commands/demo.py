@@ -37,7 +37,7 @@ FILM = "film.gif"
 MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
 FILMED = ("ideal_pd", "sampled_prior")
 _ENVIRONMENTS = ("fleet", "hard")
-# selected by the study on its validation fleet (docs/transfer.md)
+# assumptions; the study selects them on its validation fleet (docs/transfer.md)
 _PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
 
 
@@ -174,8 +174,8 @@ def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
     """Condition -> robustness map of its policies on held-out robots."""
     found = {}
     with progress.start("robustness on held-out robots", len(MAPPED)) as task:
+        fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
         for name in MAPPED:
-            fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
             found[name] = robustness_map(_policies(bench, name), fleet, bench.commands, bench.seed)
             task.advance(1, name)
     return found
@@ -193,11 +193,12 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
     seed, number = (int(index) for index in np.unravel_index(typical, upright[0].shape))
     robot, episodes = load_robot(bench.robot), {}
     steps = round(bench.seconds / robot.control_dt)
-    motors = partial(motors_of_walk, robot, load_robot_fleet(robot, bench.foreign), bench.seed, None)
+    fleet = load_robot_fleet(robot, bench.foreign)
+    motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
     for name in FILMED:
         trained = _policies(bench, name)[seed]
         walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait, randomization=HARD)
-        scene = twin_scene(trained.robot, load_robot_fleet(robot, bench.foreign), walk)
+        scene = twin_scene(trained.robot, fleet, walk)
         (episodes[f"trained on: {model_label(name)}"],) = run_walks(
             scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors
         )

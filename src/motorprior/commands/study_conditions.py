@@ -83,7 +83,7 @@ def conditions_of(bench: Study, seed: int) -> list[Condition]:
         randomization = ROBUST if name == "robust_prior" else TRAINING
         for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
             within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
-            environments = tuple(name for name in bench.environments if ENVIRONMENTS[name].population in within)
+            environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
             motors = motors_of(bench, name, population, bench.robot_of(seed))
             made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
     return made
@@ -118,7 +118,8 @@ def record_benches(bench: Study, progress: Progress) -> dict[str, Path]:
     """Record the motors of a bench; preset -> folder of the logs of its prior, the longest fit first."""
     used = sorted({PRESETS[name] for name in bench.conditions if name in PRESETS}, reverse=True)
     logs = {preset: bench.out / "bench" / ("paper" if preset == "paper" else "rollout") for preset in used}
-    for out in sorted({bench.out / "bench" / "rollout", *logs.values()}):
+    of_pds = {bench.out / "bench" / "rollout"} if _fitted_pds(bench) else set()
+    for out in sorted(of_pds.union(logs.values())):
         motors, steps = bench.motors, bench.bench_steps
         run_bench(Bench(out, bench.fleet, out.name, motors, steps, bench.seed, bench.robot), progress)
     return logs
@@ -131,11 +132,16 @@ def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> No
         for preset, log in record_benches(bench, progress).items():
             out, steps = prior_path(bench, preset).parent, network_steps(preset, bench.adam_steps)
             works.append(partial(run_identify, Identify(log, out, preset, bench.seed, steps)))
-        log = bench.out / "bench" / "rollout" / "log.parquet"
-        of_random = {"friction_pd"} if "random_pd" in bench.conditions else set()
-        kinds = {name: free for name, free in FITTED_PDS.items() if name in of_random.union(bench.conditions)}
-        works.append(partial(_fit_pds, bench, log, bench.out / "fits", kinds))
+        if kinds := _fitted_pds(bench):
+            log = bench.out / "bench" / "rollout" / "log.parquet"
+            works.append(partial(_fit_pds, bench, log, bench.out / "fits", kinds))
     in_parallel(works, threads, progress)
+
+
+def _fitted_pds(bench: Study) -> dict[str, tuple[str, ...]]:
+    """PDs that the conditions need, and their fitted constants; the randomised PD is that with friction."""
+    needed = {"friction_pd" if name == "random_pd" else name for name in bench.conditions}
+    return {name: free for name, free in FITTED_PDS.items() if name in needed}
 
 
 def _fit_pds(bench: Study, log: Path, folder: Path, kinds: Mapping[str, tuple[str, ...]], progress: Progress) -> None:

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.actuator.motor_prior import IDENTIFIED, MotorPrior
@@ -34,6 +34,7 @@ from motorprior.identification.evaluation.log_tables import (
     error_results,
 )
 from motorprior.identification.fit_prior import fit_recipe
+from motorprior.identification.physics.motor_problem import near_bounds
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.logs.loads import with_some_load
@@ -147,7 +148,7 @@ def _within_bounds(prior: MotorPrior, name: str) -> np.ndarray:
     """(M,) motors whose constant is not at a bound of the search."""
     model = prior.model
     assert isinstance(model, GreyBox)
-    names, reached = parameters_of(model.motor.terms), np.abs(model.decoder_latents(prior.mean)) > 0.99 * LOG_REACH
+    names, reached = parameters_of(model.motor.terms), near_bounds(model.decoder_latents(prior.mean))
     if reached.shape[1] != len(names):  # latents are no constants
         return np.ones(len(prior.mean), dtype=bool)
     return ~reached[:, names.index(name)]

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import SIGNED, TERMS
@@ -28,6 +28,7 @@ from motorprior.identification.physics.motor_problem import (
     grey_box,
     identifiable_constants,
     motor_search,
+    near_bounds,
     unidentifiable_limits,
     unknown_torque_scale,
 )
@@ -175,7 +176,7 @@ def _notes_on_identifiability(
     identified = identifiable_constants(model, runs, z, [name for name in names_of if name not in SIGNED])
     metrics |= {f"{IDENTIFIED}{name}": float(name in identified) for name in names_of if name not in SIGNED}
     notes, free = [], ~fixed_constants(model.motor.terms, runs)
-    reached = (np.abs(z) > 0.99 * LOG_REACH) & free
+    reached = near_bounds(z) & free
     for name, motors in zip(names_of, reached.T, strict=True):
         if motors.any():
             notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")

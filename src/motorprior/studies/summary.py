@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator import motor_prior
 from motorprior.artifacts import write_text
 from motorprior.results import Result, Results
 from motorprior.studies import statistics
@@ -26,9 +27,8 @@ CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
     "ideal_pd", "tuned_pd", "friction_pd", "random_pd", "adapted_pd", "paper", "paper_wide", "central_motor",
     "sampled_prior", "adapted_prior", "robust_prior", "oracle",
 )  # fmt: skip
-FROZEN = {  # variants of the sampled prior with the mean motor's values of these constants
-    "frozen_friction": "friction", "frozen_delay": "delay", "frozen_armature": "armature", "frozen_play": "play",
-}  # fmt: skip
+# variants of the sampled prior, with the mean motor's values of these constants
+FROZEN = {f"frozen_{group}": group for group in motor_prior.FROZEN}
 ADAPTED = ("adapted_prior", "adapted_pd")  # the policy of seed k is fitted to robot k, and walks on it alone
 REFERENCE = "sampled_prior"
 COMPARED = ("speed", "upright")
