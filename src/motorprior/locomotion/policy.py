@@ -69,6 +69,14 @@ class PolicyArrays(NamedTuple):
     std: np.ndarray  # (observations,) running standard deviation, > 0
 
 
+def zero_policy(num_joints: int) -> PolicyArrays:
+    """The policy of zero actions, which is the plain gait."""
+    observations, actions = observation_size(num_joints), action_size(num_joints)
+    weights = np.zeros((actions, observations + 1))
+    nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
+    return PolicyArrays(np.asfortranarray(weights), *nothing, np.zeros(observations), np.ones(observations))
+
+
 @njit(cache=True)
 def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
     """Write clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1) to (actions,) ``out``, n = clip((x - mean) / std, -10, 10).
