@@ -3,20 +3,19 @@
     python benchmarks/acceptance.py run --data DIR --out runs/acceptance
     python benchmarks/acceptance.py compare benchmarks/acceptance.json runs/acceptance/acceptance.json
 
-`run` runs the demo, a small transfer study and the benchmarks on real logs and on fleets, with one fold per robot and
-few motors, and collects their figures in acceptance.json. Finished runs are reused; about 40 minutes on two cores.
+`run` runs the demo, which is a small transfer study, and the benchmarks on real logs and on fleets, with one fold per
+robot and few motors, and collects their figures in acceptance.json. Finished runs are reused; about 40 minutes on two
+cores.
 `compare` lists changed and missing figures and exits with 1 if there are any. The same seed gives the same figures for
 any number of workers, so the tolerance only covers differences between processors.
 """
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import subprocess
 import sys
-from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -25,10 +24,6 @@ import numpy as np
 import tyro
 
 BENCHMARKS = Path(__file__).parent
-QUICK = [
-    *("--seeds", "2", "--draws", "4", "--seconds", "6", "--iterations", "8", "--spread", "0.2"),
-    *("--motors", "16", "--bench-steps", "4000", "--adam-steps", "200"),
-]
 SMALL = ["--motors", "16", "--steps", "2000", "--adam-steps", "100"]
 COLLECTED = "acceptance.json"
 
@@ -56,7 +51,6 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
     product, real = ["-m", "motorprior"], [str(BENCHMARKS / "real_logs.py"), "--data", str(data)]
     return {
         "demo": [*product, "demo", "--out", str(out / "demo")],
-        "study": [*product, "transfer", "--study", *QUICK, "--out", str(out / "study")],
         "real_logs": [*real, "--folds", "1", "--seconds", "12", "--adam-steps", "100", "--out", str(out / "real_logs")],
         "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL, "--out", str(out / "fidelity")],
         "foreign": [str(BENCHMARKS / "foreign.py"), *SMALL, "--out", str(out / "foreign")],
@@ -76,17 +70,12 @@ def run(config: Run) -> None:
 
 
 def collected(out: Path) -> dict[str, float]:
-    """All figures except times, named after the run; of the study means over its walks."""
+    """All figures except times, named after the run."""
     figures: dict[str, float] = {}
     for path in (out / name / "figures.json" for name in ("demo", "real_logs", "fidelity", "foreign")):
         found = json.loads(path.read_text())
         figures |= {f"{path.parent.name}/{name}": value for name, value in found.items() if "seconds" not in name}
-    walks = defaultdict(list)
-    with (out / "study" / "walks.csv").open() as lines:
-        for row in csv.DictReader(lines):
-            for measure in ("speed", "upright"):
-                walks[f"study/{row['place']}/{row['condition']}/{measure}"].append(float(row[measure]))
-    return figures | {name: float(np.mean(values)) for name, values in walks.items()}
+    return figures
 
 
 def compare(config: Compare) -> int:

@@ -130,7 +130,8 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     steps, seed = settings.adam_steps, settings.seed
     prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
     preset = recipe_of(prior)
-    models = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
+    fitted = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
+    models = {name: motors for name, motors in fitted.items() if motors is not None}
     models["prior"] = expected_motors(prior, train)
     for other in range(1, settings.seeds):
         again = fit_prior(train, IDENTIFIED, seed + other, out=folder / f"prior_{other}", progress=PROGRESS)

@@ -53,3 +53,13 @@ def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, monkeypatch: pyte
     run(monkeypatch, "prior_to_policy.py", prior, "--iterations=1", "--episode-steps=5", "--out", out)
     assert mp.Policy.load(out).robot == "pupper_v2"
     assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
+
+
+def test_the_paper_reads_top_to_bottom_and_runs(monkeypatch: pytest.MonkeyPatch, capsys):
+    sizes = ("--motors=3", "--samples=300", "--steps=3", "--iterations=1", "--directions=1", "--seconds=0.1")
+    run(monkeypatch, "paper.py", *sizes)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == [
+        f"trained on {name}, on {place} motors" for name in ("prior", "ideal PD") for place in (name, "held-out")
+    ]
+    assert len((EXAMPLES / "paper.py").read_text("utf-8").splitlines()) <= 150

@@ -13,11 +13,11 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     *("__version__", "compiled", "exceptions", "rotations", "signals", "artifacts", "results"),
-    *("schema", "bounds", "delay_line", "backend", "progress", "stage"),
+    *("schema", "bounds", "delay_line", "backend", "progress", "stage", "texts"),
 }
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification", "locomotion", "simulation", "studies"),
-    *("environments", "report", "hardware", "commands", "public", "cli"),
+    *("exports", "environments", "report", "hardware", "commands", "public", "cli"),
 ]
 FORBIDDEN = {
     "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
@@ -25,7 +25,8 @@ FORBIDDEN = {
 }
 FOLDERS = {
     **dict.fromkeys(["jax", "optax"], "identification/"),
-    "mujoco": ("simulation/", "robots/user_model", "robots/build_model", "logs/loads"),
+    **dict.fromkeys(["warp", "torch", "mjlab", "mujoco_warp", "newton"], "exports/"),
+    "mujoco": ("simulation/", "exports/", "robots/user_model", "robots/build_model", "logs/loads"),
     "pybullet": "simulation/",
     "ray": "locomotion/executor",
     **dict.fromkeys(["serial", "msgpack"], "hardware/"),

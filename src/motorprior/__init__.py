@@ -29,8 +29,13 @@ if TYPE_CHECKING:
     from motorprior.exceptions import LogError as LogError
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
+    from motorprior.exports.bam_law import read_motor as read_motor
+    from motorprior.exports.cards import from_pretrained as from_pretrained
+    from motorprior.exports.registry import export as export
     from motorprior.identification.adapt import adapt as adapt
+    from motorprior.identification.excitation.fit_excitation import fit_excitation as fit_excitation
     from motorprior.identification.fit_prior import fit_prior as fit_prior
+    from motorprior.identification.validate import validate as validate
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log
     from motorprior.logs.load_log import load_log as load_log

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -47,22 +48,40 @@ class Notes(Progress, Task):
         self._note(text)
 
 
-class Lines(Task):
-    """Prints a line to a stream, such as `sys.stderr`, for every note and every finished unit of work."""
+class Lines:
+    """Prints notes, and for a unit of work a line at its begin, every ten seconds and at its end.
 
-    def __init__(self, stream: TextIO):
+    To a stream; `sys.stderr` if none is given.
+    """
+
+    def __init__(self, stream: TextIO | None = None):
         self._stream = stream
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Task]:
         """See `Progress.start`."""
         started = time.monotonic()
-        yield self
+        self.note(f"{name} ...")
+        yield Ticks(self.note, name, total)
         self.note(f"{name}: {time.monotonic() - started:.1f} s")
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
-        print(text, file=self._stream, flush=True)
+        print(text, file=self._stream or sys.stderr, flush=True)
+
+
+class Ticks(Task):
+    """A unit of work that reports its finished parts every ten seconds."""
+
+    def __init__(self, note: Callable[[str], None], name: str, total: int):
+        self._note, self._name, self._total, self._done, self._printed = note, name, total, 0, time.monotonic()
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """See `Task.advance`."""
+        self._done += count
+        if time.monotonic() - self._printed > 10.0:
+            self._printed = time.monotonic()
+            self._note(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
 
 
 def _warn(text: str) -> None:
@@ -72,6 +91,7 @@ def _warn(text: str) -> None:
 
 SILENT = Notes(lambda text: None)
 WARNED = Notes(_warn)  # warnings become Python warnings; default of the Python API
+SHOWN = Notes(_warn, Lines())  # and units of work are lines on stderr; default of what takes minutes
 
 
 def usable_threads(workers: int, progress: Progress) -> int:

@@ -36,6 +36,22 @@ def test_samples_have_the_posteriors_moments():
     np.testing.assert_allclose(np.cov(z[:, 5].T), posterior(12).covariance[5], atol=0.01)
 
 
+def test_a_share_of_the_prior_adds_to_the_posteriors_spread():
+    rng = np.random.default_rng(0)
+    z = np.stack([posterior(2).sample(2, rng, prior_share=0.5).z for _ in range(4000)])
+    np.testing.assert_allclose(np.cov(z[:, 1].T), posterior(2).covariance[1] + 0.25 * np.eye(2), atol=0.02)
+
+
+def test_frozen_constants_are_those_of_the_mean_motor():
+    frozen, free = (prior.sample(50, 0) for prior in (PRIOR.with_frozen("friction"), PRIOR))
+    assert isinstance(frozen, GreyBoxActuator) and isinstance(free, GreyBoxActuator)
+    assert np.ptp(free.constants()["coulomb"]) > 0.0
+    np.testing.assert_array_equal(frozen.constants()["coulomb"], np.ones(50))
+    np.testing.assert_array_equal(frozen.constants()["armature"], free.constants()["armature"])
+    with pytest.raises(ConfigError, match="colour"):
+        PRIOR.with_frozen("colour")
+
+
 def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_box):
     box = grey_box(spread=0.2, kp=9.0, torque_limit=1.26)
     prior = MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})

@@ -104,7 +104,7 @@ def folder(shared_data: Path, robots: Path, monkeypatch: pytest.MonkeyPatch) -> 
     write_table(swing(4.0), robots)
     monkeypatch.setattr(load_fit, "MAX_ROUNDS", 1)
     monkeypatch.setattr(response_fit, "RESTARTS", 4)
-    monkeypatch.setattr(demo, "run_bench", Mock(side_effect=Begun))
+    monkeypatch.setattr(demo.study_conditions, "record_benches", Mock(side_effect=Begun))
     return robots
 
 

@@ -4,12 +4,14 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import pytest
 
+import motorprior as mp
 from motorprior.cli.console import command_line
-from motorprior.cli.main import COMMANDS, LOGS, parse
+from motorprior.cli.main import COMMANDS, COMMON, HELP_ALL, LOGS, parse
 from motorprior.commands.demo import Demo
 
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
@@ -20,7 +22,7 @@ def test_every_option_is_explained_with_its_unit(
     motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: str
 ):
     monkeypatch.setenv("COLUMNS", "120")  # wider, a long help has two columns
-    outcome = motorprior(*command.split(), "--help")
+    outcome = motorprior(*command.split(), HELP_ALL)
     assert outcome.code == 0 and outcome.out.startswith("usage: motorprior"), outcome.err
     plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)
     pieces = re.split(r"^ *(--[a-z][\w.-]+)", plain, flags=re.MULTILINE)
@@ -33,6 +35,27 @@ def test_every_option_is_explained_with_its_unit(
         assert {*COMMANDS, "logs"} == set(re.findall(r"• ([\w-]+)", plain))
 
 
+@pytest.mark.parametrize("command", ["", "logs", *(f"logs {name}" for name in LOGS), *COMMANDS])
+def test_the_help_of_common_options_fits_a_screen(
+    motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: str
+):
+    monkeypatch.setenv("COLUMNS", "120")
+    outcome = motorprior(*command.split(), "--help")
+    assert outcome.code == 0 and len(outcome.out.splitlines()) <= 50, outcome.out
+    if (name := command.split(" ")[-1]) in COMMON:
+        assert HELP_ALL in outcome.out
+        shown, settings = COMMON[name], dict([*COMMANDS.items(), *LOGS.items()])[name][0]
+        assert set(shown) <= {each.name for each in fields(settings)}
+        assert len(outcome.out) < len(motorprior(*command.split(), HELP_ALL).out)
+
+
+def test_the_version_and_a_mistyped_command(motorprior: Callable[..., Any]):
+    assert motorprior("--version").out == f"motorprior {mp.__version__}\n"
+    outcome = motorprior("identfy", "bench")
+    assert outcome.code == 2 and "no command 'identfy' -> did you mean identify" in outcome.err
+    assert "did you mean import?" in motorprior("logs", "imprt", "a.csv").err
+
+
 def test_the_start_does_not_wait_for_heavy_libraries():
     code = "import sys, motorprior.cli.main; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
@@ -41,7 +64,7 @@ def test_the_start_does_not_wait_for_heavy_libraries():
 
 
 def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
-    words = "motorprior demo --fleet mixed --logs somewhere --columns any --suspended --motors 16"
+    words = "motorprior demo --fleet mixed --logs somewhere --columns any --suspended --motors 24"
     config = parse([*words.split()[1:], "--workers", "1"])
     assert isinstance(config, Demo)
     assert command_line("demo", config, ("out", "workers")) == words

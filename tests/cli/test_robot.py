@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from policies import as_file_content
+from policies import as_file_content, random_policy
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.locomotion.policy import zero_policy
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.logs.readers.robot_run import read_robot_run
 from motorprior.robots import load
@@ -23,7 +22,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 def policy_file(path: Path, **changes) -> Path:
     """Zero weights: a trot."""
-    as_file_content(zero_policy(12), **changes).save(path)
+    as_file_content(random_policy(0.0, 0), **changes).save(path)
     return path
 
 

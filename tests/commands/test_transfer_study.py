@@ -1,16 +1,21 @@
 """A minimal transfer study: every condition in every environment, resumable to the same bytes."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.commands.study import WALKS, run_study
-from motorprior.commands.study_conditions import FIXED_MOTORS, Study
+from motorprior.commands.study import CHOICES, WALKS, run_study
+from motorprior.commands.study_settings import Study
 from motorprior.exceptions import MotorPriorError
-from motorprior.studies.environments import ENVIRONMENTS
-from motorprior.studies.summary import CONDITIONS, OWN, OWN_FOREIGN, read_walks, scores
+from motorprior.locomotion.command import Commands
+from motorprior.robots.load import load_robot
+from motorprior.simulation.scene import WalkConfig
+from motorprior.studies.compare import POLICY, TrainedPolicy, run_walks
+from motorprior.studies.environments import ENVIRONMENTS, walk_seed
+from motorprior.studies.summary import CONDITIONS, FROZEN, OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
 
 DRAWS = 2
 
@@ -19,8 +24,8 @@ DRAWS = 2
 def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
-        tmp_path_factory.mktemp("study") / "run", seeds=2, draws=DRAWS, seconds=2.5, iterations=1, motors=12,
-        bench_steps=1500, adam_steps=30, workers=2,
+        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, draws=DRAWS, seconds=2.5, iterations=1,
+        conditions=CONDITIONS + tuple(FROZEN), motors=12, bench_steps=1500, adam_steps=30, workers=2,
     )  # fmt: skip
     run_study(config)
     return config
@@ -30,38 +35,50 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
 def test_every_policy_walks_every_draw_in_its_environments(done: Study):
     walks = read_walks(done.out / WALKS)
     for place in (OWN, *ENVIRONMENTS):
-        for condition in CONDITIONS:
+        for condition in done.conditions:
             cell = [walk for walk in walks if (walk["place"], walk["condition"]) == (place, condition)]
-            if condition == "untrained":
-                assert len(cell) == (0 if place == OWN else DRAWS)
-                continue
-            draws = 1 if place == OWN and condition in FIXED_MOTORS else DRAWS
-            assert scores(cell, "speed").shape == (done.seeds, draws)
+            assert scores(cell, "speed").shape == (done.benches, done.seeds, DRAWS)
     own_foreign = {walk["condition"] for walk in walks if walk["place"] == OWN_FOREIGN}
-    assert own_foreign == {"oracle", "prior_adapted", "pd_adapted"}
+    assert own_foreign == {"oracle", "adapted_prior", "adapted_pd"}
+
+
+@pytest.mark.slow
+def test_walks_have_the_command_of_the_training(done: Study):
+    folder = done.out / "bench_0" / "walk" / "oracle_0"
+    trained = TrainedPolicy.load(folder / POLICY, load_robot(done.robot))
+    low, high = trained.policy.provenance["commands"]["forward"]
+    assert low == high == pytest.approx(0.75)
+    walk = WalkConfig(250, randomization=trained.randomization, commands=Commands.steady(low))
+    seed_of = partial(walk_seed, 0)
+    episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(DRAWS), seed_of)
+    rows = [walk for walk in read_walks(done.out / WALKS) if (walk["bench"], walk["place"]) == (0, OWN)]
+    found = [walk["speed"] for walk in rows if walk["condition"] == "oracle"]
+    assert found == pytest.approx([episode.displacement[0] / 2.5 for episode in episodes], rel=1e-4)
 
 
 @pytest.mark.slow
 def test_figures_have_intervals_and_p_values(done: Study):
     figures = read_json(done.out / "figures.json")
     for twin in ENVIRONMENTS:
-        for condition in CONDITIONS:
+        for condition in done.conditions:
             low, value, high = (figures[f"{twin}/{condition}/upright{end}"] for end in ("/low", "", "/high"))
             assert low <= value <= high
-            if condition not in ("prior", "untrained"):
-                assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_prior"] <= 1.0
-    fits = read_json(done.out / "fits" / "fits.json")
-    assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["pd_friction"]["error"]
-    assert read_json(done.out / "spreads" / "spreads.json")["fleet"] == "mixed"
+            if condition != REFERENCE:
+                assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_{REFERENCE}"] <= 1.0
+    fits = read_json(done.out / "bench_0" / "fits" / "fits.json")
+    assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["friction_pd"]["error"]
+    for setting, choices in CHOICES.items():
+        selection = read_json(done.out / "selection" / f"{setting}.json")
+        assert selection["fleet"] == "mixed" and selection["chosen"] in choices
     page = (done.out / "report.html").read_text("utf-8")
-    assert "prior_adapted" in page and "foreign" in page
+    assert "adapted_prior" in page and "foreign" in page
 
 
 @pytest.mark.slow
 def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
     before = (done.out / WALKS).read_bytes()
-    shutil.rmtree(done.out / "watched" / "prior_0")
-    (done.out / "walk" / "prior_1" / "stage.json").unlink()
+    shutil.rmtree(done.out / "bench_0" / "watched" / "sampled_prior_0")
+    (done.out / "bench_1" / "walk" / "sampled_prior_0" / "stage.json").unlink()
     run_study(done)
     assert (done.out / WALKS).read_bytes() == before
 

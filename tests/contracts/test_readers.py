@@ -42,7 +42,7 @@ SAMPLES = {
     "motion of isaac-sim2real/sage": write_sage,
     "dataset of LeRobot": write_lerobot,
     "table": write_csv,
-    "tensors": write_pt,
+    "arrays": write_pt,
     "recording of a robot": lambda folder: write_rows(
         folder / "run.csv", run_columns(ROBOT.joint_names, False), float(Mode.WALK)
     ),
@@ -71,7 +71,7 @@ def test_a_format_is_recognised_and_needs_a_robot_only_without_joint_names(reade
         np.testing.assert_array_equal(read_log(path).joint_pos, log.joint_pos)
 
 
-@pytest.mark.parametrize("name", ["table", "tensors"])
+@pytest.mark.parametrize("name", ["table", "arrays"])
 def test_a_format_without_meaning_needs_a_map(name: str, tmp_path: Path):
     path = SAMPLES[name](tmp_path)
     with pytest.raises(LogError, match="read it with columns") as refusal:
@@ -81,9 +81,9 @@ def test_a_format_without_meaning_needs_a_map(name: str, tmp_path: Path):
 
 
 def test_an_unknown_format_is_refused_with_those_that_are_known(tmp_path: Path):
-    (tmp_path / "log.mat").write_text("")
+    (tmp_path / "log.xyz").write_text("")
     for columns in (None, "so101_sage"):
         with pytest.raises(LogError, match=r"unknown log format.*pendulum of Rhoban/bam \(\.json, \.json\.gz\)"):
-            read_log(tmp_path / "log.mat", columns=columns)
+            read_log(tmp_path / "log.xyz", columns=columns)
     with pytest.raises(LogError, match="no such file"):
-        read_log(tmp_path / "log.npz")
+        read_log(tmp_path / "none.npz")

@@ -3,8 +3,10 @@
 import re
 from html.parser import HTMLParser
 
+import numpy as np
+
 from motorprior.report.page import Picture, Section, Table, page, picture
-from motorprior.report.plots_walk import transfer_bars
+from motorprior.report.plots_walk import learning_curves
 
 VOID = {"meta", "img", "br"}
 
@@ -35,7 +37,7 @@ class Reader(HTMLParser):
 
 
 def made(complete: bool = True) -> str:
-    drawing = picture(transfer_bars({"rollout": (0.4, 1.0)}, {"rollout": (0.3, 0.9)}), "A policy.")
+    drawing = picture(learning_curves({"rollout": [(np.arange(3), np.arange(3.0))]}), "A policy.")
     table = Table(("trained on", "speed [m/s]"), (("rollout", "0.45"), ("tuned_pd", "–")), "Speeds.")
     sections = (
         Section("What & why", ("Because <b> is text.", "Two <script>."), (drawing,), (table,)),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dog import LEGS_TOML, quadruped, written
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -35,43 +36,6 @@ kp = 20.0
 kd = 1.0
 torque_limit = [4.0, 2.0]
 """
-
-
-def quadruped(feet: bool = True) -> str:
-    """Four legs of three joints, thigh 0.2 m and shank 0.2 m."""
-    legs = ""
-    for x, front in ((0.2, "F"), (-0.2, "R")):
-        for y, side in ((-0.1, "R"), (0.1, "L")):
-            leg = front + side
-            foot = f'<geom name="{leg}" size="0.02" pos="0 0 -0.2" mass="0.02"/>' if feet else ""
-            legs += f"""
-  <body pos="{x} {y} 0"><joint name="{leg}_a" axis="1 0 0" range="-50 50"/><geom size="0.03" mass="0.2"/>
-    <body><joint name="{leg}_h" axis="0 1 0" range="-90 180"/><geom size="0.03" pos="0 0 -0.1" mass="0.4"/>
-      <body pos="0 0 -0.2"><joint name="{leg}_k" axis="0 1 0" range="-160 0"/>
-        <geom size="0.02" pos="0 0 -0.1" mass="0.1"/>{foot}</body></body></body>"""
-    return f"""<mujoco><worldbody><body name="body" pos="0 0 1"><freejoint/>
-  <geom type="box" size="0.2 0.1 0.05" mass="3"/>{legs}</body></worldbody></mujoco>"""
-
-
-LEGS_TOML = """
-name = "dog"
-motor = "a motor"
-model = "dog.xml"
-base = "free"
-nominal_pose = [0.0, 0.8, -1.6]
-kp = 20.0
-kd = 0.5
-torque_limit = 10.0
-""" + "".join(
-    f'[legs.{leg}]\njoints = ["{leg}_a", "{leg}_h", "{leg}_k"]\nfoot = "{leg}"\nphase = {phase}\n'
-    for leg, phase in (("FR", 0.0), ("FL", 0.5), ("RR", 0.5), ("RL", 0.0))
-)
-
-
-def written(folder: Path, toml: str, name: str, xml: str) -> Path:
-    (folder / f"{name}.xml").write_text(xml, encoding="utf-8")
-    (folder / f"{name}.toml").write_text(toml, encoding="utf-8")
-    return folder / f"{name}.toml"
 
 
 @pytest.fixture

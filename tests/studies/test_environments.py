@@ -4,11 +4,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from policies import random_policy
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.commands.walk import SEEDS_APART
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy import zero_policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import WalkConfig
@@ -48,7 +48,7 @@ def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
 
 
 def test_a_walk_depends_on_its_draw_alone():
-    policy = zero_policy(ROBOT.num_joints)
+    policy = random_policy(0.0, 0)
     scene = twin_scene(ROBOT, FLEET, WalkConfig(STEPS, commands=Commands.steady(0.2)))
 
     def walks(*draws: int, only: int | None = None) -> list[np.ndarray]:

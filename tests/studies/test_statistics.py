@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from motorprior.studies import statistics
-from motorprior.studies.statistics import compare_on_robots, compare_scores, estimate, holm, iqms, means, permutation_p
+from motorprior.studies.statistics import compare_scores, estimate, holm, iqms, means, permutation_p
 
 
-def studies(count: int, seeds: int = 8, draws: int = 16, spread: float = 0.05, luck: float = 0.03):
-    """Scores around 0 with an effect of the policy, of the draw and of both."""
+def studies(count: int, benches: int = 4, seeds: int = 4, draws: int = 16):
+    """Scores around 0 with effects of the bench, of bench and condition, of the policy and of the walk."""
     rng = np.random.default_rng(11)
     for _ in range(count):
-        of_draws = luck * rng.standard_normal(draws)
+        of_benches = 0.05 * rng.standard_normal((benches, 1, 1))
         yield [
-            spread * rng.standard_normal((seeds, 1)) + of_draws + 0.05 * rng.standard_normal((seeds, draws))
+            of_benches
+            + sum(
+                0.05 * rng.standard_normal(shape)
+                for shape in ((benches, 1, 1), (benches, seeds, 1), (benches, seeds, draws))
+            )
             for _ in range(2)
         ]
 
@@ -28,12 +31,20 @@ def test_the_interquartile_mean_is_that_of_the_middle_half_of_the_finite_scores(
     np.testing.assert_allclose(rows, [2.0, 1.5])
 
 
-def test_intervals_have_their_nominal_coverage(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(statistics, "BATCH", 150)
-    found = [estimate(one) for one, _ in studies(200)]
-    covered = np.mean([each.low <= 0.0 <= each.high for each in found])
-    assert 0.86 < covered < 0.995
-    assert all(each.low <= each.value <= each.high for each in found)
+def test_intervals_have_their_nominal_coverage():
+    found = [(estimate(one), compare_scores(one, other)) for one, other in studies(400)]
+    assert 0.92 < np.mean([own.low <= 0.0 <= own.high for own, _ in found]) < 0.98
+    assert 0.92 < np.mean([both.difference.low <= 0.0 <= both.difference.high for _, both in found]) < 0.98
+
+
+def test_the_interval_of_a_single_bench_is_over_its_samples():
+    rng = np.random.default_rng(1)
+    robots = rng.standard_normal(16)
+    found = estimate(robots + np.array([0.0, 1.0])[None, :, None])
+    reach = 2.131 * robots.std(ddof=1) / 4
+    assert [found.low, found.high] == pytest.approx(
+        [robots.mean() + 0.5 - reach, robots.mean() + 0.5 + reach], rel=1e-3
+    )
 
 
 def test_the_corrected_family_wise_error_is_at_its_level():
@@ -45,35 +56,25 @@ def test_the_corrected_family_wise_error_is_at_its_level():
 
 
 def test_p_values_of_few_policies_have_their_lower_bound():
-    assert permutation_p(np.ones(2), np.zeros(2)) == pytest.approx(1 / 3)
-    assert permutation_p(np.ones(8), np.zeros(8)) == pytest.approx(2 / 12_870)
-    assert permutation_p(np.ones(12), np.zeros(12)) == pytest.approx(1 / 20_001), "sampled permutations"
-    assert permutation_p(np.array([np.nan, 0.0]), np.ones(3)) == 1.0
-    assert permutation_p(np.array([1.0, np.nan, 1.0]), np.zeros(2)) == pytest.approx(1 / 3)
+    assert permutation_p(np.ones((1, 2)), np.zeros((1, 2))) == pytest.approx(1 / 3, rel=0.05)
+    assert permutation_p(np.ones((2, 2)), np.zeros((2, 2))) == pytest.approx(1 / 3 * 1 / 3 / 2 * 1, rel=0.1)
+    assert permutation_p(np.ones((4, 4)), np.zeros((4, 4))) == pytest.approx(1 / 20_001)
+    assert permutation_p(np.ones((1, 1)), np.zeros((1, 1))) == 1.0
 
 
-def test_walks_of_one_policy_are_not_independent():
-    policies = np.array([0.1, 0.2, 0.3, 0.4])[:, None] + np.zeros((4, 200))
-    nested, naive = estimate(policies), estimate(policies.reshape(-1, 1))
-    assert nested.high - nested.low > 4.0 * (naive.high - naive.low) > 0.0
+def test_policies_are_exchanged_within_their_bench_only():
+    benches = np.array([[0.0], [10.0]])
+    one, other = benches + np.arange(4) / 100, benches + np.arange(4, 8) / 100
+    assert permutation_p(one, other) < 0.01 < 0.5 < permutation_p(one.reshape(1, -1), other.reshape(1, -1))
 
 
-def test_shared_samples_narrow_the_interval():
+def test_differences_between_benches_are_in_the_interval_but_cancel_in_a_comparison():
     rng = np.random.default_rng(3)
-    luck = rng.standard_normal(12)
-    one, other = (luck + level + 0.02 * rng.standard_normal((4, 12)) for level in (0.2, 0.0))
-    shared = compare_scores(one, other).difference
-    assert shared.low > 0.1 and shared.value == pytest.approx(0.2, abs=0.05)
-    assert estimate(one).low < estimate(other).high, "each interval alone contains the luck of the draws"
-
-
-def test_robots_of_adapted_policies_are_resampled_with_those_of_others():
-    rng = np.random.default_rng(0)
-    robots = rng.uniform(0.0, 1.0, 8)
-    adapted, others = robots[:, None] + np.zeros((8, 4)) + 0.1, robots + np.zeros((5, 8))
-    found = compare_on_robots(adapted, others, means)
-    assert [found.difference.low, found.difference.value, found.difference.high] == pytest.approx([0.1] * 3)
-    assert found.p == pytest.approx(2 / 1287, rel=0.51), "8 of one, 5 of the other"
+    benches = rng.standard_normal((4, 1, 1))
+    one, other = (benches + level + 0.02 * rng.standard_normal((4, 4, 12)) for level in (0.2, 0.0))
+    found = compare_scores(one, other).difference
+    assert found.low > 0.15 and found.value == pytest.approx(0.2, abs=0.05)
+    assert estimate(one).low < estimate(other).high
 
 
 def test_holm_is_the_textbooks():

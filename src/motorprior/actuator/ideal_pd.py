@@ -172,7 +172,7 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
 
 IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=_reset, step=_step)
 FRICTION_PD = ActuatorKind(
-    "pd_friction", "PD with friction", reset=_reset, step=_step_with_friction, make_explicit=_make_explicit
+    "friction_pd", "PD with friction", reset=_reset, step=_step_with_friction, make_explicit=_make_explicit
 )
 
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
+from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
-from motorprior.bounds import TEXT, generator_of, many, number, require_count
-from motorprior.exceptions import ConfigError
-from motorprior.robots.joint_classes import classes_by_name
+from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
+from motorprior.exceptions import ConfigError, listed
 from motorprior.schema import Header, Tensor, check_tensors
+from motorprior.texts import Described, Summary
 
 _REMEDY = "write it with `motorprior adapt`"
+NARROWER = 0.8  # standard deviation of a constant that the log narrows, over the prior's
 _HEADER = Header(
     "motor posterior",
     2,
@@ -33,8 +36,8 @@ _HEADER = Header(
 )
 
 
-@dataclass(frozen=True)
-class MotorPosterior:
+@dataclass(frozen=True, repr=False)
+class MotorPosterior(Described):
     """Posterior of M motors, Z latents."""
 
     prior: MotorPrior
@@ -51,8 +54,11 @@ class MotorPosterior:
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
+        prior_share: float = 0.0,
     ) -> GreyBoxActuator | NetworkActuator:
         """Sample ``count`` motors: one per joint of the posterior, or ``count`` samples of a single motor.
+
+        z ~ N(mean, covariance + prior_share²·I).
 
         Args:
             count: number of motors.
@@ -60,6 +66,7 @@ class MotorPosterior:
             gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not given.
             limit_follows_gain: scale the torque limit of every motor by its kp over that of the prior's central motor,
                 as for a smaller torque constant in firmware that controls currents. Grey boxes only.
+            prior_share: share of the prior's standard deviation of z, 1, in addition to the posterior's [-].
 
         Raises:
             ConfigError: the posterior has neither one nor ``count`` motors, or an argument is out of range.
@@ -70,7 +77,8 @@ class MotorPosterior:
                 f"the posterior has {len(self.mean)} motors, the robot {count}",
                 remedy=f"adapt to one motor, or to all {count} in the order of the robot",
             )
-        factors = np.linalg.cholesky(self.covariance)
+        require_number("prior_share", prior_share)
+        factors = np.linalg.cholesky(self.covariance + prior_share**2 * np.eye(self.mean.shape[1]))
         noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
         if self.gains is not None:
             gains = checked_gains(np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count)
@@ -84,9 +92,43 @@ class MotorPosterior:
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        central = self.prior.classes.moments(classes_by_name(self.joint_names))[0]
+        central = self.prior.classes.moments(self.prior.classes_at(self.joint_names))[0]
         factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z, central))
         return motors.with_factors(factors)
+
+    def constants(self) -> Constants:
+        """Constants of these motors with units and ranges, at their gains; identifiable if the log narrows them.
+
+        That is, for at least half of the motors the standard deviation of a constant is below NARROWER times the
+        prior's; of its logarithm, if it is positive.
+        """
+        rng, factors = np.random.default_rng(0), np.linalg.cholesky(self.covariance)
+        z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((DRAWS, *self.mean.shape)))
+        gains = None if self.gains is None else np.tile(self.gains, DRAWS)
+        values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
+        new = self.prior.classes.moments(self.prior.classes_at(self.joint_names))[0] + rng.standard_normal(z.shape)
+        before = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
+        narrowed = {}
+        for name, samples in values.items():
+            own, prior = (np.log(each) if samples.min() > 0.0 else each for each in (samples, before[name]))
+            deviations = own.reshape(DRAWS, -1).std(axis=0)
+            narrowed[name] = bool(np.median(deviations) < NARROWER * prior.std())
+        return Constants.of(values, UNITS, narrowed)
+
+    def plot(self) -> Any:
+        """A matplotlib figure of the responses of samples of these motors to a step of the command."""
+        count = len(self.mean) if len(self.mean) > 1 else 40
+        return draw_response(self.sample(count, 0), "samples of the posterior", self.prior.model.period)
+
+    def overview(self) -> Summary:
+        """For people: log, outliers and constants."""
+        worst = int(np.argmin(self.outlier_p_value))
+        facts = {
+            "log": f"{self.seconds:.3g} s", "prior": f"{self.prior.preset}, {self.prior.motor}",
+            "joints": listed(self.joint_names, 8),
+            "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
+        }  # fmt: skip
+        return Summary(f"motor posterior of {len(self.mean)} motors", facts, COLUMNS, self.constants().cells)
 
     def take(self, index: list[int]) -> MotorPosterior:
         """The motors at ``index``."""

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
@@ -34,27 +35,36 @@ from motorprior.bounds import (
     require_count,
     require_number,
 )
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
+from motorprior.robots.joint_classes import classes_by_name
 from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Schema, Tensor, check_tensors
+from motorprior.texts import Described, Summary
 
-UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
+_UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
+IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
 # assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
+FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
+    "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
+    "delay": ("delay", "velocity_filter"),
+    "armature": ("armature",),
+    "play": ("gear_stiffness", "backlash", "gear_damping"),
+}
 _HEADER = Header(
     "motor prior",
     7,
     {
-        "units": exactly(UNITS),
+        "units": exactly(_UNITS),
         "sign": exactly(SIGN),
         "motor_parameters": many(TEXT),
         "motor_terms": many(one_of(*TERMS)),
@@ -117,8 +127,8 @@ class Prediction(NamedTuple):
     misfit: np.ndarray  # (J,) factor on the residuals
 
 
-@dataclass(frozen=True)
-class MotorPrior:
+@dataclass(frozen=True, repr=False)
+class MotorPrior(Described):
     """A learned distribution of motors, with M training motors and Z latents."""
 
     model: Decoder
@@ -139,6 +149,12 @@ class MotorPrior:
     def classes(self) -> JointClasses:
         """Classes of joints."""
         return self.stated_classes or JointClasses.one(len(self.mean), self.model.num_latents)
+
+    def classes_at(self, joint_names: Sequence[str]) -> tuple[str, ...]:
+        """The class of each joint: that of the training motor of the same name, otherwise by name."""
+        known = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
+        by_name = classes_by_name(joint_names)
+        return tuple(known.get(name, other) for name, other in zip(joint_names, by_name, strict=True))
 
     def sample(
         self,
@@ -168,6 +184,20 @@ class MotorPrior:
         mean, std = self.classes.moments(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
         return self.model.motors(z, gains=self._gains(classes, gains))
+
+    def with_frozen(self, group: str) -> MotorPrior:
+        """The prior whose motors all have the mean motor's constants of a group of `FROZEN`.
+
+        Raises:
+            ConfigError: an unknown group, or a prior without physical constants.
+        """
+        model = self.model
+        if group not in FROZEN or not isinstance(model, GreyBox):
+            problem = f"no constants {group!r} to freeze"
+            raise ConfigError(problem, remedy=f"a prior of preset rollout has {', '.join(FROZEN)}", argument="frozen")
+        constants = np.array([name in FROZEN[group] for name in parameters_of(model.motor.terms)])
+        motor = replace(model.motor, slope=np.where(constants, 0.0, model.motor.slope))
+        return replace(self, model=replace(model, motor=motor))
 
     def _classes_of(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
         if isinstance(of, Robot):
@@ -238,12 +268,52 @@ class MotorPrior:
             lines += ["a class that was not recorded has the mean of all classes and the spread between them"]
         return lines
 
+    def constants(self) -> Constants:
+        """Constants of new motors with units and ranges between them, at the median logged gains if there are any.
+
+        New motors have the classes of the training motors, in equal shares of these.
+        """
+        rng = np.random.default_rng(0)
+        classes = [self.classes.of_motors[row] for row in rng.integers(len(self.mean), size=DRAWS)]
+        latents = self.classes.moments(classes)[0] + rng.standard_normal((DRAWS, self.model.num_latents))
+        gains = None if self.gains is None else np.median(self.gains, axis=1)[:, None]
+        values = named_constants(self.model, latents, gains)
+        known = {name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}") for name in values}
+        identified = {name: None if value is None else value > 0.0 for name, value in known.items()}
+        return Constants.of(values, UNITS, identified)
+
+    def plot(self) -> Any:
+        """A matplotlib figure of the responses of 40 new motors to a step of the command."""
+        return draw_response(
+            self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period
+        )
+
+    def overview(self) -> Summary:
+        """For people: origin, errors and constants."""
+        kinds, metrics = ("grey box", "network"), self.metrics
+        errors = [f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""]
+        errors += [f"{100 * metrics['unexplained']:.0f} % of a PD's error remains" if "unexplained" in metrics else ""]
+        facts = {
+            "robot": self.robot or "none stated", "motor": self.motor, "preset": self.preset,
+            "model": f"{kinds[isinstance(self.model, LatentNetwork)]}, {self.model.num_latents} latents, "
+            f"physics steps up to {1e3 * self.model.period:g} ms",
+            "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
+            "joints": listed(self.joint_names, 8), "spread between units": "; ".join(self.spread_notes()),
+            "replayed logs, median error": ", ".join(filter(None, errors)),
+        }  # fmt: skip
+        table = self.constants()
+        return Summary(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
+
+    def for_robot(self, robot: str) -> MotorPrior:
+        """The same motors on the joints of another robot, every one a sample."""
+        return replace(self, robot=robot, joint_names=())
+
     def require(self, robot: str, physics_dt: float) -> None:
         """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
-        if self.robot != robot:
-            raise ConfigError(
-                f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=f"identify one from logs of {robot}"
-            )
+        if self.robot not in (robot, ""):
+            remedy = f"identify one from logs of {robot}; if {robot} has such motors, add of_robot={self.robot} to the "
+            remedy += f"text of the motors, prior:FILE,of_robot={self.robot}, or use prior.for_robot({robot!r})"
+            raise ConfigError(f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=remedy)
         self.training_motors(np.array([0])).arrays(physics_dt)
 
     def save(self, path: str | Path) -> None:
@@ -265,7 +335,7 @@ class MotorPrior:
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
         header = _HEADER.write(
-            units=UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
+            units=_UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
             period=model.period, network=network, grey_box=isinstance(model, GreyBox),
             standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,
             provenance=self.provenance, metrics=self.metrics, joint_names=list(self.joint_names),

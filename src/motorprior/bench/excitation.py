@@ -5,15 +5,25 @@ Each function returns (steps,) targets [rad], or torques [N·m] where stated.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
 from motorprior.exceptions import ConfigError
 
+Rng: TypeAlias = np.random.Generator
 # (generator, steps, sample period [s]) -> (steps,) signal
-Signal = Callable[[np.random.Generator, int, float], np.ndarray]
+Signal = Callable[[Rng, int, float], np.ndarray]
+
+
+class Streams(NamedTuple):
+    """What n joints are given."""
+
+    position_target: np.ndarray  # (steps, n) [rad]
+    external_torque: np.ndarray  # (steps, n) on the joints, on a bench [N·m]
+    load_inertia: np.ndarray | None = None  # (n,) on a bench [kg·m²]; None: the bench's own choice
 
 
 @dataclass(frozen=True)
@@ -21,8 +31,17 @@ class Excitation:
     """Excitation of a motor."""
 
     target: Signal  # position targets [rad]
-    external_torque: Signal | None = None  # on the joint, on a bench [N·m]; 0 if None
+    external_torque: Signal | None = None  # on the joint, on a bench, in units that `streams` gets; 0 if None
     jumps: bool = False  # whether targets change faster than any speed limit
+    is_bounded: ClassVar[bool] = False  # whether targets have a size of their own, which a robot may only reduce
+
+    def streams(self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0) -> Streams:
+        """Streams of joints, sampled every ``dt`` [s]; ``unit`` of external torques [N·m]."""
+        targets = np.stack([self.target(rng, steps, dt) for _ in joint_names], axis=1)
+        if self.external_torque is None:
+            return Streams(targets, np.zeros_like(targets))
+        torques = [self.external_torque(rng, steps, dt) for _ in joint_names]
+        return Streams(targets, unit * np.stack(torques, axis=1))
 
 
 def _knots(rng: np.random.Generator, duration: float, low: float, high: float) -> list[float]:

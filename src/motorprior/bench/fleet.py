@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.constants import COLUMNS, DRAWS, Constants, draw_response
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import read_toml, write_text
@@ -20,6 +21,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema
+from motorprior.texts import Described, Summary
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"
@@ -75,8 +77,8 @@ class Distribution:
         return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
 
 
-@dataclass(frozen=True)
-class Fleet:
+@dataclass(frozen=True, repr=False)
+class Fleet(Described):
     """A population of physical motors."""
 
     name: str
@@ -107,6 +109,25 @@ class Fleet:
         }
         family.require_stable(values, f"fleet {self.name}, a sampled motor")
         return family.motors(values)
+
+    def constants(self) -> Constants:
+        """Constants with units and ranges between motors."""
+        rng, family = np.random.default_rng(0), FAMILIES[self.family]
+        values = {name: np.clip(d.sample(rng, DRAWS), *family.bounds(name)) for name, d in self.parameters.items()}
+        return Constants.of(values, family.units, {})
+
+    def plot(self) -> Any:
+        """A matplotlib figure of the responses of 40 motors to a step of the command."""
+        motors = self.sample(40, 0).actuator()
+        return draw_response(
+            motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step)
+        )
+
+    def overview(self) -> Summary:
+        """For people: robot and constants."""
+        facts = {"robot": self.robot, "motor": self.motor, "family": self.family}
+        rows = [row[:-1] for row in self.constants().cells]  # true constants
+        return Summary(f"fleet {self.name!r} of physical motors", facts, COLUMNS[:-1], rows)
 
     def center(self, count: int) -> TrueMotors:
         """``count`` copies of the central motor."""

@@ -16,9 +16,10 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import BENCH, Response, Trial, bench_names, run
-from motorprior.bench.excitation import excitation_named, zero_order_hold
+from motorprior.bench.excitation import zero_order_hold
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet, load_robot_fleet
+from motorprior.bench.learned_excitation import excitation_of
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
@@ -34,9 +35,13 @@ class BenchPreset:
     period: float  # sample period of the log [s]
     segment_steps: int  # samples per contiguous recording
     load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
-    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS`, cycled over the segments
+    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS` or files, cycled over the segments
     hold_steps: int  # in every second segment, targets are held for so many samples
     torque_factor: float = 1.0  # factor on the external torques [-]
+
+    def with_excitation(self, file: Path | None) -> BenchPreset:
+        """The preset with the excitation of a file in every segment; unchanged without a file."""
+        return self if file is None else replace(self, kinds=(str(file),))
 
     def for_robot(self, robot: Robot) -> BenchPreset:
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
@@ -116,17 +121,14 @@ def record_bench(
 
 def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
     """A trial of one excitation for ``motors`` motors, with a signal and a load per motor."""
-    chosen = excitation_named(kind)
-    targets = [chosen.target(rng, steps, preset.period) for _ in range(motors)]
+    chosen = excitation_of(kind)
+    targets, external, inertia = chosen.streams(rng, steps, preset.period, bench_names(motors), preset.torque_factor)
     if hold:
-        targets = [zero_order_hold(target, preset.hold_steps) for target in targets]
-    external = np.zeros((steps, motors))
-    if chosen.external_torque is not None:
-        torques = [chosen.external_torque(rng, steps, preset.period) for _ in range(motors)]
-        external = preset.torque_factor * np.stack(torques, axis=1)
-    low, high = np.log(preset.load_inertia)
-    inertia = np.exp(rng.uniform(low, high, motors))
-    return Trial(np.stack(targets, axis=1), external, inertia, preset.period)
+        targets = zero_order_hold(targets, preset.hold_steps)
+    if inertia is None:
+        low, high = np.log(preset.load_inertia)
+        inertia = np.exp(rng.uniform(low, high, motors))
+    return Trial(targets, external, inertia, preset.period)
 
 
 def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:

@@ -16,24 +16,23 @@ from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 
+from motorprior.progress import Ticks
+
 CONSOLE = Console(stderr=True, highlight=False)
 
 
 class Bar:
-    """Progress of one unit of work; without a terminal, a line every ten seconds."""
+    """Progress of one unit of work; without a terminal, `progress.Ticks`."""
 
     def __init__(self, progress: Progress, name: str, total: int):
-        self._progress, self._name, self._total, self._done = progress, name, total, 0
+        self._progress, shown = progress, CONSOLE.is_terminal
+        self._ticks = Ticks(lambda text: None if shown else TERMINAL.note(text), name, total)
         self.task = progress.add_task(name, total=total, note="")
-        self._printed = time.monotonic()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Count ``count`` more finished parts."""
-        self._done += count
-        self._progress.update(self.task, completed=self._done, note=note)
-        if not CONSOLE.is_terminal and time.monotonic() - self._printed > 10.0:
-            self._printed = time.monotonic()
-            TERMINAL.note(f"  {self._name}: {self._done}/{self._total} {note}")
+        self._progress.update(self.task, advance=count, note=note)
+        self._ticks.advance(count, note)
 
 
 class Terminal:

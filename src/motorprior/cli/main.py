@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import MISSING, fields, make_dataclass
+from collections.abc import Mapping
+from dataclasses import MISSING, field, fields, make_dataclass
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Union
+from typing import Annotated, Any, NoReturn, Union, get_type_hints
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
 
 import tyro  # noqa: E402
 
+from motorprior import __version__  # noqa: E402
 from motorprior.cli import robot, show  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
 from motorprior.commands.adapt import Adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
-from motorprior.commands.identify import Identify, run_identify  # noqa: E402
+from motorprior.commands.excite import Excite, run_excite  # noqa: E402
+from motorprior.commands.export import Export, run_export  # noqa: E402
+from motorprior.commands.identify import Identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
 from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
+from motorprior.commands.show_file import Show  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.commands.validate import Validate  # noqa: E402
 from motorprior.commands.validate_log import ValidateLog  # noqa: E402
@@ -46,11 +52,14 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "demo": (Demo, show.demo),
     "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
-    "identify": (_positional(Identify, bench=PATHS), partial(run_identify, progress=TERMINAL)),
+    "identify": (_positional(Identify, bench=PATHS), show.identify),
+    "show": (_positional(Show, file=Path), show.show),
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
     "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),
+    "export": (_positional(Export, motors_of=Path), partial(run_export, progress=TERMINAL)),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
+    "excite": (_positional(Excite, runs=PATHS), partial(run_excite, progress=TERMINAL)),
     "replay": (_positional(Replay, logs=Path), show.replay),
     "walk": (show.WalkCommand, show.walk),
     "play": (_positional(Play, policies=PATHS), show.play),
@@ -61,25 +70,71 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "report": (_positional(show.Report, run=Path), show.report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])
+HELP_ALL = "--help-all"
+# Options in the help of commands with more than fit a screen; HELP_ALL shows the others
+COMMON = {
+    "demo": ("out", "logs", "columns", "suspended", "robot", "workers", "seed"),
+    "calibrate": ("logs", "out", "robot", "fleet", "posture"),
+    "import": ("paths", "out", "columns", "robot", "suspended", "as_joint", "kp", "kd"),
+    "bench": ("out", "robot", "fleet", "motors", "seed"),
+    "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "gait", "workers"),
+    "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "robot"),
+    "transfer": ("walks", "out", "study", "fleet", "robot", "workers"),
+    "deploy": ("policy", "port", "virtual"),
+    "record": ("port", "virtual", "standing"),
+    "doctor": ("port", "virtual", "seconds", "idle"),
+}
 
 
-def _one_of(commands: dict[str, tuple[type, Any]]) -> list[Any]:
-    return [Annotated[settings, tyro.conf.subcommand(name)] for name, (settings, _) in commands.items()]
+def _one_of(commands: dict[str, tuple[type, Any]], common: Mapping[str, tuple[str, ...]]) -> list[Any]:
+    return [
+        Annotated[_shown(settings, common[name]) if name in common else settings, tyro.conf.subcommand(name)]
+        for name, (settings, _) in commands.items()
+    ]
+
+
+def _shown(settings: type, names: tuple[str, ...]) -> type:
+    """The settings with only these options in the help; those without a default are always there."""
+    hints, hidden = get_type_hints(settings, include_extras=True), []
+    for each in fields(settings):
+        defaults = {"default": each.default, "default_factory": each.default_factory}
+        given = {name: value for name, value in defaults.items() if value is not MISSING}
+        if each.name not in names and given:
+            hidden.append((each.name, tyro.conf.Suppress[hints[each.name]], field(kw_only=each.kw_only, **given)))
+    documented = {"__doc__": f"{settings.__doc__}\n\nAll options: {HELP_ALL}"}
+    return make_dataclass(settings.__name__, hidden, bases=(settings,), frozen=True, namespace=documented)
+
+
+def _require_known(given: list[str], names: list[str]) -> None:
+    """Raise ConfigError, with the nearest names, for a word that is neither a name nor an option."""
+    for word in given:
+        if word not in names and not word.startswith("-"):
+            near = " or ".join(get_close_matches(word, names, 2)) or f"one of {', '.join(names)}"
+            raise ConfigError(f"no command {word!r}", remedy=f"did you mean {near}? --help lists them")
 
 
 def parse(args: list[str]) -> Any:
     """Parse a command line into settings.
 
     Raises:
-        SystemExit: code 2 for a wrong command line, 0 after --help.
-        ConfigError: invalid settings.
+        SystemExit: code 2 for a wrong command line, 0 after --help, --help-all and --version.
+        ConfigError: invalid settings, or an unknown command.
     """
-    logs = Annotated[Union[*_one_of(LOGS)], tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
-    first, *others = _one_of(COMMANDS)
+    if args == ["--version"]:
+        print(f"motorprior {__version__}")
+        raise SystemExit(0)
+    _require_known(args[:1], [*COMMANDS, "logs"])
+    _require_known(args[1:2] if args[:1] == ["logs"] else [], [*LOGS])
+    asks = {"-h", "--help"} & set(args) and HELP_ALL not in args
+    common = {name: shown for name, shown in COMMON.items() if asks and name in args}
+    args = ["--help" if word == HELP_ALL else word for word in args]
+    every = Union[*_one_of(LOGS, common)]
+    logs = Annotated[every, tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
+    first, *others = _one_of(COMMANDS, common)
     config: Any = tyro.cli(Union[first, logs, *others], prog="motorprior", args=args, description=__doc__)  # pyright: ignore
-    for field in fields(config):
-        if field.default is MISSING and getattr(config, field.name) == ():
-            raise ConfigError(f"no {field.name} given", remedy="give at least one file or folder")
+    for each in fields(config):
+        if each.default is MISSING and getattr(config, each.name) == ():
+            raise ConfigError(f"no {each.name} given", remedy="give at least one file or folder")
     return config
 
 

@@ -14,13 +14,15 @@ from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
+from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.show_file import Show, described
 from motorprior.commands.study import run_study
-from motorprior.commands.study_conditions import Study
+from motorprior.commands.study_settings import Study
 from motorprior.commands.transfer import Transfer, run_transfer
 from motorprior.commands.validate import Validate, run_validate
-from motorprior.commands.validate_log import ADAPTED, COVERAGE, SPANS, TRAINED_ON, ValidateLog, run_validate_log
+from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError, LogError
@@ -33,8 +35,10 @@ from motorprior.identification.evaluation.log_tables import (
     error_table,
 )
 from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
@@ -75,7 +79,7 @@ def logs_check(config: LogsCheck) -> None:
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
         rows = [
             [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
-            for found in report.findings
+            for found in grouped(report.findings)
         ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)
@@ -94,9 +98,17 @@ def demo(config: Demo) -> None:
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
         table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
         table("Constants of your motors", *constant_table(constants_in(results)))
-    _fidelity(results)
-    _transferred(results)
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
+
+
+def identify(config: Identify) -> None:
+    """See `run_identify`."""
+    print(run_identify(config, TERMINAL))
+
+
+def show(config: Show) -> None:
+    """See `described`."""
+    print(described(config))
 
 
 def adapt(config: Adapt) -> None:
@@ -202,7 +214,7 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """Run the whole study, about two hours on two cores; a rerun resumes. The options from foreign to seed and those
+    """Run the whole study, about three hours on two cores; a rerun resumes. The options from foreign to seed and those
     of the executor need it."""
 
 
@@ -212,10 +224,10 @@ def transfer(config: TransferCommand) -> None:
     if config.study:
         if config.walks or config.engine is not None:
             raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
-        from motorprior.report.study import difference_table, headline_table  # here: it imports matplotlib
+        from motorprior.report.study import difference_table, headline_table, own_table  # here: it imports matplotlib
 
         found = run_study(Study(**study), TERMINAL, command_line("transfer --study", Study(**study)))
-        for each in (headline_table(found), difference_table(found)):
+        for each in (own_table(found), headline_table(found), difference_table(found)):
             table(each.caption, each.columns, each.rows)
         print(config.out / PAGE)
         return

@@ -36,6 +36,8 @@ class Bench:
     """Draws the motors and their excitation."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    excitation: Path | None = None
+    """Play this file of `motorprior excite` in every segment, on its loads; otherwise the preset's excitation."""
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
@@ -49,8 +51,9 @@ def run_bench(config: Bench, progress: Progress = SILENT) -> None:
     require_seed(config.seed)
     robot = load_robot(config.robot)
     fleet, preset = load_robot_fleet(robot, config.fleet), bench_preset(config.preset).for_robot(robot)
+    preset, played = preset.with_excitation(config.excitation), [config.excitation] if config.excitation else []
     wanted = description(
-        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files], recipe=asdict(preset)
+        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files, *played], recipe=asdict(preset)
     )
     if is_finished(config.out, wanted):
         return

@@ -1,44 +1,52 @@
-"""A small run of everything: logs, prior, simulation, policies, transfer, report."""
+"""The paper's experiment in minutes: motor logs, models of the motors, walking policies, held-out robots, a page."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from motorprior import stage
-from motorprior.actuator.registry import motor_text
-from motorprior.artifacts import read_json, write_text
-from motorprior.bounds import require_count
-from motorprior.commands.bench import Bench, run_bench
-from motorprior.commands.identify import Identify, run_identify
+from motorprior.artifacts import write_text
+from motorprior.bench.fleet import load_robot_fleet
+from motorprior.commands import study_conditions
 from motorprior.commands.real_motors import RealMotors, run_real_motors
-from motorprior.commands.transfer import Transfer, run_transfer
-from motorprior.commands.validate import GAINS_FILE, TUNED, Validate, run_validate
-from motorprior.commands.walk import SEEDS_APART, Walk, run_walk
+from motorprior.commands.study import study_walks
+from motorprior.commands.study_settings import Study
+from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
-from motorprior.identification.fit_prior import PRIOR
-from motorprior.identification.presets import network_steps
-from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.command import Commands
-from motorprior.progress import SILENT, Progress, in_parallel
-from motorprior.results import Results
+from motorprior.progress import SILENT, Progress
+from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.randomization import Randomization
+from motorprior.simulation.scene import WalkConfig
+from motorprior.studies.compare import TrainedPolicy, run_walks
+from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
+from motorprior.studies.robustness import robustness_map
+from motorprior.studies.summary import WalkRow, scores, summarise
 
 if TYPE_CHECKING:
-    from motorprior.report.page import Section
+    from motorprior.report.page import Picture, Section
 
-PRESETS = ("rollout", "paper", "one_network", "paper_wide")
+CONDITIONS = ("ideal_pd", "friction_pd", "random_pd", "paper", "sampled_prior", "adapted_prior", "oracle")
+FILM = "film.gif"
+MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
+FILMED = ("ideal_pd", "sampled_prior")
+_ENVIRONMENTS = ("fleet", "hard")
+# assumptions; the study selects them on its validation fleet (docs/transfer.md)
+_PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
 
 
 @dataclass(frozen=True)
 class Demo:
-    """A small run of everything, minutes on two cores. A rerun continues where the last one stopped."""
+    """The paper's experiment in minutes: do policies trained on learned motors walk on robots they have never seen?
+
+    A rerun continues where the last one stopped.
+    """
 
     out: Path = Path("runs/demo")
     """Run folder: all artefacts, figures.json and report.html."""
@@ -53,16 +61,20 @@ class Demo:
     """In the logs the robot is suspended with its body level, so that the loads of its motors are known."""
     seed: int = 0
     """Seed of everything."""
-    motors: int = 32
+    motors: int = 16
     """Motors on the bench."""
-    bench_steps: int = 10_000
-    """Samples per motor and preset."""
+    bench_steps: int = 3000
+    """Samples per motor and excitation."""
     adam_steps: int | None = None
-    """Adam steps of each identification; the preset's own number if not given."""
-    iterations: int = 50
+    """Adam steps of the paper's network; the preset's own number if not given."""
+    iterations: int = 25
     """ARS iterations per policy."""
+    directions: int = 14
+    """Directions per iteration of ARS."""
     seeds: int = 2
     """Policies per condition."""
+    draws: int = 16
+    """Walks of each policy per environment."""
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
@@ -79,28 +91,26 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         command: command line that makes the same page, to print on it.
 
     Returns:
-        All measurements, also in results.json and, by name, in figures.json.
+        All measurements, also in results.json and, by name, in figures.json; ``seconds`` is the time of this run.
 
     Raises:
         MotorPriorError: a stage cannot run; finished stages remain.
     """
-    from motorprior.report import chapters  # here: it imports matplotlib
+    from motorprior.report import chapters, demo_page  # here: they import matplotlib
     from motorprior.report.page import page
 
     if config.logs is None and (config.suspended or config.columns is not None):
         name = "suspended" if config.suspended else "columns"
         raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
-    given, config = config, with_walking_robot(config)
-    robot, out, results = load_robot(config.robot), config.out, Results()
-    sections: list[Section] = []
-    robot.require_legs()
-    require_count("motors", config.motors, robot.num_joints)
-    for name in ("iterations", "seeds", "workers"):
-        require_count(name, getattr(config, name))
+    started, given, config = time.monotonic(), config, with_walking_robot(config)
+    out, results, study = config.out, Results(), study_of(config)
+    study.require_valid()
+    own: list[Section] = []
 
-    def write_page(complete: bool = False) -> Path:
-        title = "motorprior: motor logs, motor prior, walking policies, transfer"
-        write_text(out / stage.PAGE, page(title, sections, asdict(given), command or repr(given), complete))
+    def write_page(sections: list[Section], complete: bool = False) -> Path:
+        title = "motorprior: do policies walk on robots they have never seen?"
+        settings = asdict(given) | {"speed": study.commanded}
+        write_text(out / stage.PAGE, page(title, [*own, *sections], settings, command or repr(given), complete))
         return out / stage.PAGE
 
     with stage.locked(out):
@@ -109,21 +119,28 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         if given.logs is not None:
             real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
             results += run_real_motors(real, progress)
-            sections.append(chapters.real_motors(out / "real_motors"))
-            progress.note(f"your motors: {write_page()}; the next stages use a virtual {config.robot}")
-        priors = _identify_priors(config, progress)
-        validate = Validate(tuple(priors.values()), out / "validate", config.seed, held_out=False, robot=config.robot)
-        results += run_validate(validate, progress)
-        sections += [chapters.bench(out / "bench" / "rollout"), *chapters.validate(out / "validate")]
-        progress.note(f"first pictures: {write_page()}")
-        folders = _train(config, priors, robot, progress)
-        sections.append(chapters.learning(folders))
-        walks = tuple(folder for seeds in folders.values() for folder in seeds)
-        transfer = Transfer(walks, out / "transfer", config.fleet, robot=config.robot, workers=config.workers)
-        results += run_transfer(transfer, progress)
-        sections.append(chapters.transfer(out / "transfer", robot))
+            own.append(chapters.real_motors(out / "real_motors"))
+            progress.note(f"your motors: {write_page([])}; you can stop here: what follows is a virtual {config.robot}")
+        bench = study.of_benches()[0]
+        study_conditions.record_benches(bench, progress)
+        motors = chapters.bench(bench.out / "bench" / "rollout")
+        progress.note(f"first picture: {write_page([motors])}")
+        walks = study_walks(study, progress)
+        found = summarise(walks)
+        film = _film(bench, walks, progress)
+        (out / FILM).write_bytes(film.data)
+        sections = [
+            demo_page.answer(found, study.commanded, film),
+            demo_page.robustness(_maps(bench, progress)),
+            demo_page.own_simulations(found),
+            motors,
+            chapters.learning({name: _folders(bench, name) for name in CONDITIONS}),
+        ]
+        results += found.as_results()
+        results += Results.of([Result("seconds", "s", time.monotonic() - started)])
         stage.write_results(out, results)
-        write_page(complete=True)
+        write_page(sections, complete=True)
+        progress.note(demo_page.headline(found))
         return results
 
 
@@ -134,49 +151,59 @@ def with_walking_robot(config: Demo) -> Demo:
     return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
 
 
-def _identify_priors(config: Demo, progress: Progress) -> dict[str, Path]:
-    """Preset -> file of its prior, from two benches."""
-    benches = {preset: config.out / "bench" / preset for preset in ("rollout", "paper")}
-    for preset, out in benches.items():
-        bench = Bench(out, config.fleet, preset, config.motors, config.bench_steps, config.seed, config.robot)
-        run_bench(bench, progress)
-    folders = {preset: config.out / "priors" / preset for preset in PRESETS}
-    works = []
-    for preset, out in folders.items():
-        bench, steps = benches.get(preset, benches["rollout"]), network_steps(preset, config.adam_steps)
-        works.append(partial(run_identify, Identify(bench, out, preset, config.seed, steps)))
-    in_parallel(works, config.workers, progress)
-    return {preset: out / PRIOR for preset, out in folders.items()}
+def study_of(config: Demo) -> Study:
+    """The transfer study, small: one bench, the environments fleet and hard."""
+    shared = {name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__}
+    return Study(
+        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, robots=1,
+        pd_range=_PD_RANGE, prior_share=_PRIOR_SHARE,
+    )  # fmt: skip
 
 
-def _train(config: Demo, priors: dict[str, Path], robot: Robot, progress: Progress) -> dict[str, list[Path]]:
-    """Condition -> folders of its policies, one per seed."""
-    gains, tuned = (read_json(config.out / "validate" / name) for name in (GAINS_FILE, TUNED))
-    conditions = {
-        "rollout": motor_text("prior", file=priors["rollout"]),
-        "oracle": motor_text("fleet", fleet=config.fleet),
-        "ideal_pd": motor_text("pd", **gains),
-        "tuned_pd": motor_text("pd", **tuned),
-        "paper": motor_text("prior", file=priors["paper"]),
-    }
-    walks = [
-        Walk(
-            out=config.out / "walk" / f"{name}_{seed}",
-            motors=motors,
-            iterations=config.iterations,
-            episode_steps=500,  # shorter than the defaults of `Walk`, as is the time between commands
-            commands=Commands(hold=1.25),
-            randomization=Randomization(),  # only the motors differ between conditions
-            search=ArsConfig(seed=SEEDS_APART * config.seed + seed),
-            workers=max(1, config.workers // (config.seeds * len(conditions))),  # more where cores are left over
-            robot=config.robot,
+def _folders(bench: Study, name: str) -> list[Path]:
+    """Trainings of a condition, one per seed."""
+    return [bench.out / "walk" / f"{name}_{seed}" for seed in range(bench.seeds)]
+
+
+def _policies(bench: Study, name: str) -> list[TrainedPolicy]:
+    robot = load_robot(bench.robot)
+    return [TrainedPolicy.load(folder / POLICY, robot) for folder in _folders(bench, name)]
+
+
+def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
+    """Condition -> robustness map of its policies on held-out robots."""
+    found = {}
+    with progress.start("robustness on held-out robots", len(MAPPED)) as task:
+        fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
+        for name in MAPPED:
+            found[name] = robustness_map(_policies(bench, name), fleet, bench.commands, bench.seed)
+            task.advance(1, name)
+    return found
+
+
+def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
+    """A film of one robot of the environment hard on policies of FILMED."""
+    from motorprior.report.film import comparison_gif
+    from motorprior.report.page import Picture
+    from motorprior.report.plots_style import model_label
+
+    hard = [walk for walk in walks if walk["place"] == "hard"]
+    upright = [scores([walk for walk in hard if walk["condition"] == name], "upright")[0] for name in FILMED]
+    typical = int(np.argmin(sum(np.abs(each - each.mean()) for each in upright)))
+    seed, number = (int(index) for index in np.unravel_index(typical, upright[0].shape))
+    robot, episodes = load_robot(bench.robot), {}
+    steps = round(bench.seconds / robot.control_dt)
+    fleet = load_robot_fleet(robot, bench.foreign)
+    motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
+    for name in FILMED:
+        trained = _policies(bench, name)[seed]
+        walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait, randomization=HARD)
+        scene = twin_scene(trained.robot, fleet, walk)
+        (episodes[f"trained on: {model_label(name)}"],) = run_walks(
+            scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors
         )
-        for seed in range(config.seeds)
-        for name, motors in conditions.items()
-    ]
-    # the longest training first, otherwise it runs alone at the end
-    longest_first = sorted(walks, key=lambda walk: simulated_motors(walk.motors, robot).physics_dt)
-    trainings = [partial(run_walk, walk, name=f"walk on {walk.out.name}") for walk in longest_first]
-    in_parallel(trainings, config.workers, progress)
-    seeds = range(config.seeds)
-    return {name: [config.out / "walk" / f"{name}_{seed}" for seed in seeds] for name in sorted(conditions)}
+    caption = (
+        f"One held-out robot in the environment hard, on both policies: walk {number} of seed {seed}, whose times "
+        "upright are the closest to the means of both."
+    )
+    return Picture(caption, comparison_gif(robot, episodes, steps, progress.note), "gif")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
 from motorprior.bench.dynamometer import BENCH
 from motorprior.bounds import require_seed
@@ -39,8 +40,8 @@ class Identify:
     """Use the log's joint_torque; otherwise the prior learns from positions and velocities alone."""
 
 
-def run_identify(config: Identify, progress: Progress = SILENT) -> None:
-    """Train, unless the folder already contains this prior.
+def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
+    """Train, unless the folder already contains this prior, and return it.
 
     Raises:
         LogError, ConfigError: the log does not fit the recipe.
@@ -49,7 +50,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> None:
     recipe = identification_preset(config.preset, config.steps)
     log, provenance = training_log(config.bench)
     log = log if config.torque else replace(log, joint_torque=None)
-    fit_recipe(log, config.preset, recipe, config.seed, config.out, progress, provenance)
+    return fit_recipe(log, config.preset, recipe, config.seed, config.out, progress, provenance)
 
 
 def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, Any]]:

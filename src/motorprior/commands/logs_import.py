@@ -14,7 +14,7 @@ from motorprior.exceptions import ConfigError, listed
 from motorprior.logs.load_log import PERIOD, load_log
 from motorprior.logs.motor_log import MotorLog, settings_text
 from motorprior.logs.operations import joined, smooth_on_grid
-from motorprior.logs.read_log import recording_name
+from motorprior.logs.read_log import reader_of, recording_name
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -32,11 +32,11 @@ class LogsImport:
     """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), logs of
     jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
     datasets, ROS 2 bags (.mcap, or its folder), or, with ``columns``, any table (.csv, .csv.gz, .parquet), any topics
-    of a bag and tensors (.pt)."""
+    of a bag and arrays (.npz, .npy, .mat, .pkl, .pt)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
-    """Column map of a table, bag or .pt: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    """Column map of a table, of arrays or of a bag: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     period: float | None = PERIOD
     """Sample period of the result [s]; None: the recorded rows."""
     kp: tuple[float, ...] = ()
@@ -60,6 +60,9 @@ class LogsImport:
     robot: str | None = None
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). The default is the shipped one
     for logs that do not name their joints; tables use the names of their map."""
+    as_joint: tuple[str, ...] = ()
+    """Names of the robot's joints for those of the logs, in their order: bench logs of a motor, such as Rhoban/bam's,
+    become logs of motors of ``robot``."""
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
@@ -75,11 +78,16 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     targets = _targets(config.paths, config.out)
     load = partial(
         load_log, columns=config.columns, suspended=config.suspended, period=None if config.fit_load else config.period,
-        robot=config.robot or (None if config.columns else DEFAULT_ROBOT), kp=config.kp, kd=config.kd,
-        firmware=config.firmware, conditions=config.conditions, progress=progress,
+        kp=config.kp, kd=config.kd, firmware=config.firmware, conditions=config.conditions, as_joint=config.as_joint,
+        progress=progress,
     )  # fmt: skip
+
+    def robot_of(path: Path) -> str | None:
+        lacks_robot = config.suspended or reader_of(path, config.columns is not None).nameless
+        return config.robot or (DEFAULT_ROBOT if lacks_robot and not config.columns else None)
+
     with locked(config.out):
-        logs = ((target, load(path)) for target, path in targets.items())
+        logs = ((target, load(path, robot=robot_of(path))) for target, path in targets.items())
         for target, log in _with_fitted_loads(dict(logs), progress).items() if config.fit_load else logs:
             write_log(target, log)
             progress.note(f"{target}: {_summary(log)}")

@@ -20,7 +20,8 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
-from motorprior.simulation.scene import Episode, WalkConfig
+from motorprior.simulation.scene import Episode, WalkConfig, require_walks
+from motorprior.simulation.training import other_weight
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import TrainedPolicy, evaluation_seed, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
@@ -67,6 +68,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
         Path of the film, and measures of the walks.
 
     Raises:
+        SimulationFault: a walk diverged.
         ArtifactError, ConfigError, LogError: a policy, its motors, the schedule or the fleet cannot be used; a command
             is outside the range of the robot or of a policy's training; the viewer finds no screen.
     """
@@ -83,7 +85,10 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     with locked(config.out):
         with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
             for name, trained in policies.items():
+                if line := other_weight(trained.policy, robot):
+                    progress.note(line)
                 episodes[name] = _walk(config, trained, WalkConfig(steps, commands=commands))
+                require_walks([episodes[name]], name)
                 task.advance()
         results = sum((_measured(config, robot, *named, commanded) for named in episodes.items()), Results())
         write_results(config.out, results)

@@ -11,9 +11,10 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.evaluation.free_runs import write_traces
+from motorprior.logs.load_log import PERIOD, without_gaps
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.operations import begin_at_gaps, drop_repeats, resample, smooth_on_grid
+from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
 from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
 from motorprior.logs.splits import long_segments, moving_joints, split
 from motorprior.progress import SILENT, Progress
@@ -23,7 +24,6 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
 
-PERIOD = 0.002  # of the grid that models are fitted on [s]
 # training log for motors and for responses, of all joints together, and the maximum of each joint [s]; the fit takes
 # most of the minute
 MOTOR_SECONDS, RESPONSE_SECONDS, MAX_SECONDS = 144.0, 72.0, 48.0
@@ -118,11 +118,11 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
-            logs[name], gaps = begin_at_gaps(log)
+            logs[name], found = without_gaps(log)
         except LogError as error:
-            unsteady, gaps = error, f"left out {error}"
+            unsteady, found = error, [f"left out {error}"]
         assumed = "" if config.columns else reader_of(path).assumption
-        lines += [f"{name}: {line}" for line in (assumed, gaps) if line]
+        lines += [f"{name}: {line}" for line in (assumed, *found) if line]
     if unsteady and not logs:
         raise unsteady
     return logs, lines

@@ -29,7 +29,8 @@ class Simulate:
     motors: str
     """The robot's motors, such as prior:FILE, pd or fleet; see docs/training.md."""
     excitation: str = "sine"
-    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine."""
+    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine; or a file
+    of `motorprior excite`."""
     seconds: float = 10.0
     """Duration [s]."""
     amplitude: float = 0.4
@@ -53,7 +54,8 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
     robot = load_robot(config.robot)
     found = simulated_motors(config.motors, robot)
     targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
-    wanted = description("simulate", asdict(config), [*found.files, *robot.files])
+    played = [Path(config.excitation)] if config.excitation.endswith(".safetensors") else []
+    wanted = description("simulate", asdict(config), [*found.files, *robot.files, *played])
     if is_finished(config.out, wanted):
         return
     title = f"simulate {robot.name}: {config.excitation}, {config.seconds:g} s"

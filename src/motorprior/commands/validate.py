@@ -9,16 +9,14 @@ from pathlib import Path
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_json
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_ROTOR, fit_pd
+from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import ModelOfMotors
-from motorprior.identification.evaluation.free_runs import write_traces
 from motorprior.identification.held_out import (
     adapt_all,
     adaptation,
@@ -34,9 +32,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity, traces
-
-GAINS_FILE, TUNED = "ideal_pd.json", "tuned_pd.json"  # the PD with the best gains; also with armature and delay
+from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 
 @dataclass(frozen=True)
@@ -46,7 +42,7 @@ class Validate:
     priors: tuple[Path, ...]
     """Prior files that `motorprior identify` wrote, all from benches of the same motors."""
     out: Path
-    """Folder for figures.json, tuned_pd.json and the traces of the report."""
+    """Folder for figures.json."""
     seed: int = 0
     """Seed of the held-out excitation."""
     held_out: bool = True
@@ -104,7 +100,7 @@ def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
 ) -> Results:
     motors, seed = bench.physical_motors(), config.seed
-    tuned = _tune_baselines(config.out, robot, motors, bench, progress)
+    tuned = _tuned_pd(robot, motors, bench, progress)
     baselines: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
         "tuned_pd": lambda index: IdealPd.uniform(len(index), **tuned),
@@ -112,7 +108,6 @@ def _measure(
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
         results = fidelity(robot, motors, models, "train", seed, task) + armature_results(motors, priors)
-        write_traces(config.out, traces(robot, motors, models, seed))
         task.advance()
     if not config.held_out:
         return results
@@ -131,13 +126,8 @@ def _measure(
     return results
 
 
-def _tune_baselines(
-    out: Path, robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress
-) -> Mapping[str, float]:
-    """Fit both PDs to the bench log, write them, and return the constants of the tuned one."""
-    with progress.start("tune the PD baselines on the bench log", 2 * RESTARTS) as task:
+def _tuned_pd(robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress) -> Mapping[str, float]:
+    """Constants of a PD with armature and delay, fitted to the bench log."""
+    with progress.start("tune a PD on the bench log", RESTARTS) as task:
         log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
-        gains, tuned = (fit_pd(log, free, report=task.advance).constants for free in (GAINS, WITH_ROTOR))
-    for name, constants in ((GAINS_FILE, gains), (TUNED, tuned)):
-        write_json(out / name, constants)
-    return tuned
+        return fit_pd(log, WITH_ROTOR, report=task.advance).constants

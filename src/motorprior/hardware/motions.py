@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 
 import numpy as np
 
-from motorprior.bench.excitation import excitation_named
+from motorprior.bench.learned_excitation import excitation_of
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion
 from motorprior.hardware.health import Measurement
@@ -211,8 +211,8 @@ def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np
         gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
         away = gait - robot.nominal_pose
     else:
-        signal = excitation_named(kind, OF_ROBOTS).target
-        away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
+        excitation = excitation_of(kind, OF_ROBOTS)
+        away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
     if not away.any():
@@ -226,9 +226,13 @@ def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control
     time = np.arange(len(away)) * control_dt
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
     over = None if kind == "trot" else 0  # a trot keeps its shape; other signals are scaled joint by joint
-    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=over))
+    jumps, is_bounded = False, False
+    if kind != "trot":
+        excitation = excitation_of(kind)
+        jumps, is_bounded = excitation.jumps, excitation.is_bounded
+    away *= amplitude / np.maximum(amplitude if is_bounded else 1e-9, np.abs(away).max(axis=over))
     away *= fade
-    if kind == "trot" or not excitation_named(kind).jumps:
+    if not jumps:
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away

@@ -8,7 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import named_multiples, parameters_of, with_logged_gains
+from motorprior.actuator.constants import named_constants
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
@@ -26,11 +27,10 @@ from motorprior.identification.latents.latent_fit import (
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import moved
 from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
-from motorprior.robots.joint_classes import classes_by_name
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
@@ -155,12 +155,7 @@ def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> di
 
     Constants in units of a firmware are multiples with names of their own (`named_multiples`).
     """
-    if not isinstance(prior.model, GreyBox):
-        return {}
-    values, gains = prior.model.constants(latents), log.gains
-    if prior.model.gain_unit == PHYSICAL_GAINS and gains is not None:
-        return with_logged_gains(values, *gains)
-    return named_multiples(values) if prior.model.gain_unit else values
+    return named_constants(prior.model, latents, log.gains) if isinstance(prior.model, GreyBox) else {}
 
 
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
@@ -183,7 +178,7 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
     if not isinstance(prior.model, GreyBox):
         return ""
-    central = prior.classes.moments(classes_by_name(names))[0]
+    central = prior.classes.moments(prior.classes_at(names))[0]
     share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents, central), weak_below(prior.model)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:

@@ -39,7 +39,7 @@ from motorprior.identification.training_data.windows import TrainingData, traini
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, motion_digest
 from motorprior.logs.operations import joined
 from motorprior.logs.validity import checked
-from motorprior.progress import SILENT, WARNED, Progress
+from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
 PRIOR, KEPT = "prior.safetensors", "unfinished_{}.safetensors"
@@ -53,7 +53,7 @@ def fit_prior(
     *,
     steps: int | None = None,
     out: str | Path | None = None,
-    progress: Progress = WARNED,
+    progress: Progress = SHOWN,
 ) -> MotorPrior:
     """Learn the distribution of motors from their logs.
 
@@ -65,7 +65,8 @@ def fit_prior(
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
         out: folder for prior.safetensors, which the same call loads; an interrupted fit continues there after the
             selection of terms or the fit of the motors. Nothing is written without it.
-        progress: where to report to, for example ``Lines(sys.stderr)``; by default warnings are Python warnings.
+        progress: where to report to, for example ``Lines()``; by default work is reported on stderr, and warnings are
+            Python warnings.
 
     Returns:
         The prior, with the robot, the recipe and the metrics of its training.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from motorprior.exceptions import MotorPriorError
 from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
@@ -13,7 +14,7 @@ from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
-from motorprior.progress import SILENT, Notes, Progress
+from motorprior.progress import SILENT, WARNING, Notes, Progress
 
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
@@ -25,26 +26,32 @@ BASELINE_PERIOD = 0.002  # of these presets [s]; priors with another period have
 def fitted_baselines(
     log: MotorLog,
     preset: Preset,
-    folder: Path,
+    folder: Path | None,
     adam_steps: int | None = None,
     seed: int = 0,
     progress: Progress = SILENT,
-) -> dict[str, MotorModel]:
+) -> dict[str, MotorModel | None]:
     """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
 
-    Fits in ``folder`` are reused. ``adam_steps`` are those of the pooled network, the preset's own if not given.
+    Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network, the preset's own if
+    not given. A baseline that cannot be fitted or read is None, and a warning reports why.
 
     Raises:
         LogError: it lacks a channel, has another sample period, or is too short.
     """
     recipes = baseline_recipes(log, preset)
-    models: dict[str, MotorModel] = dict(fitted_responses(log, preset, seed, progress))
+    models: dict[str, MotorModel | None] = dict(fitted_responses(log, preset, seed, progress))
     tuned = fitted_tuned_pd(log, progress)
     for name, (named, recipe) in recipes.items():
         if name == "pooled_network" and adam_steps is not None:
             recipe = replace(recipe, steps=adam_steps)
-        fitted = fit_recipe(log, named, recipe, seed, folder / name, Notes(SILENT.note, progress), tuned=tuned)
-        models[name] = fitted.model.motors(fitted.mean)
+        try:
+            out = None if folder is None else folder / name
+            fitted = fit_recipe(log, named, recipe, seed, out, Notes(SILENT.note, progress), tuned=tuned)
+            models[name] = fitted.model.motors(fitted.mean)
+        except MotorPriorError as error:
+            models[name] = None
+            progress.note(f"{WARNING}baseline {name} counts as diverged: {error}")
     return models | {"tuned_pd": tuned}
 
 

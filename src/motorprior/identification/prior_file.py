@@ -46,11 +46,12 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
     recipe_of(prior)
     if prior.model.num_latents == 0:
         raise ArtifactError("it has no latents", remedy="identify it with preset rollout")
-    if log.robot not in (BENCH, prior.robot):
-        raise ConfigError(
-            f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}",
-            remedy="identify a prior from logs of that robot",
+    if prior.robot and log.robot not in (BENCH, prior.robot):
+        remedy = (
+            "identify a prior from logs of that robot; a bench's logs become such by `motorprior logs import` with "
         )
+        remedy += "--robot and --as-joint; in Python, prior.for_robot states that the robot has these motors"
+        raise ConfigError(f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}", remedy=remedy)
 
 
 def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:

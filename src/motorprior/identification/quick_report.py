@@ -8,12 +8,14 @@ from typing import TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import IDENTIFIED, MotorPrior
+from motorprior.exceptions import listed
 from motorprior.identification.adapt import motor_constants
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
 from motorprior.identification.evaluation.errors import LogErrors
 from motorprior.identification.evaluation.free_runs import (
     FREE_RUN,
@@ -32,10 +34,9 @@ from motorprior.identification.evaluation.log_tables import (
     error_results,
 )
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.physics.motor_problem import identifiable_constants
+from motorprior.identification.physics.motor_problem import near_bounds
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
-from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
@@ -76,28 +77,23 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     expected = prior.predicted(train).mean
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(expected)}
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(np.zeros_like(expected))
+        models["prior_mean"] = prior.model.motors(prior.classes.moments(train.joint_classes)[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))
     names = UNITS.keys() - ({"kp", "kd_over_kp"} if prior.model.gain_unit else set())  # logged gains are not fitted
     constants = {name: values for name, values in motor_constants(prior, train, prior.mean).items() if name in names}
-    identified = _identified(prior, train, constants)
+    identified = [name for name, values in constants.items() if _identified(prior, name, values)]
     results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
-    results += _constant_results({name: constants[name] for name in identified}, UNITS, train.joint_names)
-    results += Results.of(
-        Result(f"{CONSTANT}{name}", UNITS[name], float(np.median(values)), statistic=UNIDENTIFIED)
-        for name, values in constants.items()
-        if name not in identified
-    )
+    for name, values in constants.items():
+        kept = _within_bounds(prior, name) & (name in identified)
+        results += _constant_results({name: values}, UNITS, train.joint_names, kept)
     lines = (*warnings, *whole.warnings("prior"))
     return results, drawn, [line.removeprefix(WARNING) for line in lines]
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickReport:
     """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
-    from motorprior.identification.baselines.response_fit import CONSTANTS
-
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
     runs = {name: whole_runs(with_some_load(log), preset) for name, log in logs.test.items()}
@@ -106,8 +102,16 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickRep
     fitted = dict(zip(CONSTANTS, models["servo_limits"].constants.T, strict=True))
     constants = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
     units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
-    results = error_results(errors, WHOLE_RUN_RMSE) + _constant_results(constants, units, train.joint_names)
-    return results, drawn, []
+    results, warnings, bounds = error_results(errors, WHOLE_RUN_RMSE), [], at_bounds(models["servo_limits"])
+    for name, values in constants.items():
+        reached = bounds[RESPONSE_CONSTANTS[name][0]]
+        results += _constant_results({name: values}, units, train.joint_names, ~reached)
+        if reached.any():
+            joints = listed(
+                [f"{train.joint_names[i]} {values[i]:.3g} {units[name]}" for i in np.flatnonzero(reached)], 6
+            )
+            warnings.append(f"{name.replace('_', ' ')} at a bound of the search, so not identifiable: {joints}")
+    return results, drawn, warnings
 
 
 def _errors(logs: Split, runs: Mapping[str, Sequence[WindowRuns]], models: Mapping[str, MotorModel]) -> LogErrors:
@@ -127,22 +131,31 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
     return {"ideal_pd": IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)}
 
 
-def _constant_results(values: Mapping[str, np.ndarray], units: Mapping[str, str], joints: Sequence[str]) -> Results:
-    return Results.of(
-        Result(f"{CONSTANT}{name}", units[name], float(value), part=joint)
-        for name, column in values.items()
-        for joint, value in zip(joints, column, strict=True)
+def _constant_results(
+    values: Mapping[str, np.ndarray], units: Mapping[str, str], joints: Sequence[str], kept: np.ndarray
+) -> Results:
+    """Constants of the ``kept`` (J,) joints; the median as unidentified if none is."""
+    rows = []
+    for name, column in values.items():
+        if not kept.any():
+            rows.append(Result(f"{CONSTANT}{name}", units[name], float(np.median(column)), statistic=UNIDENTIFIED))
+        pairs = zip(np.array(joints)[kept].tolist(), column[kept].tolist(), strict=True)
+        rows += [Result(f"{CONSTANT}{name}", units[name], value, part=joint) for joint, value in pairs]
+    return Results.of(rows)
+
+
+def _within_bounds(prior: MotorPrior, name: str) -> np.ndarray:
+    """(M,) motors whose constant is not at a bound of the search."""
+    model = prior.model
+    assert isinstance(model, GreyBox)
+    names, reached = parameters_of(model.motor.terms), near_bounds(model.decoder_latents(prior.mean))
+    if reached.shape[1] != len(names):  # latents are no constants
+        return np.ones(len(prior.mean), dtype=bool)
+    return ~reached[:, names.index(name)]
+
+
+def _identified(prior: MotorPrior, name: str, values: np.ndarray) -> bool:
+    """Whether the training log identifies a constant, or the motors differ in it."""
+    return (
+        prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
     )
-
-
-def _identified(prior: MotorPrior, train: MotorLog, constants: Mapping[str, np.ndarray]) -> list[str]:
-    """The constants that the training log identifies, or in which the motors differ."""
-    preset = recipe_of(prior)
-    runs = WindowRuns(training_data(train, preset, train.source), preset)
-    assert isinstance(prior.model, GreyBox)
-    identifiable = identifiable_constants(prior.model, runs, prior.mean, constants)
-    return [
-        name
-        for name, values in constants.items()
-        if name in identifiable or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
-    ]

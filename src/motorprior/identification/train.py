@@ -14,11 +14,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
-from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
-from motorprior.actuator.optional_terms import TERMS
+from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
+from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
@@ -27,7 +27,9 @@ from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_mo
 from motorprior.identification.physics.motor_problem import (
     fixed_constants,
     grey_box,
+    identifiable_constants,
     motor_search,
+    near_bounds,
     unidentifiable_limits,
     unknown_torque_scale,
 )
@@ -172,9 +174,12 @@ def _notes_on_identifiability(
         named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
         return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
+    names_of = parameters_of(model.motor.terms)
+    identified = identifiable_constants(model, runs, z, [name for name in names_of if name not in SIGNED])
+    metrics |= {f"{IDENTIFIED}{name}": float(name in identified) for name in names_of if name not in SIGNED}
     notes, free = [], ~fixed_constants(model.motor.terms, runs)
-    reached = (np.abs(z) > 0.99 * LOG_REACH) & free
-    for name, motors in zip(parameters_of(model.motor.terms), reached.T, strict=True):
+    reached = near_bounds(z) & free
+    for name, motors in zip(names_of, reached.T, strict=True):
         if motors.any():
             notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")
     for name, hidden in unidentifiable_limits(model, runs, z).items():

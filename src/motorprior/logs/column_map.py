@@ -11,8 +11,9 @@
     [joints.1]
     name = "shoulder_pan"                   # of the robot's joint
 
-An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle. The
-table of a channel overrides that of its joint, and that overrides [units].
+An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle. An angle
+with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a channel overrides that of its joint, and
+that overrides [units].
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import read_toml
-from motorprior.bounds import TABLE, TEXT, Field, is_number, number, one_of
+from motorprior.bounds import BOOLEAN, TABLE, TEXT, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.motor_log import CONDITIONS, ENCODERS, GAIN_UNITS, PHYSICAL_GAINS, POSTURES
 from motorprior.schema import Schema
@@ -58,6 +59,7 @@ _ENTRIES = {  # of the table of a channel, by its quantity
     "angle": {
         **_SIGNED,
         "zero": number(-TURN, TURN, unit="rad"),
+        "wraps": BOOLEAN,
         **{name: _UNITS[name] for name in ("angle", "ticks_per_turn")},
     },
     "velocity": {**_SIGNED, "velocity": _UNITS["velocity"]},
@@ -82,7 +84,7 @@ _MAP = Schema(
 )
 _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
-_UNIT_TABLE = {**_UNITS, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
+_UNIT_TABLE = {**_UNITS, "wraps": BOOLEAN, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
 _JOINT = {
     "name": _NAME, **_ENTRIES["angle"], **dict.fromkeys(QUANTITIES, TABLE), **dict.fromkeys(GAINS, number(0.0)),
 }  # fmt: skip
@@ -94,6 +96,7 @@ class Conversion:
 
     factor: float = 1.0
     offset: float = 0.0
+    wraps: bool = False  # the column jumps by a turn where the angle does not
 
 
 @dataclass(frozen=True)
@@ -217,7 +220,8 @@ def _conversion(channel: str, joint: Mapping[str, Any], units: Mapping[str, Any]
     if "sign" in entries:
         sign = joint.get("sign", 1)
         factor *= own.get("sign", joint.get("joint_pos", {}).get("sign", sign) if channel == "joint_vel" else sign)
-    return Conversion(float(factor), float(own.get("zero", of_joint.get("zero", 0.0))))
+    wraps = quantity == "angle" and own.get("wraps", of_joint.get("wraps", units.get("wraps", False)))
+    return Conversion(float(factor), float(own.get("zero", of_joint.get("zero", 0.0))), wraps)
 
 
 def _scale(quantity: str, tables: tuple[Mapping[str, Any], ...], where: str) -> float:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from motorprior.bounds import require_number
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, listed
 from motorprior.logs.column_map import ColumnMap
+from motorprior.logs.doctor.readings import failed_reads
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
 from motorprior.logs.motor_log import CONDITIONS, MotorLog
@@ -36,12 +37,13 @@ def load_log(
     kd: float | Sequence[float] = (),
     firmware: Mapping[str, float] | None = None,
     conditions: Mapping[str, float] | None = None,
+    as_joint: Sequence[str] = (),
     progress: Progress = WARNED,
 ) -> MotorLog:
     """Read a recording in any format and prepare it for `fit_prior` and `adapt`.
 
-    A segment begins after every gap. Gaps, assumptions of the format, and joint signs that contradict gravity are
-    reported.
+    Rows in which a read failed are left out. A segment begins after every gap. Both, assumptions of the format, and
+    joint signs that contradict gravity are reported.
 
     Args:
         path: as in `read_log`.
@@ -56,11 +58,13 @@ def load_log(
         kd: derivative gain, likewise.
         firmware: registers of `motor_log.FIRMWARE`, in SI units; they override those of the log.
         conditions: some of `motor_log.CONDITIONS`, for all joints and rows; they override those of the log.
+        as_joint: names of the joints of ``robot`` for those of the log, in its order: the log, for example of a bench,
+            is then one of motors of this robot.
         progress: where to report to; by default warnings are Python warnings.
 
     Raises:
         ConfigError: a period out of range, several gains without an order of the joints, or loads without a robot or
-            period, or for a log that has loads.
+            period, or for a log that has loads; joints that are none of the robot's, without ``as_joint``.
         LogError: the log cannot be read, lacks what loads need, or a given value is out of its bounds.
         ArtifactError: a bad column map or robot.
     """
@@ -74,6 +78,7 @@ def load_log(
         raise ConfigError(problem, where=path, remedy=f"{remedy}, and a period", argument="robot")
     on_grid = None if period is None or columns else reader.on_grid
     log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
+    log = _of_robot(log, robot, tuple(as_joint), path)
     log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
     if robot is not None and set(log.joint_names) <= set(robot.joint_names):
         classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
@@ -84,8 +89,8 @@ def load_log(
                 problem = f"suspended: the log already contains its load ({present[0]})"
                 raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
             require_fixed_base(log, model, path)
-        log, gaps = begin_at_gaps(log, period or 0.0)
-        for message in filter(None, (gaps, "" if columns else reader.assumption)):
+        log, lines = without_gaps(log, period or 0.0)
+        for message in [*lines, *([reader.assumption] if reader.assumption and not columns else [])]:
             progress.note(f"{path}: {message}")
         if period is not None:
             log = resample(log, period) if model is None else smooth_on_grid(log, period)
@@ -94,6 +99,35 @@ def load_log(
         for finding in gravity_signs(log, model):
             progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
     return log
+
+
+def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], path: Path) -> MotorLog:
+    """The log with joints of the robot, if their names are given."""
+    if as_joint and robot is None:
+        raise ConfigError("as_joint without a robot", remedy="give robot", argument="as_joint")
+    known = robot is not None and (log.robot == robot.name or set(log.joint_names) & set(robot.joint_names))
+    if robot is None or (known and not as_joint):
+        return log
+    if len(as_joint) == log.num_joints and len(set(as_joint) & set(robot.joint_names)) == len(as_joint):
+        return checked(replace(log, joint_names=as_joint, robot=robot.name))
+    problem = f"its joints {listed(log.joint_names, 8)} are none of {robot.name}'s"
+    if as_joint:
+        problem = f"as_joint {', '.join(as_joint)} does not name {log.num_joints} different joints of {robot.name}"
+    remedy = f"state which they are by as_joint, such as {robot.joint_names[0]}, of {', '.join(robot.joint_names)}"
+    raise ConfigError(problem, where=path, remedy=remedy, argument="as_joint")
+
+
+def without_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str]]:
+    """The log without rows in which a read failed, with a segment after every gap; and sentences about both.
+
+    Raises LogError as `begin_at_gaps`, or if a segment has fewer than 2 rows without failed reads.
+    """
+    failed = failed_reads(log)
+    counts, rows = failed.sum(axis=0), np.asarray(failed.any(axis=1))
+    named = [f"{name} {count}" for name, count in zip(log.joint_names, counts, strict=True) if count]
+    lines = [f"{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
+    log, gaps = begin_at_gaps(checked(log.rows(~rows)) if named else log, period)
+    return log, lines + ([gaps] if gaps else [])
 
 
 def with_settings(

@@ -64,6 +64,24 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     return checked(replace(log, **loads, joint_torque=None, posture=posture))
 
 
+def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
+    """The log of a robot in any posture with load_inertia [kg·m²] and external_torque [N·m], from its joint_torque.
+
+    external_torque = load_inertia·q̈ - joint_torque, with load_inertia the joint's own element of the mass matrix at the
+    median angles: a bench with this inertia and torque moves the same motor in the same way, whatever the feet touch.
+    Raises `LogError` without joint_torque or velocities, or for other joints.
+    """
+    if log.joint_torque is None or log.joint_vel is None or log.joint_names != robot.joint_names:
+        problem = "no torques, no velocities, or not the joints of the robot"
+        raise LogError(problem, where=log.source, remedy="give the log of a robot that records currents")
+    at_rest = np.zeros(log.num_joints)
+    inertia, _ = _Dynamics(robot).load(np.median(log.joint_pos, axis=0), at_rest, at_rest)
+    external = np.empty_like(log.joint_pos)
+    for part in log.segment_slices():
+        external[part] = inertia * np.gradient(log.joint_vel[part], log.time[part], axis=0) - log.joint_torque[part]
+    return checked(replace(log, load_inertia=np.tile(inertia, (log.num_rows, 1)), external_torque=external))
+
+
 def with_some_load(log: MotorLog) -> MotorLog:
     """The log, with a placeholder load if it has none: responses do not read it."""
     if log.external_torque is not None and log.load_inertia is not None:

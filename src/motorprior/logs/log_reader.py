@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.column_map import ColumnMap, Conversion, MappedJoint
+from motorprior.logs.column_map import TURN, ColumnMap, Conversion, MappedJoint
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.validity import CORRECT, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
@@ -34,6 +34,7 @@ class LogReader:
     unmapped: Callable[[Path], str] = lambda path: ""
     # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows
     on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
+    nameless: bool = False  # whether it needs a robot, since it does not name its joints
     assumption: str = ""  # a sentence for the user about what is assumed because the format lacks it
 
     def matches(self, path: Path) -> bool:
@@ -80,6 +81,11 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         require_finite(raw, labels, path)
         known = [joint.conversions.get(channel, Conversion()) for joint in joints]
         values[channel] = np.array([each.factor for each in known]) * raw + np.array([each.offset for each in known])
+        wraps = np.array([each.wraps for each in known])
+        values[channel][:, wraps] = np.unwrap(values[channel][:, wraps], period=TURN, axis=0)
+        if channel == "joint_pos" and wraps.any():  # in the turn of the command
+            turns = np.rint(np.median(values["position_target"] - values[channel], axis=0) / TURN)
+            values[channel][:, wraps] += TURN * turns[wraps]
     values |= {name: np.broadcast_to(gains, shape) for name, gains in columns.gains(joints).items()}
     values |= {name: np.full(shape, value) for name, value in columns.conditions.items()}
     if columns.base_orientation:

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.robots.joint_classes import classes_by_name
+from motorprior.signals import rms
+from motorprior.texts import Described, Summary
 
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
@@ -44,8 +46,8 @@ SIGN_CONVENTION = (
 )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MotorLog:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MotorLog(Described):
     """One or more contiguous recordings (segments) of T rows and J joints.
 
     Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
@@ -82,6 +84,25 @@ class MotorLog:
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
     stated_classes: tuple[str, ...] = ()  # `joint_classes` of the robot's description; none: by the joints' names
+
+    def overview(self) -> Summary:
+        """For people: size, origin, channels, settings, and ranges of the joints."""
+        size = f"{self.num_rows} rows, {self.duration:.4g} s at {1.0 / self.period:.4g} Hz"
+        segments = len(self.segment_slices())
+        optional = [name for name in channels(self) if name not in ("time", "position_target", "joint_pos", *CODES)]
+        facts = {
+            "size": size + (f", {segments} segments" if segments > 1 else ""), "robot": self.robot,
+            "motor": self.motor, "source": self.source[-100:],
+            "channels besides command and angle": ", ".join(optional) or "none",
+            "loads": "known" if self.load_inertia is not None else "unknown; mp.load_log computes them from a model",
+            "settings": settings_text(self),
+        }  # fmt: skip
+        columns = ("joint", "angle from [°]", "to [°]", "command from [°]", "to [°]", "angle - command, rms [mrad]")
+        rows = []
+        for joint, angle, command in zip(self.joint_names, self.joint_pos.T, self.position_target.T, strict=True):
+            ends = np.rad2deg([angle.min(), angle.max(), command.min(), command.max()]).tolist()
+            rows.append([joint, *(f"{value:.1f}" for value in ends), f"{1e3 * rms(angle - command):.0f}"])
+        return Summary(f"motor log of {self.num_joints} joints", facts, columns, rows)
 
     @property
     def num_joints(self) -> int:

@@ -9,24 +9,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_tensors
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOADS, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.identification.evaluation import log_tables
 from motorprior.identification.evaluation.free_runs import read_traces
-from motorprior.report import tables
 from motorprior.report.film import film, gif_bytes
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_motor import draw_class_behaviours, draw_traces, errors_by_joint, excitation_and_response
 from motorprior.report.plots_style import model_label
-from motorprior.report.plots_walk import learning_curves, read_curves, transfer_bars
-from motorprior.results import Results
+from motorprior.report.plots_walk import learning_curves, read_curves
 from motorprior.robots.robot import Robot
 from motorprior.stage import read_results
-from motorprior.studies.compare import DRAWS
-from motorprior.studies.robot_fidelity import BENCH_METRICS, ROBOT_METRICS
-from motorprior.studies.robot_fidelity import DRAWS as ROBOT_DRAWS
 
 
 def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
@@ -79,34 +73,6 @@ def bench(folder: Path) -> Section:
     return _section("Bench: excitation and response", text, figure, "Excitation and response of one motor.")
 
 
-def validate(folder: Path) -> list[Section]:
-    """Closed loop on the bench and, of a legged robot, inside the robot."""
-    results, (traces, _) = read_results(folder), read_traces(folder)
-    ratio = results.value(quantity="armature_ratio", model="rollout")
-    on_bench = (
-        "Each model drives one loaded joint under a held-out excitation and is compared with the physical motor, for "
-        f"every training motor. The armature of rollout, identified from motion alone, is {ratio:.2f} times that of "
-        "the rotors on average."
-    )
-    in_robot = (
-        "The same models drive a standing and a suspended robot. Torque above 20 Hz should equal that of the physical "
-        "motors: more is chatter. The legs of paper_wide oscillate: a network fitted one step ahead infers the torque "
-        "from the last change of velocity, which feeds back on itself in a simulator "
-        "(docs/why-the-paper-oscillates.md)."
-    )
-    bench_caption = "Joint RMSE [rad] over 1 s, median of the motors. physical: the lower bound."
-    robot_caption = f"Joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians of {ROBOT_DRAWS} samples of motors."
-    chapters = {
-        "Closed loop on the bench": (on_bench, tuple(BENCH_METRICS), bench_caption),
-        "Closed loop inside the robot": (in_robot, ROBOT_METRICS, robot_caption),
-    }
-    found = []
-    for trace, (title, (text, columns, caption)) in zip(traces, chapters.items(), strict=False):
-        table = Table(*tables.fidelity_table(results, columns), caption)
-        found.append(_section(title, text, draw_traces([trace]), "Physical motor (measured) and models.", table))
-    return found
-
-
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     """Learning curves of trainings: name -> a folder with curve.json per seed."""
     figure = learning_curves({name: read_curves(seeds) for name, seeds in folders.items()})
@@ -115,28 +81,6 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
         "different motors are not comparable."
     )
     return _section("Learning to walk", text, figure, "Mean return of the perturbed policies per iteration.")
-
-
-def transfer(folder: Path, robot: Robot) -> Section:
-    """The transfer table and films on the twin."""
-    results, (tensors, _) = read_results(folder), read_tensors(folder / "traces.safetensors")
-    names = tables.conditions_in(results)
-    caption = "Pale: in the training simulation. Full colour: on the twin."
-    bars = picture(transfer_bars(*(_means(results, names, motors) for motors in ("own", "twin"))), caption)
-    films = (_gait_film(robot, tensors[f"twin/{name}"], name, "on the twin") for name in names)
-    table = Table(*tables.transfer_table(results), f"{DRAWS} samples of motors, 5 s each.")
-    text = (
-        "Each policy is evaluated in its training simulation and on the twin, the held-out virtual robot: unseen "
-        "physical motors, 1 kHz physics, sensor noise. The twin's motors are the same for all policies.",
-        "ideal PD: the gains with the smallest closed-loop error on the bench; tuned PD: the gains, armature and delay."
-        " Seeds of one condition differ by about 0.1 m/s, so small differences are not significant.",
-    )
-    return Section("Transfer", text, (bars, *films), (table,))
-
-
-def _means(results: Results, names: Sequence[str], motors: str) -> dict[str, list[float]]:
-    quantities = ("speed", "upright")
-    return {name: [results.mean(quantity=each, motors=motors, model=name) for each in quantities] for name in names}
 
 
 def gaits(robot: Robot, traces: Mapping[str, np.ndarray]) -> Section:

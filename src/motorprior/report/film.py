@@ -80,6 +80,20 @@ def write_film(
     return path
 
 
+def comparison_gif(robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None]) -> bytes:
+    """A GIF of ``steps`` control steps of walks by title, 5 pictures per second; a robot that falls stays there."""
+    stride = max(1, round(0.2 / robot.control_dt))
+    traces = [until_end(episode.trace, steps)[::stride] for episode in walks.values()]
+    notes = [
+        [
+            f"{step * robot.control_dt:.1f} s    {x:z.2f} m    {'fell' if step >= episode.steps else ''}"
+            for step, x in zip(range(0, steps, stride), trace[:, 0] - trace[0, 0], strict=True)
+        ]
+        for episode, trace in zip(walks.values(), traces, strict=True)
+    ]
+    return gif_bytes(film(robot, traces, list(walks), notes, note), stride * robot.control_dt)
+
+
 def until_end(trace: np.ndarray, steps: int) -> np.ndarray:
     """The trace of a walk, its last frame repeated up to ``steps``."""
     return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
@@ -98,7 +112,7 @@ def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarr
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:
     """An endless GIF of at least one picture, each shown for ``seconds``, rounded to 10 ms and at least 20 ms."""
     rest = iter(pictures)
-    first = next(rest).quantize(128, dither=Image.Dither.NONE)
+    first = next(rest).quantize(64, dither=Image.Dither.NONE)
     flat = (picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in rest)
     out = BytesIO()
     duration = max(20, round(100 * seconds) * 10)

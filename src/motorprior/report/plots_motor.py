@@ -9,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.bench.class_behaviour import ClassBehaviour
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import (
@@ -27,6 +29,7 @@ from motorprior.report.plots_style import (
 )
 from motorprior.signals import rmse
 
+LOAD = 2e-3  # of the joints in `step_responses` [kg·m²]
 SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
 
 
@@ -48,6 +51,28 @@ def excitation_and_response(log: MotorLog, title: str) -> Figure:
     describe(velocity, y="velocity [rad/s]")
     describe(torque, x=TIME, y="torque [N·m]")
     legend_below(figure, (angle, velocity, torque))
+    return figure
+
+
+def step_responses(motors: Actuator, title: str, period: float) -> Figure:
+    """Responses of motors to a step of 0.3 rad and back, each on a joint that carries LOAD, and their 5-95 % range.
+
+    ``period`` is the largest physics step of the motors [s].
+    """
+    dt, count = period / max(1, round(period / 0.002)), motors.num_motors
+    time = dt * np.arange(round(1.2 / dt))
+    target = np.where((time >= 0.1) & (time < 0.7), 0.3, 0.0)
+    commands = np.repeat(target[:, None], count, axis=1)
+    angles = run(motors, Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)).joint_pos
+    low, median, high = np.percentile(angles, [5, 50, 95], axis=1)
+    figure = new_figure(3.2)
+    axes = panels(figure, 1, 1)[0, 0]
+    target_line(axes, time, target)
+    axes.plot(time, angles[:, :10], color=INK, lw=0.4, alpha=0.5)
+    axes.fill_between(time, low, high, color=INK, alpha=0.15, label="5-95 % of the motors")
+    axes.plot(time, median, color=INK, lw=1.4, label="median")
+    describe(axes, x=TIME, y="joint angle [rad]", title=f"{title}; load {LOAD:g} kg·m²")
+    legend_below(figure, (axes,))
     return figure
 
 

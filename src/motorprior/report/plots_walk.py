@@ -10,8 +10,6 @@ from matplotlib.figure import Figure
 
 from motorprior.artifacts import read_json
 from motorprior.report.plots_style import (
-    MUTED,
-    TEXT,
     describe,
     legend_below,
     model_color,
@@ -56,21 +54,3 @@ def _median(seeds: Sequence[Curve]) -> Curve:
     grid = np.unique(np.concatenate([iteration for iteration, _ in seeds]))
     grid = grid[(grid >= start) & (grid <= stop)]
     return grid, np.median([np.interp(grid, *seed) for seed in seeds], axis=0)
-
-
-def transfer_bars(own: Mapping[str, Sequence[float]], twin: Mapping[str, Sequence[float]]) -> Figure:
-    """(speed [m/s], time upright [-]) per condition in the training simulation (pale) and on the twin (full colour)."""
-    figure = new_figure(0.62 * max(len(own), 2) + 0.9)
-    for column, (axes, title) in enumerate(
-        zip(panels(figure, 1, 2, sharey=True)[0], ("forward speed [m/s]", "time upright [-]"), strict=True)
-    ):
-        for values, offset, alpha in ((own, -0.19, 0.35), (twin, 0.19, 1.0)):
-            rows, lengths = np.arange(len(values)) + offset, [each[column] for each in values.values()]
-            bars = axes.barh(rows, lengths, 0.34, color=[model_color(name) for name in values], alpha=alpha)
-            axes.bar_label(bars, fmt="%.2f", fontsize=TEXT, padding=2)
-        axes.axvline(0.0, color=MUTED, lw=0.8)
-        axes.margins(x=0.16)
-        axes.set_yticks(range(len(own)), [model_label(name) for name in own])
-        axes.set_ylim(len(own) - 0.5, -0.5)
-        describe(axes, x=title, y="trained on" if column == 0 else None)
-    return figure

@@ -11,27 +11,57 @@ from motorprior.report.page import Section, Table, picture
 from motorprior.report.plots_style import describe, model_color, model_label, new_figure, panels
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import Estimate
-from motorprior.studies.summary import COMPARED, CONDITIONS, OWN, PLACES, Summary
+from motorprior.studies.summary import (
+    COMPARED,
+    CONDITIONS,
+    CONVERGED,
+    FROZEN,
+    OWN,
+    OWN_FOREIGN,
+    PLACES,
+    Summary,
+)
 
 
 def study_sections(summary: Summary) -> list[Section]:
-    """Speed and time upright of all conditions, and their differences from the sampled prior if there are any."""
-    headline, differences = headline_table(summary), difference_table(summary)
+    """Own simulations, speed and time upright of all conditions, and their differences from the sampled prior."""
+    differences, own = difference_table(summary), own_table(summary)
     text = (
-        "One policy is trained per motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
-        "upright [%] with 95 % intervals, and the share of policies that are upright for 90 % of the time."
+        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
+        "upright [%], means over benches with 95 % intervals, and the share of policies that are upright for 90 % of "
+        "the time."
     )
-    drawn = picture(forest_plot(summary, _conditions(summary)), "Time upright; hollow: in the training simulation.")
-    sections = [Section("Speed and time upright", (text,), (drawn,), (headline,))]
+    drawn = picture(
+        forest_plot(summary, conditions_in(summary)),
+        "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the training simulation.",
+    )
+    walks = "A policy that falls in the simulation of its training has not converged."
+    sections = [
+        Section("In the simulation of the training", (walks,), tables=(own,)),
+        Section("Speed and time upright on held-out robots", (text,), (drawn,), (headline_table(summary),)),
+    ]
     if differences.rows:
         text = "Differences from the sampled prior; p corrected by Holm for all of them."
         sections.append(Section("Differences from the sampled prior", (text,), tables=(differences,)))
     return sections
 
 
-def _conditions(summary: Summary) -> list[str]:
-    found = {condition for _, condition in summary.upright}
-    return [name for name in CONDITIONS if name in found] + sorted(found - set(CONDITIONS))
+def conditions_in(summary: Summary) -> list[str]:
+    """Training conditions in the order of every table."""
+    found, order = {condition for _, condition in summary.upright}, (*CONDITIONS, *FROZEN)
+    return [name for name in order if name in found] + sorted(found - set(order))
+
+
+def own_table(summary: Summary) -> Table:
+    """A row per condition, a cell per bench: time upright of every policy in the simulation of its training."""
+    rows = []
+    for condition in conditions_in(summary):
+        for place in (OWN, OWN_FOREIGN):
+            if (policies := summary.upright.get((place, condition))) is not None:
+                cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
+                rows.append((condition if place == OWN else f"{condition}, foreign motors", *cells))
+    caption = "time upright of every policy in the simulation of its training [%]"
+    return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
 
 
 def headline_table(summary: Summary) -> Table:
@@ -42,10 +72,10 @@ def headline_table(summary: Summary) -> Table:
         if (place, condition) not in summary.upright:
             return ""
         speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
-        share = 100.0 * summary.upright[place, condition]
-        return f"{_interval(speed, 1.0, '.2f')}; {_interval(upright, 100.0, '.0f')}; {share:.0f}"
+        share = 100.0 * float(np.mean(summary.upright[place, condition] >= CONVERGED))
+        return f"{with_interval(speed, 1.0, '.2f')}; {with_interval(upright, 100.0, '.0f')}; {share:.0f}"
 
-    rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
+    rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
     caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
     return Table(("trained on", *places), rows, caption)
 
@@ -58,15 +88,16 @@ def difference_table(summary: Summary) -> Table:
         texts = []
         for measure, factor, form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
             if (found := summary.differences.get((place, condition, measure))) is not None:
-                texts.append(f"{_interval(found.difference, factor, form)} p={found.p:.2g}")
+                texts.append(f"{with_interval(found.difference, factor, form)} p={found.p:.2g}")
         return "; ".join(texts)
 
-    rows = [(condition, *(cell(place, condition) for place in places)) for condition in _conditions(summary)]
+    rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
     caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"
     return Table(("trained on", *places), [row for row in rows if any(row[1:])], caption)
 
 
-def _interval(found: Estimate, factor: float, form: str) -> str:
+def with_interval(found: Estimate, factor: float, form: str) -> str:
+    """The value times ``factor`` and, if it is defined, its interval."""
     ends = f" [{factor * found.low:{form}}, {factor * found.high:{form}}]" if np.isfinite(found.low) else ""
     return f"{factor * found.value:{form}}{ends}"
 
@@ -74,11 +105,13 @@ def _interval(found: Estimate, factor: float, form: str) -> str:
 def forest_plot(summary: Summary, conditions: Sequence[str]) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    environments = [place for place in dict.fromkeys(place for place, _ in upright) if place in ENVIRONMENTS] or [OWN]
-    figure = new_figure(0.24 * len(conditions) + 0.9)
+    environments = [place for place in ENVIRONMENTS if place in {place for place, _ in upright}] or [OWN]
+    figure = new_figure(0.28 * len(conditions) + 0.9)
     for axes, environment in zip(panels(figure, 1, len(environments), sharey=True)[0], environments, strict=True):
         for row, condition in enumerate(conditions):
             color = model_color(condition)
+            benches = summary.by_bench.get((environment, condition, "upright"), np.empty(0))
+            axes.plot(benches, np.full(len(benches), row + 0.2), ".", markersize=3, color=color)
             if (own := upright.get((OWN, condition))) is not None:
                 axes.plot([own.value], [row], "o", markersize=5, markerfacecolor="white", markeredgecolor=color)
             if (other := upright.get((environment, condition))) is not None:

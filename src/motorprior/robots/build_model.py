@@ -1,7 +1,8 @@
 """MuJoCo model of a robot: on a flat floor, or with its base fixed.
 
 Explicit foot-floor pairs are the only contacts. Armature, damping and dry friction of the joints belong to the motors,
-so the model's own are removed, as are its actuators, sensors, keys and contact pairs.
+so the model's own are removed, as are its actuators, sensors, keys and contact pairs; also its floors and its lights,
+which stay behind where a robot walks.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -16,6 +17,7 @@ from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import GeneratedModel, files_digest
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.robots.user_model import cannot_read
+from motorprior.robots.user_model_spec import read_spec
 
 CONTACT_TIME = 0.02  # [s] time constant of a foot's contact, MuJoCo's default
 CONTACT_DT = 0.001  # [s] longest physics step at which a foot's contact is critically damped
@@ -50,7 +52,7 @@ def _read(robot: Robot) -> Any:
         return mujoco.MjSpec.from_string(source.mjcf())
     if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
         raise ArtifactError("the model is missing or has changed", where=source.path, remedy="load the robot again")
-    return mujoco.MjSpec.from_file(str(source.path))
+    return read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])
 
 
 def _set_physics(spec: Any, physics_dt: float) -> None:
@@ -64,7 +66,8 @@ def _set_physics(spec: Any, physics_dt: float) -> None:
     for joint in spec.joints:
         joint.armature = joint.frictionloss = 0.0
         joint.damping = 0.0 * joint.damping  # a number in MuJoCo 3, coefficients of a polynomial in 4
-    for element in (*spec.keys, *spec.sensors, *spec.actuators, *spec.pairs):
+    planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    for element in (*spec.keys, *spec.sensors, *spec.actuators, *spec.pairs, *spec.lights, *planes):
         spec.delete(element)
 
 

@@ -101,7 +101,9 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     _ROBOT.check(table, path)
     where, legs = str(path), table.get("legs", {})
     file = path.parent / table["model"]
-    model = UserModel(file, table["base"] == "free", "actuators" in table)
+    for name, leg in legs.items():
+        _LEG.check(leg, f"{where}[legs.{name}]")
+    model = UserModel(file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()])
     names = model.joint_names()
     per_leg = len(names) // max(1, len(legs))
     numbers = {key: _spread(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
@@ -149,7 +151,6 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
 
 
 def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: UserModel, where: str) -> Leg:
-    _LEG.check(table, where)
     joints = tuple(table["joints"])
     if len(joints) != 3 or len(set(joints) & set(names)) != 3:
         remedy = f"give abduction, hip and knee, of {', '.join(names)}"

@@ -63,13 +63,36 @@ def _named_files(file: Path, model_folder: Path) -> Iterator[tuple[str, Path]]:
     folders = {""} | {each.get(key, "") for each in root.iter("compiler") for key in ("meshdir", "assetdir")}
     for element in root.iter():
         text = element.get("file") or element.get("filename") or ""
-        name = Path(text.rpartition("://")[2])
+        if "://" in text:
+            if (found := mesh_file(file, text)) is not None:
+                yield element.tag, found
+            continue
+        name = Path(text)
         if not name.name:
             continue
         for folder in (start / inner for start in (file.parent, model_folder) for inner in sorted(folders)):
             for candidate in (folder / name, folder / name.name):  # MuJoCo may strip paths
                 if candidate.is_file():
                     yield element.tag, candidate.resolve()
+
+
+def is_urdf(path: Path) -> bool:
+    """Whether a readable model is a URDF; otherwise it is MJCF."""
+    return ElementTree.parse(path).getroot().tag == "robot"
+
+
+def mesh_file(model: Path, text: str, folder: str = "") -> Path | None:
+    """The file that a URDF names: relative to the model, or ``package://PACKAGE/PATH`` below a folder above it.
+
+    ``folder`` is the meshdir of MuJoCo's extension of URDF. None if there is none.
+    """
+    start, (scheme, _, rest) = model.resolve().parent, text.rpartition("://")
+    if scheme:
+        parts = rest, rest.partition("/")[2]
+        candidates = [above / part for above in (start, *start.parents) for part in parts]
+    else:
+        candidates = [start / folder / rest, start / rest, start / folder / Path(rest).name]
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 def files_digest(files: Iterable[Path]) -> str:

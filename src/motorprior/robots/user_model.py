@@ -4,12 +4,17 @@
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
+from motorprior.robots.model_source import is_urdf
 from motorprior.robots.robot import Leg
+
+# radius of gyration of a link that is an error in any model: in sizes of the model, and at least [m]
+MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
 
 
 def cannot_read(path: Path | None, reason: str) -> ArtifactError:
@@ -19,14 +24,23 @@ def cannot_read(path: Path | None, reason: str) -> ArtifactError:
 
 
 class UserModel:
-    """A compiled model file; ArtifactError if it has actuators that may not be removed, or does not fit ``is_free``."""
+    """A compiled model file; ``feet`` are names of geoms, links or bodies.
 
-    def __init__(self, path: Path, is_free: bool, removes_actuators: bool):
+    ArtifactError if it cannot be compiled, has actuators that may not be removed, coupled joints or a link whose mass
+    is spread wider than the robot, or does not fit ``is_free``.
+    """
+
+    def __init__(self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()):
         import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
+
+        from motorprior.robots.user_model_spec import read_spec
 
         self._mujoco, self._path = mujoco, path
         try:
-            self._model = mujoco.MjModel.from_xml_path(str(path))
+            self._model = read_spec(path, is_free, feet).compile()
+            self._is_urdf = is_urdf(path)
+        except ArtifactError:
+            raise
         except Exception as error:  # ValueError, FatalError or MemoryError
             raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
@@ -39,10 +53,44 @@ class UserModel:
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
         if free != ([0] if is_free else []):
             problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
-            raise self._error(problem, "add or delete a <freejoint/> of the base, or change base in the robot's file")
+            remedy = "change base in the robot's file, or " + (
+                'the type of the root\'s joint: "floating" or "fixed"' if self._is_urdf
+                else "add or delete a <freejoint/> of the base"
+            )  # fmt: skip
+            raise self._error(problem, remedy)
+        self._require_plausible()
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
         if roots != 1:
             raise self._error(f"the world holds {roots} bodies", "leave the robot alone in its model")
+
+    def _require_plausible(self) -> None:
+        """Raise ArtifactError for coupled joints, or a radius of gyration above MAX_GYRATION."""
+        model = self._model
+        if model.neq:
+            first, second = int(model.eq_obj1id[0]), int(model.eq_obj2id[0])
+            if model.eq_type[0] == self._mujoco.mjtEq.mjEQ_JOINT:
+                joint = model.joint(first).name
+                problem = (
+                    f"joint {joint!r} follows {model.joint(second).name!r}" if second >= 0 else f"it fixes {joint!r}"
+                )
+                problem += " (mimic)" if self._is_urdf else " by an equality constraint"
+                remedy = f"it has no motor of its own: make {joint!r} fixed" + (
+                    ' by type="fixed", without <mimic>' if self._is_urdf else ", by deleting joint and constraint"
+                )
+            else:
+                problem = f"an equality constraint closes a loop (number 0 of {model.neq})"
+                remedy = "delete it: loops are not supported; give each leg as an open chain"
+            raise self._error(problem, remedy)
+        radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
+        radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
+        body, bound = int(radius.argmax()), max(MIN_GYRATION, MAX_GYRATION * model.stat.extent)
+        if radius[body] > bound:
+            mass, inertia = model.body_mass[body], model.body_inertia[body].max()
+            problem = (
+                f"link {model.body(body).name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
+            )
+            problem += f"{radius[body]:.3g} m, above {bound:.3g} m"
+            raise self._error(problem, "correct its inertia: kg·m², about the centre of mass")
 
     def _error(self, problem: str, remedy: str) -> ArtifactError:
         return ArtifactError(problem, where=self._path, remedy=remedy)
@@ -56,7 +104,8 @@ class UserModel:
                 continue
             if kind != self._mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
-                raise self._error(problem, "name it, or weld it by deleting the joint")
+                weld = 'by type="fixed"' if self._is_urdf else "by deleting the joint"
+                raise self._error(problem, f"name it, or weld it {weld}")
             names.append(name)
         if not names:
             raise self._error("the model has no hinges", "give a model with joints")
@@ -67,6 +116,8 @@ class UserModel:
         joint = self._model.joint(name)
         if not self._model.jnt_limited[joint.id]:
             remedy = 'give it range="LOWER UPPER" (and autolimits or limited)'
+            if self._is_urdf:
+                remedy = 'give it type="revolute" and <limit lower="…" upper="…"/>; "continuous" has no limits'
             raise self._error(f"joint {name!r} has no limits", remedy)
         lower, upper = self._model.jnt_range[joint.id]
         return float(lower), float(upper)
@@ -78,7 +129,12 @@ class UserModel:
         known = [self._model.geom(index).name for index in range(self._model.ngeom)]
         if foot not in known:
             found = ", ".join(name for name in known if name) or "none has a name"
-            raise self._error(f"no foot {foot!r} among its geoms", f"its geoms are {found}")
+            kind = (
+                "named <collision> of a URDF, or a link with one sphere"
+                if self._is_urdf
+                else "geom, or a body with one sphere"
+            )
+            raise self._error(f"no foot {foot!r}", f"give a {kind}; geoms with names: {found}")
         geom = self._model.geom(foot).id
         if self._model.geom_type[geom] != self._mujoco.mjtGeom.mjGEOM_SPHERE:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")

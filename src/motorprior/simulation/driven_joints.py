@@ -11,40 +11,47 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motors import Motors
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, SimulationFault
 
-_OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-_INTEGRATORS = (
-    mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-)  # fmt: skip
+# as integers: an enumeration of MuJoCo 4 does not equal a numpy integer
+_OF_JOINTS = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
+_OF_TENDONS, _WRAPS_JOINT = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtWrap.mjWRAP_JOINT)
+_HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS", "VEL", "ACC")]
 
 
 class DrivenJoints:
     """Motors that drive some joints of a model.
 
-    They replace the joints' own armature, damping and dry friction. The torque is written to ``data.qfrc_applied``, the
-    damping to ``model.dof_damping``, which the integrator treats implicitly. The motors start at rest at ``data.qpos``,
-    also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled model is changed in
-    place; ``joints`` names hinges, one per motor.
+    They replace the joints' own armature, damping and dry friction. With the motors' torque and damping (`Motors`),
 
-    ConfigError for an unknown joint, one that is not a hinge or that the model already drives, another number of joints
-    than motors, an integrator without implicit damping, or a timestep that the motors do not support.
+        data.qfrc_applied = torque - damping·joint_vel,    model.dof_armature = armature + timestep·damping,
+
+    which is the motors' implicit damping, also in the forces of contacts and equality constraints. The motors start at
+    rest at ``data.qpos``, also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled
+    model is changed in place; ``joints`` names hinges, one per motor.
+
+    ConfigError for an unknown joint, one that is not a hinge or that an actuator of the model drives, two joints that
+    the model couples, another number of joints than motors, the integrator RK4, or a timestep that the motors do not
+    support.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
-        if model.opt.integrator not in _INTEGRATORS or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP:
-            remedy = 'use <option integrator="implicitfast"/>, "implicit", or "Euler" with no flag eulerdamp="disable"'
-            raise ConfigError("the model's integrator does not damp its joints implicitly", remedy=remedy)
+        if int(model.opt.integrator) == _RK4:
+            remedy = 'use <option integrator="implicitfast"/>, "implicit" or "Euler"'
+            raise ConfigError("the model's integrator RK4 evaluates forces between the motors' steps", remedy=remedy)
         if len(joints) != actuator.num_motors:
             problem = f"{len(joints)} joints for {actuator.num_motors} motors"
             raise ConfigError(problem, remedy="sample one motor per joint")
         found = [_hinge(model, name) for name in joints]
+        _require_uncoupled(model, found)
         self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
-        model.dof_armature[self._dof] = self._motors.armature
+        self._set_damping(actuator.damping)
         model.dof_frictionloss[self._dof] = 0.0
-        model.dof_damping[self._dof] = actuator.damping
+        model.dof_damping[self._dof] = 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))  # update the constants that MuJoCo derives from inertias
 
     def reset(self) -> None:
@@ -53,17 +60,26 @@ class DrivenJoints:
         self._time = -np.inf
 
     def drive(self, position_target: np.ndarray) -> np.ndarray:
-        """Write torque and damping of the next step to model and data; returns the torque (n,) [N·m].
+        """Write the motors of the next step to model and data; returns the torque without damping (n,) [N·m].
 
-        ConfigError for targets of another shape, or a state that is not finite.
+        Raises:
+            ConfigError: targets of another shape, or a state that is not finite.
+            SimulationFault: MuJoCo reset the simulation, since it diverged.
         """
+        if self._data.warning.number[_BAD].any():
+            remedy = "use a shorter timestep or softer constraints; mj_resetData starts again"
+            raise SimulationFault(f"MuJoCo reset a simulation that diverged, after {self._time:.4g} s", remedy=remedy)
         if self._data.time <= self._time:
             self.reset()
         self._time = self._data.time
-        torque, damping = self._motors.step(position_target, self._data.qpos[self._pos], self._data.qvel[self._dof])
-        self._data.qfrc_applied[self._dof] = torque
-        self._model.dof_damping[self._dof] = damping
+        vel = self._data.qvel[self._dof]
+        torque, damping = self._motors.step(position_target, self._data.qpos[self._pos], vel)
+        self._data.qfrc_applied[self._dof] = torque - damping * vel
+        self._set_damping(damping)
         return torque
+
+    def _set_damping(self, damping: np.ndarray) -> None:
+        self._model.dof_armature[self._dof] = self._motors.armature + self._model.opt.timestep * damping
 
 
 def _hinge(model: mujoco.MjModel, name: str) -> int:
@@ -71,10 +87,28 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
         joint = model.joint(name).id
     except KeyError as error:  # its message lists the joints of the model
         raise ConfigError(f"no joint {name!r} in the model", remedy=str(error.args[0])) from error
-    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+    if model.jnt_type[joint] != _HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):
-        if model.actuator_trntype[actuator] in _OF_JOINTS and model.actuator_trnid[actuator, 0] == joint:
+        if joint in _joints_of(model, actuator):
             problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}"
             raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint
+
+
+def _joints_of(model: mujoco.MjModel, actuator: int) -> list[int]:
+    """Joints that an actuator drives, directly or by a fixed tendon."""
+    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
+    if kind == _OF_TENDONS:
+        parts = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
+        return model.wrap_objid[parts][model.wrap_type[parts] == _WRAPS_JOINT].tolist()
+    return [target] if kind in _OF_JOINTS else []
+
+
+def _require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
+    """Raise ConfigError if an equality constraint couples two of the joints: one motor drives both."""
+    for first, second, kind in zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, strict=True):
+        if kind == _COUPLES_JOINTS and {int(first), int(second)} <= set(joints):
+            names = model.joint(first).name, model.joint(second).name
+            problem = f"an equality constraint couples joint {names[0]!r} to {names[1]!r}: one motor drives both"
+            raise ConfigError(problem, remedy=f"drive {names[1]!r} alone")

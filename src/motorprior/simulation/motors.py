@@ -77,27 +77,55 @@ def fleet_motors(robot: Robot, fleet: str | None = None) -> Drawn:
 
 
 @register("prior")
-def prior_motors(robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0) -> Drawn:
-    """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-]."""
+def prior_motors(
+    robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0, frozen: str = "", of_robot: str = ""
+) -> Drawn:
+    """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-].
+
+    frozen names constants that all motors have from the mean motor: friction, delay, armature or play. of_robot is the
+    robot or bench of the prior, if this robot has the same motors.
+    """
     require_number("latent_spread", latent_spread)
-    prior = load_prior(Path(file), robot) if isinstance(file, str) else file
+    prior = _loaded(file, robot, of_robot) if isinstance(file, str) else file
     prior.require(robot.name, robot.physics_dt)
+    if frozen:
+        prior = prior.with_frozen(frozen)
     name = prior.preset
     if latent_spread != 1.0:
         name = f"{name}, z × {latent_spread:g}"
     return Drawn(lambda rng: prior.sample(robot, rng, spread=latent_spread), name, prior)
 
 
+def _loaded(file: str, robot: Robot, of_robot: str) -> MotorPrior:
+    if not of_robot:
+        return load_prior(Path(file), robot)
+    prior = MotorPrior.load(file)
+    if prior.robot != of_robot:
+        raise ConfigError(f"of_robot={of_robot}, but the prior is of {prior.robot!r}", where=file, remedy="correct it")
+    return prior.for_robot(robot.name)
+
+
 @register("posterior")
-def posterior_motors(robot: Robot, file: str, prior: str, limit_follows_gain: bool = False) -> Drawn:
+def posterior_motors(
+    robot: Robot,
+    file: str,
+    prior: str,
+    limit_follows_gain: bool = False,
+    prior_share: float = 0.0,
+    of_robot: str = "",
+) -> Drawn:
     """Samples of the posterior of one motor or of all the robot's, and the prior that it belongs to.
+
+    prior_share is a share of the prior's standard deviation of z in addition to the posterior's [-]. of_robot is as for
+    a prior.
 
     limit_follows_gain scales the torque limit of each motor with its kp: for motors that give less torque per ampere,
     from a log that does not reach the limit.
     """
-    of_prior = load_prior(Path(prior), robot)
+    of_prior = _loaded(prior, robot, of_robot)
     try:
-        return _of_posterior(MotorPosterior.load(file, of_prior), robot, limit_follows_gain)
+        found = MotorPosterior.load(file, MotorPrior.load(prior))
+        return _of_posterior(replace(found, prior=of_prior), robot, limit_follows_gain, prior_share)
     except ConfigError as error:
         raise ConfigError(error.problem, where=file, remedy=error.remedy) from error
 
@@ -128,7 +156,7 @@ def pd_motors(
     model = nominal_gains(robot, fleet)
     model = replace(model, **{name: np.full(robot.num_joints, float(value)) for name, value in given.items()})
     if spread:
-        return Drawn(lambda rng: _randomized(model, spread, rng), "pd_randomised")
+        return Drawn(lambda rng: _randomized(model, spread, rng), "random_pd")
     name = FRICTION_PD.name if coulomb else "tuned_pd" if armature or delay else "ideal_pd"
     return Drawn(lambda rng: model, name)
 
@@ -151,17 +179,21 @@ def _randomized(model: IdealPd, spread: float, rng: np.random.Generator) -> Idea
     return replace(model, **columns, delay=delay, coulomb=coulomb)
 
 
-def _of_posterior(posterior: MotorPosterior, robot: Robot, limit_follows_gain: bool = False) -> Drawn:
+def _of_posterior(
+    posterior: MotorPosterior, robot: Robot, limit_follows_gain: bool = False, prior_share: float = 0.0
+) -> Drawn:
     """Motors in the order of the robot's joints; one motor, or those of a bench, as they are."""
     posterior.prior.require(robot.name, robot.physics_dt)
     names, gains, count = posterior.joint_names, robot_gains(posterior.prior, robot), robot.num_joints
-    posterior.sample(count, 0, gains, limit_follows_gain)  # errors now, not in the first episode
+    posterior.sample(count, 0, gains, limit_follows_gain, prior_share)  # errors now, not in the first episode
     if len(names) > 1 and names != bench_names(len(names)):
         if unknown := sorted(set(names) - set(robot.joint_names)):
             raise ConfigError(f"joints {unknown} are not {robot.name}'s", remedy=f"name them {list(robot.joint_names)}")
         posterior = posterior.take([names.index(name) for name in robot.joint_names])
     name = f"{posterior.prior.preset}, adapted"
-    return Drawn(lambda rng: posterior.sample(count, rng, gains, limit_follows_gain), name, posterior.prior)
+    return Drawn(
+        lambda rng: posterior.sample(count, rng, gains, limit_follows_gain, prior_share), name, posterior.prior
+    )
 
 
 def motors_as_json(text: str, folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import without_refcounts
-from motorprior.bench.excitation import excitation_named
+from motorprior.bench.learned_excitation import excitation_of
 from motorprior.bounds import generator_of, require_finite
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
@@ -111,11 +111,12 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
     Raises:
         ConfigError: an unknown excitation.
     """
-    signal = excitation_named(kind).target
+    excitation = excitation_of(kind)
     rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
     steps = max(2, round(seconds / robot.control_dt))
-    away = np.stack([signal(rng, steps, robot.control_dt) for _ in robot.joints], axis=1)
-    away *= amplitude / np.maximum(1e-9, np.abs(away).max(axis=0))
+    away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
+    least = amplitude if excitation.is_bounded else 1e-9
+    away *= amplitude / np.maximum(least, np.abs(away).max(axis=0))
     return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 

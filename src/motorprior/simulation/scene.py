@@ -5,6 +5,8 @@ That call has the same compiled functions in the same order as `env.WalkEnv`, so
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
@@ -16,7 +18,7 @@ from motorprior.actuator.registry import DrawMotors
 from motorprior.backend import BackendState
 from motorprior.bounds import require_count
 from motorprior.compiled import njit
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import Body, GaitName, body_of
 from motorprior.locomotion.command import Commands, Timetable
@@ -35,7 +37,7 @@ from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.world import World, WorldArrays, hold_target, read_state
+from motorprior.simulation.world import FAULTS, TOO_STIFF, World, WorldArrays, hold_target, read_state
 
 Engine = Literal["mujoco", "pybullet"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
@@ -133,6 +135,13 @@ class Episode:
     trace: np.ndarray  # (steps, 7 + joints) qpos before every control step; empty if not requested
     # (steps, 6 + 2 joints) qvel before every control step, torque in the physics step before it [N·m]; empty as trace
     motion: np.ndarray
+
+
+def require_walks(episodes: Sequence[Episode], name: str) -> None:
+    """Raise SimulationFault, with their number, if a walk of policy ``name`` diverged: it is no fall."""
+    if faults := Counter(FAULTS[episode.fault] for episode in episodes if episode.fault):
+        problem = f"{faults.total()} of {len(episodes)} walks of {name} had a simulation fault ({', '.join(faults)})"
+        raise SimulationFault(f"{problem}: they measure nothing", remedy=TOO_STIFF)
 
 
 class Walker(NamedTuple):

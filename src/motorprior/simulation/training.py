@@ -25,14 +25,14 @@ from motorprior.locomotion.executor import Kind, make_executor
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import WARNED, Progress, usable_threads
+from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
 from motorprior.robots.load import as_robot
-from motorprior.robots.robot import Robot
+from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
-from motorprior.simulation.world import FAULTS
+from motorprior.simulation.world import FAULTS, TOO_STIFF
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def train_policy(
     *,
     start: Policy | None = None,
     workers: int | None = None,
-    progress: Progress = WARNED,
+    progress: Progress = SHOWN,
     **changes: Any,
 ) -> Policy:
     """Train a walking policy by augmented random search, on motors drawn for every episode.
@@ -96,7 +96,7 @@ def train_policy(
         ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start of another shape,
             or symmetry of a robot or a gait that has none.
         ArtifactError: a robot or a validation fleet that cannot be read.
-        SimulationFault: every episode had one.
+        SimulationFault: most episodes had one.
     """
     robot, settings, seed = as_robot(robot), settings or WalkSettings(), changes.pop("seed", None)
     settings = replace(settings, **changes)
@@ -108,8 +108,21 @@ def train_policy(
     return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
 
 
+MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
+WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
+
+
+def other_weight(policy: Policy, robot: Robot) -> str:
+    """A warning if a policy was trained on a robot of another weight, otherwise empty."""
+    trained = policy.provenance.get(WEIGHT, robot.weight)
+    if abs(trained - robot.weight) <= 0.02 * robot.weight:
+        return ""
+    masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
+    return (
+        f"{WARNING}the policy was trained on a robot of {masses} -> train it again, or give the robot's earlier model"
+    )
 
 
 class TrainingFiles:
@@ -211,23 +224,34 @@ class Training:
                 upright = 100 * point.mean_steps / settings.episode_steps
                 speed_error = f"speed error {point.mean_speed_error:.2f} m/s"
                 task.advance(1, f"return {point.mean_return:.2f} m, upright {upright:.0f} %, {speed_error}")
+                if len(self.curve) == FIRST_ITERATIONS:
+                    self._require_physics()
 
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
             ended = f"{name}: ended after {search.ars.iteration} iterations"
             progress.note(f"{ended}, no better policy since {search.best_iteration}")
-        faults = sum((Counter(point["faults"]) for point in self.curve), Counter())
-        episodes = len(self.curve) * 2 * settings.search.num_directions
-        for fault, count in faults.items():
-            progress.note(f"{count} of {episodes} episodes ended early: {fault}")
-        if faults.total() == episodes:
-            problem = f"each of the {episodes} episodes had a simulation fault ({', '.join(faults)})"
-            remedy = "the motors are too stiff or too strong for the physics step: use smaller gains"
-            raise SimulationFault(problem, remedy=remedy)
+        self._require_physics()
+        for fault, count in self._faults().items():
+            progress.note(f"{count} of {self._episodes()} episodes ended early: {fault}")
+
+    def _faults(self) -> Counter[str]:
+        return sum((Counter(point["faults"]) for point in self.curve), Counter())
+
+    def _episodes(self) -> int:
+        return len(self.curve) * 2 * self.settings.search.num_directions
+
+    def _require_physics(self) -> None:
+        """Raise SimulationFault if more than MAX_FAULTS of the episodes had a fault: a diverged walk is no fall."""
+        faults, episodes = self._faults(), self._episodes()
+        if faults.total() > MAX_FAULTS * episodes:
+            problem = f"{faults.total()} of {episodes} episodes had a simulation fault ({', '.join(faults)})"
+            raise SimulationFault(f"{problem}: no policy is kept", remedy=TOO_STIFF)
 
     def policy(self, **provenance: Any) -> Policy:
         """The best policy; ``provenance`` joins the settings."""
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
+        found |= {WEIGHT: self.robot.weight}
         gait, provenance = self.settings.gait, settings | found | provenance
         return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, gait, provenance)

@@ -144,6 +144,7 @@ FAULTS = {
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
 }  # by fault number of `BackendState`
+TOO_STIFF = "the motors are too stiff or too strong for the physics step: use smaller gains"  # remedy of a fault
 # Beyond these a simulation counts as diverged; a physics step too long for the motors' gains exceeds them by far.
 MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
 _WARNING = mujoco.mjtWarning

@@ -23,7 +23,7 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig
+from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks
 from motorprior.studies.environments import ENCODER_NOISE, twin_scene
 from motorprior.studies.gait_quality import share_upright
 
@@ -100,10 +100,14 @@ def evaluate(
         Rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright (share
         of the time before a fall) and drift (|final lateral displacement| [m]); and "ENVIRONMENT/MODEL" -> (steps,
         7 + joints) trace of the walk with the median distance.
+
+    Raises:
+        SimulationFault: a walk diverged.
     """
     rows, traces = [], {}
     for name, scene in scenes.items():
         episodes = run_walks(scene, policy.arrays, range(DRAWS))
+        require_walks(episodes, f"{name}/{model}")
         forward = np.array([episode.displacement[0] for episode in episodes])
         values = {
             "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),

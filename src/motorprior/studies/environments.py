@@ -81,6 +81,11 @@ def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> True
     return fleet.sample(robot.num_joints, np.random.default_rng(stream), of_one_robot=True)
 
 
+def motors_of_walk(robot: Robot, fleet: Fleet, study: int, only: int | None, number: int) -> Actuator:
+    """Motors of walk ``number`` of a study: of robot ``only``, or if that is None, of the robot of this number."""
+    return motors_of_robot(robot, fleet, study, number if only is None else only).actuator()
+
+
 def walk_seed(study: int, draw: int) -> int:
     """Seed of the sensors, floor and pushes of walk ``draw`` of the study with seed ``study``."""
     return seed_of(DRAW_STREAM, study, draw)

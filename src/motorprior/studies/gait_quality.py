@@ -110,8 +110,10 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
 
     speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the time before a fall;
     drift: |final lateral displacement| [m], NaN after a fall; foot_lift_mm: mean over the legs. Others: see
-    `gait_quality`, with the same arguments.
+    `gait_quality`, with the same arguments. All are NaN if the simulation diverged, which is no fall.
     """
+    if episode.fault:
+        return dict.fromkeys(("speed", "upright", "drift", *_OF_STUDY, "foot_lift_mm"), math.nan)
     quality, upright = gait_quality(robot, episode, forward, 0.0, steps), share_upright(episode, steps)
     lifts = [quality.get(f"foot_lift_mm/{leg.name}", math.nan) for leg in robot.legs]
     return {

@@ -12,20 +12,16 @@ from dataclasses import fields
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.dynamometer import run
 from motorprior.bench.families import TrueMotors
 from motorprior.exceptions import SimulationFault
 from motorprior.identification.evaluation.bench_truth import (
     FLOOR_OFFSET,
     HELD_OUT,
     HELD_OUT_SEED,
-    ModelOfMotors,
     PredictorOfMotors,
     bench_errors,
-    held_out_trials,
 )
 from motorprior.identification.evaluation.errors import MAX_ERROR, capped
-from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.progress import Task
 from motorprior.results import Result, Results
@@ -129,30 +125,3 @@ def compare(model: Playback, truth: Playback, control_dt: float) -> tuple[float,
 def _at_control_steps(recorded: Playback) -> np.ndarray:
     substeps = len(recorded.joint_pos) // len(recorded.measured_joint_pos)
     return recorded.joint_pos[substeps - 1 :: substeps]
-
-
-def traces(robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int) -> list[Trace]:
-    """The first motor in a bench trial and, for a legged robot, a joint of a standing trot; physical and all models."""
-    case = held_out_trials("impacts", motors, seed, HELD_OUT.for_robot(robot))[0][0]
-    truth, index = run(motors.actuator(), case), np.arange(len(motors))
-    simulated = {name: run(model(index), case).joint_pos[:, 0] for name, model in models.items()}
-    time = case.dt * np.arange(len(truth.joint_pos))
-    found = [
-        Trace("gait with impacts", "first motor", time, case.position_target[:, 0], truth.joint_pos[:, 0], simulated)
-    ]
-    if robot.legs:
-        found.append(_robot_trace(robot, robot.legs[0].joints[-1], motors, models, seed))
-    return found
-
-
-def _robot_trace(robot: Robot, joint: int, motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int) -> Trace:
-    rng = np.random.default_rng([HELD_OUT_SEED, seed, TROT_STREAM])
-    index, targets = np.arange(robot.num_joints), trot_targets(robot, rng, 100)
-    coarse, fine = (World(robot, dt) for dt in (robot.physics_dt, robot.twin_physics_dt))
-    truth = _at_control_steps(replay(fine, motors.take(index).actuator(), targets))[:, joint]
-    simulated = {}
-    for name, model in models.items():
-        played = _at_control_steps(replay(coarse, model(index), targets, tolerate_fault=True))[:, joint]
-        simulated[name] = np.nan_to_num(played, posinf=0.0, neginf=0.0)
-    time = robot.control_dt * np.arange(len(truth))
-    return Trace("standing trot", robot.joint_names[joint], time, targets[:, joint], truth, simulated)

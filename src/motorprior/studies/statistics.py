@@ -1,9 +1,9 @@
-"""Interquartile means, intervals and permutation tests for few policies, after Agarwal et al., NeurIPS 2021.
+"""Estimates over benches, and permutation tests, for few policies per bench.
 
-Scores are (policies, draws): a row per trained policy, a column per sample of motors; NaN if undefined. Intervals
-resample policies and samples, the same samples for all rows. (The published bootstrap resamples policies within each
-task, as if the walks of one policy were independent; its intervals are too narrow.) p-values are exact permutation
-tests over policies, since bootstrap tails of eight policies are too light.
+Scores are (benches, policies, draws): a bench per own draw of motors, robots, floors and pushes; a row per trained
+policy; a column per sample of motors; NaN if undefined. A bench is a random effect: intervals are those of the mean of
+the benches' statistics, so that they contain the differences between benches, policies and samples. Those of a single
+bench are over its samples: they contain no difference between trainings.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from scipy.special import stdtrit
 
-BATCHES, BATCH = 2, 1000  # resamples of an interval
 LEVEL = 0.95  # of intervals
-MAX_PERMUTATIONS = 20_000  # that a test enumerates; if there are more, it samples this many
+PERMUTATIONS = 20_000  # random assignments of a test
 _SEED = 0x57A7
 Statistic = Callable[[np.ndarray], np.ndarray]  # (..., scores) -> (...) of the finite scores; NaN if there are none
-Axes = tuple[str, str]  # names of rows and columns; those of one name are resampled together
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -68,78 +67,46 @@ def _mean_of(scores: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def estimate(scores: np.ndarray, statistic: Statistic = iqms) -> Estimate:
-    """A statistic of (policies, draws) scores with its interval."""
-    return _interval(statistic, ("policy", "draw"), [(scores, ("policy", "draw"))])
+    """Mean over benches of the statistic of a bench's walks, with its interval; of a single bench over its samples."""
+    return _interval(_units(scores, statistic))
 
 
 def compare_scores(one: np.ndarray, other: np.ndarray, statistic: Statistic = iqms) -> Comparison:
-    """Compare (policies, draws) scores of two conditions that walk the same samples of motors in an environment."""
-    tables = [(one, ("policy", "draw")), (other, ("other", "draw"))]
-    difference = _interval(statistic, ("draw", "policy", "other"), tables)
+    """Compare scores of two conditions on the same benches and samples."""
+    difference = _interval(_units(one, statistic) - _units(other, statistic))
     return Comparison(difference, permutation_p(statistic(one), statistic(other)))
 
 
-def compare_on_robots(adapted: np.ndarray, others: np.ndarray, statistic: Statistic = iqms) -> Comparison:
-    """Compare policies that each walk on one robot with policies that walk on all of these robots.
-
-    The interval resamples robots, the same for both, and the other policies. The test first subtracts each robot's
-    effect: score of the others on it minus their score on all. It is estimated from one walk per other policy, so p is
-    approximate, and too large if adapted policies never fall and others fall on some robots.
-
-    Args:
-        adapted: (robots, draws) scores of the policy of every robot.
-        others: (policies, robots) scores, in the same order of robots.
-        statistic: of the difference.
-    """
-    tables = [(adapted, ("robot", "draw")), (others, ("policy", "robot"))]
-    difference = _interval(statistic, ("robot", "policy", "draw"), tables)
-    robot_effect = statistic(others.T) - statistic(others.ravel())
-    return Comparison(difference, permutation_p(statistic(adapted) - robot_effect, statistic(others)))
+def _units(scores: np.ndarray, statistic: Statistic) -> np.ndarray:
+    """A value per bench; of a single bench, one per sample."""
+    return statistic(scores.reshape(len(scores), -1) if len(scores) > 1 else scores[0].T)
 
 
-def _interval(statistic: Statistic, axes: tuple[str, ...], tables: list[tuple[np.ndarray, Axes]]) -> Estimate:
-    """The statistic of the first table, minus that of a second, with its bootstrap interval; axes in sampling order."""
-    sizes = {axis: size for scores, both in tables for axis, size in zip(both, scores.shape, strict=True)}
-
-    def value(indices: Mapping[str, np.ndarray]) -> np.ndarray:
-        first, *second = (
-            statistic(scores[indices[rows][:, :, None], indices[columns][:, None, :]].reshape(len(indices[rows]), -1))
-            for scores, (rows, columns) in tables
-        )
-        return first - second[0] if second else first
-
-    rng = np.random.default_rng(_SEED)
-    sampled = [{a: rng.integers(sizes[a], size=(BATCH, sizes[a])) for a in axes} for _ in range(BATCHES)]
-    found = np.concatenate([value(indices) for indices in sampled])
-    (actual,) = value({axis: np.arange(sizes[axis])[None] for axis in axes})
-    side, finite = 0.5 * (1.0 - LEVEL), found[np.isfinite(found)]
-    # no interval if so many resamples are undefined that an end may be among them
-    if not np.isfinite(actual) or len(found) - len(finite) > side * len(found):
-        return Estimate(float(actual), float("nan"), float("nan"))
-    low, high = np.quantile(finite, [side, 1.0 - side])
-    return Estimate(float(actual), float(low), float(high))
+def _interval(values: np.ndarray) -> Estimate:
+    """Mean ± t·s/√n of n values (Student 1908), t with n - 1 degrees of freedom."""
+    values = values[np.isfinite(values)]
+    if len(values) < 2:
+        return Estimate(float(values[0]) if len(values) else float("nan"), float("nan"), float("nan"))
+    mean, error = float(values.mean()), float(values.std(ddof=1)) / np.sqrt(len(values))
+    reach = float(stdtrit(len(values) - 1, 0.5 * (1.0 + LEVEL))) * error
+    return Estimate(mean, mean - reach, mean + reach)
 
 
 def permutation_p(one: np.ndarray, other: np.ndarray) -> float:
-    """Two-sided permutation p of no difference between the (policies,) scores of two conditions (Pitman 1937).
+    """Two-sided permutation p of no difference between the (benches, policies) scores of two conditions (Pitman 1937).
 
-    Share of all assignments of the scores to the conditions whose means differ by at least as much, without NaN. Exact
-    for few policies of any distribution: at least 2 / 12870 for eight against eight, 1 / 3 for two against two; 1
-    for a single policy.
+    Share of random assignments of the scores of each bench to the conditions, the actual one included, whose mean
+    difference over benches is at least as large, without NaN: at least 1 / 20 001; 1 for a single policy.
     """
-    from scipy.stats import permutation_test  # here: it takes a second to import
-
-    one, other = one[np.isfinite(one)], other[np.isfinite(other)]
-    if min(len(one), len(other)) < 2:
+    both = np.concatenate([one, other], axis=1)
+    if both.shape[1] < 3:
         return 1.0
-
-    def difference(a: np.ndarray, b: np.ndarray, axis: int) -> np.ndarray:
-        return np.abs(a.mean(axis=axis) - b.mean(axis=axis))
-
-    found = permutation_test(
-        (one, other), difference, vectorized=True, n_resamples=MAX_PERMUTATIONS, alternative="greater", rng=_SEED
-    )
-    return float(found.pvalue)
+    first = np.arange(both.shape[1]) < one.shape[1]
+    rng = np.random.default_rng(_SEED)
+    order = rng.permuted(np.broadcast_to(np.arange(both.shape[1]), (PERMUTATIONS, *both.shape)), axis=-1)
+    shuffled = np.concatenate([both[None], np.take_along_axis(both[None], order, axis=-1)])
+    found = np.abs(means(means(shuffled[..., first]) - means(shuffled[..., ~first])))
+    return float(np.mean(found >= found[0] - 1e-12))
 
 
 def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:

@@ -1,8 +1,8 @@
 """Table of the walks of a transfer study, and its statistics: estimates with intervals, differences from the prior.
 
-A walk is a row with its environment ("place"), training condition, training seed, draw, and measures by name, see
-`gait_quality.walk_measures`. The draw is the number of the sample of motors and conditions, the same for every policy
-in an environment.
+A walk is a row with the seed of its bench, its environment ("place"), training condition, training seed, draw, and
+measures by name, see `gait_quality.walk_measures`. The draw is the number of the sample of motors and conditions, the
+same for every policy of the bench in an environment.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator import motor_prior
 from motorprior.artifacts import write_text
 from motorprior.results import Result, Results
 from motorprior.studies import statistics
@@ -23,15 +24,18 @@ from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.gait_quality import UNITS
 
 CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
-    "untrained", "ideal_pd", "tuned_pd", "pd_friction", "pd_randomised", "pd_adapted", "one_network", "paper",
-    "paper_wide", "prior_mean", "prior", "prior_adapted", "prior_robust", "oracle",
+    "ideal_pd", "tuned_pd", "friction_pd", "random_pd", "adapted_pd", "paper", "paper_wide", "central_motor",
+    "sampled_prior", "adapted_prior", "robust_prior", "oracle",
 )  # fmt: skip
-ADAPTED = ("prior_adapted", "pd_adapted")  # the policy of seed k is fitted to robot k, and walks on it alone
-REFERENCE = "prior"
+# variants of the sampled prior, with the mean motor's values of these constants
+FROZEN = {f"frozen_{group}": group for group in motor_prior.FROZEN}
+ADAPTED = ("adapted_prior", "adapted_pd")  # the policy of seed k is fitted to robot k, and walks on it alone
+REFERENCE = "sampled_prior"
 COMPARED = ("speed", "upright")
 OWN, OWN_FOREIGN = "own", "own_foreign"  # training simulations, the second of policies for out-of-family motors
 PLACES = (OWN, OWN_FOREIGN, *ENVIRONMENTS)
-_KEYS = {"place": str, "condition": str, "seed": int, "draw": int}
+CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
+_KEYS = {"bench": int, "place": str, "condition": str, "seed": int, "draw": int}
 
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
@@ -41,25 +45,37 @@ class Summary:
     """Statistics of a table of walks.
 
     Attributes:
-        estimates: (environment, condition, measure) -> interquartile mean, of ``upright`` the mean, with 95 % interval.
-        upright: (environment, condition) -> share of the policies that are upright for at least 90 % of the time.
+        benches: seeds of the benches.
+        estimates: (environment, condition, measure) -> mean over benches of the interquartile mean, of ``upright`` of
+            the mean, with 95 % interval.
+        by_bench: (environment, condition, measure) -> (benches,) the statistics of the benches, of COMPARED measures.
+        upright: (environment, condition) -> (benches, policies) mean time upright of every policy.
         differences: (environment, condition, measure) -> condition compared with the sampled prior; p is corrected for
             all of these comparisons.
     """
 
+    benches: tuple[int, ...]
     estimates: dict[tuple[str, str, str], statistics.Estimate]
-    upright: dict[tuple[str, str], float]
+    by_bench: dict[tuple[str, str, str], np.ndarray]
+    upright: dict[tuple[str, str], np.ndarray]
     differences: dict[tuple[str, str, str], statistics.Comparison]
 
     def as_results(self) -> Results:
-        """Rows PLACE/CONDITION/MEASURE with /low and /high, /policies_upright, MEASURE_p_against_prior."""
+        """Rows PLACE/CONDITION/MEASURE with /low and /high, of every bench bench_SEED/PLACE/CONDITION/MEASURE.
+
+        Also PLACE/CONDITION/policies_upright, the share of policies that are upright for CONVERGED of the time, and
+        PLACE/CONDITION/MEASURE_p_against_sampled_prior.
+        """
         rows = []
         for (place, condition, measure), found in self.estimates.items():
             unit, name = UNITS[measure.partition("/")[0]], f"{place}/{condition}/{measure}"
             ends = {None: found.value, "low": found.low, "high": found.high}
             rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
-        for (place, condition), share in self.upright.items():
-            rows.append(Result(f"{place}/{condition}/policies_upright", "1", share))
+        for (place, condition, measure), values in self.by_bench.items():
+            names = [f"bench_{bench}/{place}/{condition}/{measure}" for bench in self.benches]
+            rows += [Result(name, UNITS[measure], float(value)) for name, value in zip(names, values, strict=True)]
+        for (place, condition), policies in self.upright.items():
+            rows.append(Result(f"{place}/{condition}/policies_upright", "1", float(np.mean(policies >= CONVERGED))))
         for (place, condition, measure), each in self.differences.items():
             rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", each.p))
         return Results.of(rows)
@@ -86,17 +102,14 @@ def read_walks(path: Path) -> list[WalkRow]:
 
 
 def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
-    """(seeds, draws) of one measure of one condition in one environment, both sorted."""
-    ordered = sorted(walks, key=lambda walk: (walk["seed"], walk["draw"]))
-    return np.array([walk[measure] for walk in ordered]).reshape(len({walk["seed"] for walk in walks}), -1)
+    """(benches, seeds, draws) of one measure of one condition in one environment, all sorted."""
+    ordered = sorted(walks, key=lambda walk: (walk["bench"], walk["seed"], walk["draw"]))
+    shape = (len({walk[key] for walk in walks}) for key in ("bench", "seed"))
+    return np.array([walk[measure] for walk in ordered]).reshape(*shape, -1)
 
 
-def estimate(walks: Sequence[WalkRow], measure: str) -> statistics.Estimate:
+def statistic_of(measure: str) -> statistics.Statistic:
     """Mean of the time upright (an interquartile mean would hide falls); interquartile mean of other measures."""
-    return statistics.estimate(scores(walks, measure), _statistic_of(measure))
-
-
-def _statistic_of(measure: str) -> statistics.Statistic:
     return statistics.means if measure == "upright" else statistics.iqms
 
 
@@ -105,25 +118,25 @@ def summarise(walks: Sequence[WalkRow]) -> Summary:
     cells: dict[tuple[str, str], list[WalkRow]] = {}
     for walk in walks:
         cells.setdefault((walk["place"], walk["condition"]), []).append(walk)
-    estimates, upright, differences = {}, {}, {}
+    estimates, by_bench, upright, differences = {}, {}, {}, {}
     places = [place for place, _ in cells]
     for place, condition in sorted(cells, key=lambda cell: places.index(cell[0])):
         cell, reference = cells[place, condition], cells.get((place, REFERENCE))
         for measure in (name for name in cell[0] if name not in _KEYS):
             if any(np.isfinite(walk[measure]) for walk in cell):
-                estimates[place, condition, measure] = estimate(cell, measure)
-        upright[place, condition] = float(np.mean(scores(cell, "upright").mean(axis=1) >= 0.9))
-        if place in ENVIRONMENTS and condition not in (REFERENCE, "untrained") and reference is not None:
+                found = statistics.estimate(scores(cell, measure), statistic_of(measure))
+                if measure == "upright":
+                    found = replace(found, low=max(0.0, found.low), high=min(1.0, found.high))
+                estimates[place, condition, measure] = found
+        for measure in COMPARED:
+            of_cell = scores(cell, measure)
+            by_bench[place, condition, measure] = statistic_of(measure)(of_cell.reshape(len(of_cell), -1))
+        upright[place, condition] = statistics.means(scores(cell, "upright"))
+        if place in ENVIRONMENTS and condition != REFERENCE and reference is not None:
             for measure in COMPARED:
-                differences[place, condition, measure] = _compare(cell, reference, measure)
+                one, other = scores(cell, measure), scores(reference, measure)
+                differences[place, condition, measure] = statistics.compare_scores(one, other, statistic_of(measure))
     corrected = statistics.holm({key: each.p for key, each in differences.items()})
-    return Summary(estimates, upright, {key: replace(each, p=corrected[key]) for key, each in differences.items()})
-
-
-def _compare(walks: Sequence[WalkRow], others: Sequence[WalkRow], measure: str) -> statistics.Comparison:
-    """One condition compared with another in an environment, on the same walks, or on the robots that both walked."""
-    one, other, statistic = scores(walks, measure), scores(others, measure), _statistic_of(measure)
-    if walks[0]["condition"] in ADAPTED:  # the policy of seed k walks robot k, as does draw k of the others
-        robots = min(len(one), other.shape[1])
-        return statistics.compare_on_robots(one[:robots], other[:, :robots], statistic)
-    return statistics.compare_scores(one, other, statistic)
+    benches = tuple(sorted({walk["bench"] for walk in walks}))
+    differences = {key: replace(each, p=corrected[key]) for key, each in differences.items()}
+    return Summary(benches, estimates, by_bench, upright, differences)

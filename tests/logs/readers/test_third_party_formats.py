@@ -142,7 +142,7 @@ def test_tensors_of_any_layout_come_through_by_a_map(tmp_path: Path):
             "type bfloat16 -> save them as float32, by tensor.float()",
         ),
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 0, (10**12,), (0,))}, "does not fit"),
-        ({"t": 3.0}, "no tensor 'time'"),
+        ({"t": 3.0}, "no array 'time'"),
     ],
 )
 def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp_path: Path, content, said: str):

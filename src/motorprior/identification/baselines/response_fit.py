@@ -67,6 +67,8 @@ RESTARTS = 16  # at most, of each model
 _DRAWS, _STEPS = 256, ((10, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _STREAM = 73
+_NEAR = 0.01  # share of the range of a search within which a constant is at its bound
+_OFFSET = list(CONSTANTS).index("offset")
 
 
 @njit(cache=True, nogil=True)
@@ -153,12 +155,14 @@ def fit_responses(
     given = {name: firmware[each] or CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}
     found: dict[str, ResponseMotors] = {}
     simpler = np.tile(list(CONSTANTS.values()), (runs[0].num_motors, 1))
+    centres = _offsets(runs)
     for name, free in MODELS.items():
         base, optional = dict(CONSTANTS), ()
         if name == "servo_limits":
             free, base = tuple(each for each in (*free, *GRAVITY[gravity]) if each not in given), base | given
             optional = [dropped for dropped in OPTIONAL if set(dropped) & set(free)]
-        problem = _ResponseProblem(runs, free, base)
+        problem = _ResponseProblem(runs, free, base, centres)
+        simpler[:, _OFFSET] = np.where(simpler[:, _OFFSET] == 0.0, centres, simpler[:, _OFFSET])
         fit, prior = _searched(problem, problem.encoded(simpler), np.random.default_rng([seed, _STREAM]), report)
         for dropped in optional:
             fit, prior = _without(problem, fit, prior, np.isin(free, dropped))
@@ -167,18 +171,46 @@ def fit_responses(
     return found
 
 
+def _offsets(runs: Sequence[WindowRuns]) -> np.ndarray:
+    """(M,) medians of angle - command [rad]; 0 where the search reaches them from 0."""
+    neutral, found = np.array(list(CONSTANTS.values())), []
+    for joint in range(runs[0].num_motors):
+        errors = np.concatenate([JointRuns(each, joint).errors(neutral).ravel() for each in runs])
+        found.append(-float(np.median(errors)))
+    return np.where(np.abs(found) > 0.5 * REACHABLE * UNITS["offset"], found, 0.0)
+
+
+def at_bounds(motors: ResponseMotors) -> dict[str, np.ndarray]:
+    """Masks (M,) by name of the constants at a bound of the search, which are not the joint's."""
+    found = {}
+    for name, values in zip(CONSTANTS, motors.constants.T, strict=True):
+        if name in BOUNDS:
+            share = np.log(np.maximum(values, 1e-12) / BOUNDS[name][0]) / np.log(BOUNDS[name][1] / BOUNDS[name][0])
+            found[name] = (np.abs(share) < _NEAR) | (np.abs(share - 1.0) < _NEAR)
+        elif name != "offset":  # it has no absolute bounds
+            found[name] = np.abs(values - CONSTANTS[name]) > (1.0 - _NEAR) * REACHABLE * UNITS[name]
+    return found
+
+
 class _ResponseProblem:
-    """One response model per joint, see `search.Problem`; constants that are not free are those of ``base``."""
+    """One response model per joint, see `search.Problem`; constants that are not free are those of ``base``.
+
+    ``centres`` (M,) are the offsets about which offsets are searched [rad].
+    """
 
     weight, observations = 1.0, 1
 
-    def __init__(self, runs: Sequence[WindowRuns], free: tuple[str, ...], base: Mapping[str, float]):
+    def __init__(
+        self, runs: Sequence[WindowRuns], free: tuple[str, ...], base: Mapping[str, float], centres: np.ndarray
+    ):
         self.count, self._free = runs[0].num_motors, free
         self._joints = [[JointRuns(each, joint) for each in runs] for joint in range(self.count)]
         self._base, self._every = base, 1 + sum(each.windows * each.preset.window for each in runs) // MAX_SAMPLES
         self._threads = ThreadPoolExecutor(os.cpu_count() or 1)
-        self.low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
-        self.high = np.array([np.log(BOUNDS[name][1]) if name in BOUNDS else REACHABLE for name in free])
+        low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
+        high = np.array([np.log(BOUNDS[name][1]) if name in BOUNDS else REACHABLE for name in free])
+        away = centres[:, None] / UNITS["offset"] * (np.array(free) == "offset")
+        self.low, self.high = low + away, high + away  # (M, K)
         # constants with which a part has no effect
         self.neutral = np.array([np.log(max(CONSTANTS[each], 1e-9)) if each in BOUNDS else 0.0 for each in free])
 
@@ -212,7 +244,7 @@ class _ResponseProblem:
 def _searched(
     problem: _ResponseProblem, start: np.ndarray, rng: np.random.Generator, report: Callable[[], None]
 ) -> tuple[Fit, GaussianPrior]:
-    shape, low, high = (problem.count, _DRAWS, start.shape[1]), problem.low, problem.high
+    shape, low, high = (problem.count, _DRAWS, start.shape[1]), problem.low[:, None], problem.high[:, None]
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         anywhere = rng.uniform(low, high, shape)

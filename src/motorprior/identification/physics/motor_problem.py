@@ -196,6 +196,11 @@ def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> Grey
     return GreyBox(GearedMotor(center, np.eye(len(center)), terms), preset.period, gain_unit=preset.gain_unit)
 
 
+def near_bounds(x: np.ndarray) -> np.ndarray:
+    """(M, K) whether constants, as logarithms x relative to the central motor's, are at a bound of the search."""
+    return np.abs(x) > 0.99 * LOG_REACH
+
+
 def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, names: Iterable[str]) -> frozenset[str]:
     """The positive constants among ``names`` that at least half of the M motors identify.
 

@@ -43,14 +43,23 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 
 def _each_joint(log: MotorLog) -> Iterator[Finding]:
     """Findings of PER_JOINT, with their rows in the log."""
-    for column in excitation.excited_joints(log):
+    windows, found = {}, {}
+    for column in excitation.excited_joints(log).tolist():
         window, joint = excitation.excited_window(log, column), log.joint_names[column]
         if window is None:
             message = f"{joint} moves in no window long enough to check its response"
             remedy = f"record at least {excitation.MIN_ROWS} rows of motion without a gap"
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
-        rows, grid = window
-        for finding in (finding for check in PER_JOINT for finding in check(grid)):
+        windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]
+    late = {joint for joint in found if found[joint][0].severity != "info"}  # the first is that of `response.tracking`
+    for column in sorted(late):
+        other, correlation = response.followed(log.rows(windows[column][0]), column, windows[column][1].period)
+        if other != log.joint_names[column] and correlation > response.SURE:
+            follows = log.joint_names.index(other) not in late
+            found[column][0] = response.of_another(found[column][0], other, correlation, follows)
+    for column, findings in found.items():
+        rows, grid = windows[column]
+        for finding in findings:
             time = grid.time[finding.row] - 1e-6 * grid.period
             yield replace(finding, row=int(rows.start + np.searchsorted(log.time[rows], time)))

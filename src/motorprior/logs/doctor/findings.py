@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 IN_MAP = "in a column map (docs/your-motors.md)"
@@ -19,6 +21,21 @@ class Finding:
     remedy: str = ""
     joint: str | None = None  # None for the whole log
     row: int = 0  # the first concerned
+
+
+def grouped(findings: Sequence[Finding]) -> list[Finding]:
+    """One finding for each kind: that of the largest value, with the other joints of the same kind in its message."""
+    kinds: dict[tuple[str, str, str], list[Finding]] = {}
+    for each in findings:
+        named = re.sub(rf"(?<!\w){re.escape(each.joint or chr(0))}(?!\w)", "J", each.message, count=1)
+        words = re.sub(r"[-+]?[\d.]+(e[-+]\d+)?", "#", named)
+        kinds.setdefault((each.severity, each.check, words if each.joint else each.message), []).append(each)
+    found = []
+    for same in kinds.values():
+        worst = max(same, key=lambda each: abs(each.value))
+        others = [f"{each.joint} {each.value:.3g}" for each in same if each is not worst]
+        found.append(replace(worst, message=f"{worst.message}; likewise {', '.join(others)}") if others else worst)
+    return found
 
 
 @dataclass(frozen=True)

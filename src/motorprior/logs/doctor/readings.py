@@ -18,13 +18,18 @@ MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 TURN = 2.0 * np.pi
 MAX_TURNS = 4.0  # of a joint without known limits
 MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
+FAILED, STAYS = "and back (failed read)", "and stays"  # kinds of jumps
+LEFT_OUT = "check the bus; mp.load_log and `motorprior logs import` leave these rows out"
 _DEGREES = f'convert them in the file, or state their unit {IN_MAP}: angle = "deg", "turn" or "tick"'
-_UNWRAP = "unwrap angle and command in the file: numpy.unwrap(column, period=one turn in its unit, such as 4096 ticks)"
+_UNWRAP = (
+    f"state wraps = true for the joint {IN_MAP}; or unwrap angle and command in the file by numpy.unwrap(column, "
+    "period=one turn in the column's unit: 4096 for such ticks, 360 for degrees, 2π for rad)"
+)
 REMEDIES = {
     "by a turn": _UNWRAP,
     "by a turn that the angle does not make": _UNWRAP,
-    "and back (failed read)": "check the bus; delete these rows from the file",
-    "and stays": f"check bus, power and homing; delete the wrong rows, or begin a segment there {IN_MAP} by segment",
+    FAILED: f"{LEFT_OUT}; or delete these rows from the file",
+    STAYS: f"check bus, power and homing; delete the wrong rows, or begin a segment there {IN_MAP} by segment",
 }
 
 
@@ -97,8 +102,7 @@ def encoder_step(angle: np.ndarray) -> float:
 
 def jumps(log: MotorLog) -> Iterator[Finding]:
     """Errors: failed reads (back within five readings), encoders and commands that wrap (by a turn), lasting jumps."""
-    steps = time_steps(log.rows(~repeated_rows(log)))[1]  # a host may poll faster than the robot answers
-    period = min(5.0 * log.period, float(np.median(steps))) if steps.size else log.period
+    period = _reading_period(log)
     for column, joint in enumerate(log.joint_names):
         rows: dict[tuple[str, str], list[int]] = {}
         for channel, kind, row in _jumps(log, column, period):
@@ -108,6 +112,43 @@ def jumps(log: MotorLog) -> Iterator[Finding]:
             message = f"{channel}/{joint} jumps from {before:.4g} to {after:.4g} rad in row {row}, {kind}; "
             message += f"{1 + len(others)} such rows"
             yield Finding("error", "jumps", after - before, message, REMEDIES[kind], joint, row)
+
+
+def failed_reads(log: MotorLog) -> np.ndarray:
+    """(T, J) rows in which a read of a joint failed.
+
+    Its angle leaps and comes back within 5 readings, or leaps within 5 readings of an end of a segment; or its velocity
+    is a spike (`velocity_spikes`).
+    """
+    failed, period = np.zeros(log.joint_pos.shape, dtype=bool), _reading_period(log)
+    parts = log.segment_slices()
+    for column in range(log.num_joints):
+        for channel, kind, row in _jumps(log, column, period):
+            part = next(part for part in parts if part.start <= row < part.stop)
+            if kind == FAILED:
+                failed[row, column] = True
+            elif channel == "joint_pos" and kind == STAYS and row - part.start <= READINGS:
+                failed[part.start : row, column] = True
+            elif channel == "joint_pos" and kind == STAYS and part.stop - row <= READINGS:
+                failed[row : part.stop, column] = True
+    return failed if log.joint_vel is None else failed | velocity_spikes(log.joint_vel)
+
+
+def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
+    """(T, J) readings above MAX_SPEED, and above five times the median of the 11 readings around them.
+
+    A joint that moves so fast, or in another unit, is as fast before and after.
+    """
+    speed, around = np.abs(velocity), 2 * READINGS + 1
+    padded = np.pad(speed, ((READINGS, READINGS), (0, 0)), mode="reflect" if len(speed) > READINGS else "edge")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, around, axis=0), axis=-1)
+    return (speed > MAX_SPEED) & (speed > 5.0 * usual)
+
+
+def _reading_period(log: MotorLog) -> float:
+    """Period of new readings [s]: a host may poll faster than the robot answers."""
+    steps = time_steps(log.rows(~repeated_rows(log)))[1]
+    return min(5.0 * log.period, float(np.median(steps))) if steps.size else log.period
 
 
 def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str, int]]:
@@ -146,9 +187,9 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
             continue  # the command stepped, too
         elif near.any():
             back = int(rows[later[np.argmax(near)]])
-            yield from (("joint_pos", "and back (failed read)", each) for each in range(row, back))
+            yield from (("joint_pos", FAILED, each) for each in range(row, back))
         elif speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size:  # a joint would accelerate over several rows
-            yield "joint_pos", "and stays", row
+            yield "joint_pos", STAYS, row
 
 
 def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
@@ -169,7 +210,9 @@ def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
                 yield Finding("error", "units", size, message, remedy, joint, row)
             elif size > max(TURN, reach) or np.ptp(angle) > np.nanmax([TURN, high - low]):
                 message += f"; it moves over {np.ptp(angle):.4g} rad: more than one turn"
-                remedy = f"if these are not rad, {_DEGREES}; if the encoder wrapped, unwrap the column (numpy.unwrap)"
+                remedy = (
+                    f"if these are not rad, {_DEGREES}; if the encoder wrapped, state wraps = true for it in the map"
+                )
                 yield Finding("warning", "units", size, message, remedy, joint, row)
             row = int(np.argmax(np.maximum(low - angle, angle - high)))
             if angle[row] < low or angle[row] > high:
@@ -179,7 +222,7 @@ def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
 
 
 def speeds(log: MotorLog) -> Iterator[Finding]:
-    """Speeds above 100 rad/s, of angles or joint_vel: an error if frequent, a warning for single readings of joint_vel.
+    """Speeds above 100 rad/s, of angles or joint_vel: an error if frequent; single readings of joint_vel are failed.
 
     The speed of an angle counts where the next one is as high in the same direction, so jumps and segment ends do not.
     """
@@ -193,13 +236,23 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
         if len(places) > 5:
             message = f"joint_pos/{joint} moves at up to {lasting.max():.4g} rad/s, faster than {MAX_SPEED:g} rad/s"
             yield Finding("error", "units", float(lasting.max()), message, _DEGREES, joint, int(places[0]))
-        speed = np.abs(np.zeros(1) if log.joint_vel is None else log.joint_vel[:, column])
+        if log.joint_vel is None:
+            continue
+        speed, spikes = np.abs(log.joint_vel[:, column]), velocity_spikes(log.joint_vel[:, [column]])[:, 0]
+        if spikes.any():
+            message = (
+                f"joint_vel/{joint}: {spikes.sum()} single readings of up to {speed[spikes].max():.4g} rad/s (read "
+            )
+            message += f"failed), first in row {spikes.argmax()}"
+            remedy = f"{LEFT_OUT}; or leave joint_vel out"
+            yield Finding("warning", "failed_reads", float(spikes.sum()), message, remedy, joint, int(spikes.argmax()))
+        speed = np.where(spikes, 0.0, speed)
         if speed.max() > MAX_SPEED:
             fast, row = float(np.mean(speed > MAX_SPEED)), int(np.argmax(speed > MAX_SPEED))
             message = f"joint_vel/{joint} is up to {speed.max():.4g} rad/s, above {MAX_SPEED:g} rad/s in "
             message += f"{100 * fast:.2g} % of the rows, first in row {row}"
             remedy = f'convert it in the file, or state its unit {IN_MAP}: velocity = "deg/s" or "rpm"'
-            remedy += "; if single reads failed, delete these rows, or leave joint_vel out"
+            remedy += "; or leave joint_vel out"
             severity = "error" if fast > 0.02 else "warning"  # failed reads are rare
             yield Finding(severity, "units", float(speed.max()), message, remedy, joint, row)
 

@@ -6,6 +6,7 @@ A window is one joint on a uniform grid.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,13 +14,14 @@ from motorprior.logs.doctor.excitation import MIN_ROWS
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.readings import MAX_LAG, encoder_step
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import excited_joints
+from motorprior.logs.operations import excited_joints, resample
 from motorprior.signals import runs_of_true
 
 MIN_CORRELATION = 0.5
 VELOCITY_SLOPES = (0.7, 1.4)
 TRAVEL = 0.1  # share of its range by which the command continues beyond an end stop
-MAX_OFFSET = 1.2  # of an angle from its command [rad]; loads deflect servos less
+OFFSETS = (0.1, 1.2)  # of an angle from its command that are a fact, and a warning [rad]; loads deflect servos less
+SURE = 0.8  # correlation above which sign and order of a joint are certain
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
@@ -67,8 +69,10 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
     severity, value, message, remedy = "warning", seconds, described, ""
     if can_oppose and -opposes - (follows if seconds < MAX_LAG else 0.0) > 0.1:
         severity, value, message = "error", opposes, f"{joint} {against}"
-        remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
-        remedy += "[joints.….position_target]"
+        remedy = "compare sign and order of the joints, and the clocks of command and angle"
+        if -opposes > SURE:
+            remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
+            remedy += "[joints.….position_target]"
     elif follows < MIN_CORRELATION:
         value, message = follows, f"{described}, below {MIN_CORRELATION}"
         remedy = "check power, joint order and clocks; or command more than the dead band of the servo"
@@ -85,10 +89,37 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
         severity = "info"
     yield Finding(severity, "tracking", value, message, remedy, joint)
     offset = float(np.median(window.joint_pos - window.position_target))
-    if abs(offset) > MAX_OFFSET and follows >= MIN_CORRELATION:
-        message = f"{joint} is {offset:+.2f} rad off its command (median), more than {MAX_OFFSET}"
+    if abs(offset) > OFFSETS[0] and follows >= MIN_CORRELATION:
+        message, far = f"{joint} is {offset:+.2f} rad off its command (median)", abs(offset) > OFFSETS[1]
         remedy = f"if no load deflects it so far, correct the zero of command or angle in the file, or {IN_MAP}"
-        yield Finding("warning", "offset", offset, message, remedy, joint)
+        message += f", more than {OFFSETS[1]}" if far else ""
+        yield Finding("warning" if far else "info", "offset", offset, message, remedy if far else "", joint)
+
+
+def followed(rows: MotorLog, column: int, period: float) -> tuple[str, float]:
+    """The joint whose command the angle of a joint follows most closely within a servo's lag, and the correlation."""
+    grid, found = resample(rows, period), []
+    for other in excited_joints(grid):
+        window = replace(grid.joint(column), position_target=grid.position_target[:, [other]])
+        r, lead, late, _ = correlation_peaks(window)
+        found.append((float(r[lead + late]) if late * period < MAX_LAG else 0.0, grid.joint_names[other]))
+    correlation, name = max(found)
+    return name, correlation
+
+
+def of_another(finding: Finding, other: str, correlation: float, other_follows: bool) -> Finding:
+    """The finding of `tracking` for a joint that follows the command of another joint.
+
+    Exchanged joints are two. Where the reverse of its own command explains the angle as well, nothing is recommended.
+    """
+    is_reverse = finding.severity == "error" and -finding.value > correlation - 0.1
+    if is_reverse and other_follows:
+        return finding
+    message = f"{finding.joint} follows the command of {other}, correlation {correlation:.2f}; {finding.message}"
+    if is_reverse or other_follows:
+        return replace(finding, severity="warning", message=message, remedy="")
+    remedy = f"the joints of commands and angles are in different orders: correct it in the file, or {IN_MAP} by the "
+    return replace(finding, severity="error", message=message, remedy=f"{remedy}column names of [joints.…]")
 
 
 def saturation(window: MotorLog) -> Iterator[Finding]:

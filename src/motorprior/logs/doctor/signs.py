@@ -46,13 +46,14 @@ def torque_sign(window: MotorLog) -> Iterator[Finding]:
 
 
 def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
-    """One or two joints whose reversal lets the model's gravity explain the position errors of steady motion better.
+    """One or two joints whose reversal or exchange explains the position errors of steady motion better by gravity.
 
     A position-controlled motor in slow, steady motion deflects by its torque over kp. Per joint,
 
         position_target - joint_pos = -gravity/kp + friction·sign(speed) + lag·speed + offset,    kp >= 0
 
-    is fitted for the signs as given, and with one or two joints reversed. Gravity does not act about vertical axes.
+    is fitted for signs and order as given, with one or two joints reversed, and with two exchanged. Where both explain
+    the errors alike, both are reported. Gravity does not act about vertical axes.
     Nothing is found unless the base was fixed or suspended (`loads.gravity_torque`).
     """
     angle, error, speed, steady = _steady_motion(log)
@@ -64,22 +65,41 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
         sign = np.where(np.isin(np.arange(log.num_joints), joints), -1.0, 1.0)
         return _residual(sign * gravity(sign * angle), error, speed, steady)
 
+    def exchanged(one: int, other: int) -> float:
+        order = np.arange(log.num_joints)
+        order[[one, other]] = other, one
+        return _residual(gravity(angle[:, order])[:, order], error, speed, steady)
+
     given = residual()
     if given < MIN_RMS**2:
         return
-    squares = {joints: residual(*joints) for size in (1, 2) for joints in combinations(range(log.num_joints), size)}
+    pairs = list(combinations(range(log.num_joints), 2))
+    squares = {joints: residual(*joints) for joints in [*((each,) for each in range(log.num_joints)), *pairs]}
     enough = min(squares.values()) + 0.05 * max(0.0, given - min(squares.values()))
     joints, square = next((joints, square) for joints, square in squares.items() if square <= enough)  # one, or two
-    before, after = np.sqrt([given, square])
-    if square > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
+    others = {pair: exchanged(*pair) for pair in pairs}
+    pair = min(others, key=others.__getitem__, default=joints)
+    best = min(square, others.get(pair, np.inf))
+    before, after = np.sqrt([given, best])
+    if best > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
         return
-    names = " and ".join(log.joint_names[column] for column in joints)
+    causes = {
+        (" and ".join(log.joint_names[column] for column in each), how)
+        for each, how, found in ((joints, "reversed", square), (pair, "exchanged", others.get(pair, np.inf)))
+        if found <= best + 0.1 * (given - best)
+    }
+    text = ", or with ".join(f"{names} {how}" for names, how in sorted(causes))
     message = f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained,"
-    message += f" and {1e3 * after:.1f} mrad with {names} reversed"
-    remedy = f"check the base's orientation, and axes, signs and zeros of {names}; correct them in the file, "
-    remedy += f"{IN_MAP} by sign and zero, or in the model"
-    joint = names if len(joints) == 1 else None
-    yield Finding("warning", "gravity", 1.0 - square / given, message, remedy, joint)
+    message += f" and {1e3 * after:.1f} mrad with {text}"
+    remedy = ""
+    if len(causes) == 1:
+        named = next(iter(causes))[0]
+        remedy = (
+            f"check the base's orientation, and order, axes, signs and zeros of {named}; correct them in the file, "
+        )
+        remedy += f"{IN_MAP} by names, sign and zero, or in the model"
+    joint = log.joint_names[joints[0]] if len(joints) == len(causes) == 1 and square == best else None
+    yield Finding("warning", "gravity", 1.0 - best / given, message, remedy, joint)
 
 
 def _steady_motion(log: MotorLog) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -39,14 +39,23 @@ _RECOVER = "repair it with `mcap recover`, or copy it again from its source"
 _REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE}; or read the bag {GIVE_COLUMNS}"
 
 
+def _mcap_file(path: Path) -> Path:
+    """The .mcap file of a bag, also of its folder; raises LogError, with the conversion, for another storage."""
+    if path.is_dir():
+        path = max(_files(path), key=lambda file: file.suffix == ".mcap")
+    if path.suffix != ".mcap":
+        remedy = f"`ros2 bag convert -i {path.name} -o mcap.yaml`, with the lines output_bags: and "
+        remedy += "- {uri: converted, storage_id: mcap, all_topics: true} in mcap.yaml"
+        if path.suffix == ".bag":
+            remedy = "convert this bag of ROS 1 by rosbags-convert (of the Python package rosbags)"
+        raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path, remedy=remedy)
+    return path
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
     """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
-    if path.is_dir():
-        path = max(_files(path), key=lambda file: file.suffix == ".mcap")
-        if path.suffix != ".mcap":
-            remedy = "convert it to MCAP with `ros2 bag convert` (storage_id: mcap)"
-            raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path.parent, remedy=remedy)
+    path = _mcap_file(path)
     try:
         from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
         from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
@@ -109,6 +118,7 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
 
     Rows begin when every topic has a message.
     """
+    path = _mcap_file(path)
     parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
     row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
     times, values, latest = array("q"), array("d"), {}
@@ -167,7 +177,7 @@ def _index(message: Any, element: str) -> int:
 
 READER = LogReader(
     "ROS 2 bag",
-    (".mcap", FOLDER),
+    (".mcap", ".db3", ".bag", FOLDER),
     # a folder with several files is a folder of logs
     lambda path: path.is_file() or ((path / "metadata.yaml").is_file() and len(_files(path)) == 1),
     read_ros_bag,

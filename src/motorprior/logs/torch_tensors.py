@@ -1,4 +1,4 @@
-"""Files of tensors (``.pt`` of torch.save), zips of a pickle and raw numbers, read by a column map without PyTorch."""
+"""Files of tensors (``.pt`` of torch.save), zips of a pickle and raw numbers, read without PyTorch."""
 
 from __future__ import annotations
 
@@ -10,13 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import require_file, require_size
-from motorprior.exceptions import LogError, quoted
-from motorprior.logs.column_map import ColumnMap
-from motorprior.logs.log_reader import LogReader
+from motorprior.artifacts import require_size
+from motorprior.exceptions import LogError
 from motorprior.logs.pickles import load_pickle
-from motorprior.logs.tables import element_of, unreadable
-from motorprior.logs.validity import CORRECT, missing_column
+from motorprior.logs.tables import unreadable
 
 _TYPES = {
     "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8", "IntStorage": "i4",
@@ -25,31 +22,8 @@ _TYPES = {
 _SAVE = "save a dict of tensors by torch.save"
 
 
-def tensor_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    """Columns of a dictionary of tensors: ``x`` is a tensor (T,), ``x[2]`` is column 2 of a tensor (T, J)."""
-    content, found = _content(path), {}
-    for name in names:
-        key, index = element_of(name)
-        if key not in content:
-            raise missing_column("tensor", key, content, path)
-        values = content[key]
-        if not isinstance(values, np.ndarray) or values.ndim not in (1, 2):
-            raise LogError(f"{key!r} is not a tensor of 1 or 2 dimensions", where=path, remedy=CORRECT)
-        table = values[:, None] if values.ndim == 1 else values
-        if (index or 0) >= table.shape[1] or (index is None and table.shape[1] > 1):
-            raise LogError(f"{name}: the tensor has shape {values.shape}", where=path, remedy=CORRECT)
-        found[name] = table[:, index or 0].astype(np.float64)
-    return found
-
-
-def _unmapped(path: Path) -> str:
-    shapes = {key: getattr(value, "shape", "") for key, value in _content(path).items()}
-    return f"unmapped tensors: {', '.join(f'{quoted(key)} {shape}' for key, shape in list(shapes.items())[:8])}"
-
-
-def _content(path: Path) -> dict[Any, Any]:
-    """The dictionary of the file's pickle, with arrays for tensors."""
-    require_file(path, LogError)
+def torch_content(path: Path) -> dict[Any, Any]:
+    """The dictionary of the file's pickle, with arrays for tensors; raises LogError for a damaged file."""
     try:
         with zipfile.ZipFile(path) as archive:
             files = archive.namelist()
@@ -87,7 +61,6 @@ def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple
     return np.lib.stride_tricks.as_strided(numbers[offset:], size, steps, writeable=False)
 
 
-READER = LogReader("tensors", (".pt",), columns=tensor_columns, unmapped=_unmapped)
 _NAMES: dict[tuple[str, str], Any] = {
     ("torch._utils", "_rebuild_tensor_v2"): _view,
     ("collections", "OrderedDict"): collections.OrderedDict,

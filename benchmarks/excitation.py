@@ -1,0 +1,360 @@
+"""Is a learned excitation like the robot, does it cure the paper's models, where does it pay: docs/excitation.md.
+
+    python benchmarks/excitation.py --out runs/excitation
+
+Every cell (one excitation, loss, seed and length of log) is a file; the same command continues an interrupted run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import tyro
+from matplotlib.figure import Figure
+
+from excitation_likeness import FEATURES, KINDS, likeness, windows_of_kind
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.bench.fleet import Fleet, load_fleet
+from motorprior.bench.learned_excitation import LearnedExcitation
+from motorprior.bench.recording import PRESETS, BenchPreset, bench_preset, record, training_motors
+from motorprior.exceptions import MotorPriorError
+from motorprior.identification.adapt import adapt_to
+from motorprior.identification.excitation.fit_excitation import fit_excitation
+from motorprior.identification.excitation.plan import active
+from motorprior.identification.fit_prior import fit_recipe
+from motorprior.identification.presets import identification_preset, network_steps
+from motorprior.logs.load_log import load_log
+from motorprior.logs.loads import with_torque_balance
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
+from motorprior.progress import Lines
+from motorprior.report.plots_style import MODEL_COLORS, png_bytes
+from motorprior.results import Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.simulation.playback import replay
+from motorprior.simulation.training import train_policy
+from motorprior.simulation.world import World
+from motorprior.studies.compare import compare
+from motorprior.studies.robot_fidelity import robot_fidelity, trot_targets
+from motorprior.studies.statistics import estimate, means
+from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitivities
+
+PROGRESS = Lines(sys.stderr)
+PLACES = {"standing": False, "suspended": True}
+COLORS = dict(zip(("runs", *KINDS), ("k", *MODEL_COLORS.values()), strict=False))
+HELD_OUT_STREAM = 67
+TROT = 2.5  # [s]
+ROUTES = {  # loss -> recipe; the last two have the same clock and data, so that only the loss differs
+    "paper": "paper", "paper_wide": "paper_wide", "rollout": "rollout",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Sizes of the benchmark."""
+
+    out: Path  # folder for cells, figures.json, table.md and likeness_CLASS.png
+    robot: str = "pupper_v2"
+    fleet: str = "pupper_v2"  # population of motors
+    runs: int = 10  # walks to learn from
+    held_out_runs: int = 6  # other walks, for the likeness
+    run_seconds: float = 20.0  # of a walk [s]
+    training_steps: int = 2000  # of the generator
+    motors: int = 32  # on the bench, and as many held-out ones
+    seconds: float = 20.0  # of log per motor [s]
+    seeds: int = 5
+    losses: tuple[str, ...] = tuple(ROUTES)
+    kinds: tuple[str, ...] = KINDS
+    rollout_recipe: str = "rollout"  # of identification, for the loss rollout; latent_network has the paper's network
+    adam_steps: int | None = None  # of networks; those of their recipes if not given
+    adapt_seconds: float = 10.0  # of log of the held-out motors [s]; 0 measures on the training motors
+    budgets: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 60.0)  # of the curves [s]; none: leave them out
+    policies: int = 0  # per cell of the largest losses, for transfer; 0: leave it out
+    iterations: int = 50  # of their trainings
+    logs: tuple[Path, ...] = ()  # of a real robot: likeness of an excitation that is fitted to the first fit_logs
+    fit_logs: int = 5
+    columns: str | None = None  # column map of the logs
+    real_robot: str | None = None  # its .toml file, for the loads of suspended robots and fixed arms
+
+
+def cell(settings: Settings, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The result of a cell, from its file if it is there; ``error`` where the library refuses."""
+    path = settings.out / "cells" / f"{name.replace('/', '_')}.json"
+    if not path.exists():
+        try:
+            found = compute()
+        except MotorPriorError as error:
+            found = {"error": str(error)}
+        write_json(path, found)
+        PROGRESS.note(f"{name}: {json.dumps(found)[:200]}")
+    return read_json(path)
+
+
+def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
+    """A physical robot that trots on the ground, with its motors' torques and hence the loads of its joints.
+
+    Speed, frequency and height change every TROT seconds, with a new segment: windows of one trot are much alike.
+    """
+    rng = np.random.default_rng([seed, 71])
+    motors = fleet.sample(robot.num_joints, rng, of_one_robot=True).actuator()
+    world, every = World(robot, robot.twin_physics_dt), round(robot.physics_dt / robot.twin_physics_dt)
+    trots = []
+    for _ in range(max(1, round(seconds / TROT))):
+        targets = trot_targets(robot, rng, round(TROT / robot.control_dt))
+        played = replay(world, motors, targets)
+        pos = played.joint_pos[::every]
+        trots.append(MotorLog(
+            time=robot.physics_dt * np.arange(len(pos)), joint_pos=pos,
+            position_target=np.repeat(targets, round(robot.control_dt / robot.physics_dt), axis=0),
+            joint_vel=np.gradient(pos, robot.physics_dt, axis=0),
+            joint_torque=played.joint_torque.reshape(-1, every, robot.num_joints).mean(axis=1),
+            joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"walk {seed}",
+        ))  # fmt: skip
+    return with_torque_balance(joined(trots), robot)
+
+
+def learned(settings: Settings, robot: Robot, fleet: Fleet) -> tuple[LearnedExcitation, LearnedExcitation, float]:
+    """The excitation, the windows of held-out walks, and the seconds of the training."""
+    paths = [settings.out / f"{name}.safetensors" for name in ("excitation", "held_out")]
+    held_out = range(1000, 1000 + settings.held_out_runs)
+    if not all(path.exists() for path in paths):
+        logs = [walk(robot, fleet, seed, settings.run_seconds) for seed in (*range(settings.runs), *held_out)]
+        started = monotonic()
+        steps = settings.training_steps
+        fit_excitation(logs[: settings.runs], steps=steps, out=paths[0], progress=PROGRESS)
+        write_json(settings.out / "training.json", {"seconds": monotonic() - started})
+        fit_excitation(logs[settings.runs :], "recorded", out=paths[1], progress=PROGRESS)
+    seconds = float(read_json(settings.out / "training.json")["seconds"])
+    found, test = (LearnedExcitation.load(path) for path in paths)
+    for play in ("generated", "surrogate", "recorded"):
+        found.playing(play).save(settings.out / f"{play}.safetensors")
+    return found, test, seconds
+
+
+def bench_of(settings: Settings, robot: Robot, loss: str, kind: str) -> BenchPreset:
+    """Clock of the loss; excitation and loads of the kind."""
+    base = bench_preset("narrow" if kind == "sinusoid" else "rollout").for_robot(robot)
+    if kind not in ("sinusoid", "rollout"):
+        base = base.with_excitation(settings.out / f"{kind}.safetensors")
+    if loss == "paper":
+        slow = PRESETS["paper"].period
+        base = replace(base, period=slow, segment_steps=round(base.segment_steps * base.period / slow), hold_steps=1)
+    return base
+
+
+def measure(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seed: int, seconds: float) -> dict:
+    """Errors in the robot of motors that were learned from so many seconds [s] of bench log."""
+    prior, log = _prior(settings, robot, fleet, loss, kind, seed, seconds)
+    motors, z = training_motors(fleet, settings.motors, seed), prior.mean
+    if settings.adapt_seconds:
+        rng = np.random.default_rng([seed, HELD_OUT_STREAM])
+        motors, preset = fleet.sample(settings.motors, rng), bench_of(settings, robot, loss, kind)
+        rows = round(settings.adapt_seconds / preset.period)
+        z = adapt_to(prior, record(motors, preset, rows, 10_000 + seed, fleet)).mean
+    found: dict[str, Any] = {}
+    for place, suspended in PLACES.items():
+        errors = robot_fidelity(robot, motors, {"model": lambda index: prior.model.motors(z[index])}, suspended, seed)
+        found[f"{place}_rmse"] = float(np.median(errors["model"][0]))
+        ratio = np.median(errors["model"][1]) / np.median(errors["physical"][1])
+        found[f"{place}_torque_hf"] = float(ratio)
+        found[f"{place}_floor"] = float(np.median(errors["physical"][0]))
+    if isinstance(prior.model, LatentNetwork):
+        armature = prior.model.armature(prior.mean) if prior.model.has_armature else np.zeros(len(prior.mean))
+        own = Learned(prior.model, prior.mean, armature, np.zeros_like(armature))
+        slopes = sensitivities(prior.model, prior.mean, recorded_inputs(prior.model, log))
+        found["growth"] = growth(prior.model, own, slopes, float(LOADS[0]))[0]
+    if settings.policies:
+        found |= transfer(settings, robot, fleet, prior, seed)
+    return found
+
+
+def _prior(
+    settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seed: int, seconds: float
+) -> tuple[MotorPrior, MotorLog]:
+    preset = bench_of(settings, robot, loss, kind)
+    motors = training_motors(fleet, settings.motors, seed)
+    log = replace(record(motors, preset, round(seconds / preset.period), seed, fleet), robot=robot.name)
+    name = settings.rollout_recipe if loss == "rollout" else ROUTES[loss]
+    recipe = identification_preset(name, network_steps(name, settings.adam_steps))
+    folder = settings.out / "priors" / f"{loss}_{kind}_{seed}_{seconds:g}"
+    return fit_recipe(log, name, recipe, seed, folder, PROGRESS), log
+
+
+def transfer(settings: Settings, robot: Robot, fleet: Fleet, prior: MotorPrior, seed: int) -> dict[str, float]:
+    """Share of time upright and speed, on physical motors, of policies trained on samples of the prior."""
+    policies = [
+        train_policy(robot, prior, iterations=settings.iterations, seed=100 * seed + index, progress=PROGRESS)
+        for index in range(settings.policies)
+    ]
+    walked = compare(robot, {"prior": policies}, {"twin": fleet}, progress=PROGRESS)
+    return {f"transfer_{name}": walked.mean(quantity=name) for name in ("speed", "upright")}
+
+
+def summary(cells: list[dict[str, Any]], quantity: str) -> dict[str, float]:
+    """Mean over seeds and its 95 % interval; empty without a value."""
+    values = np.array([found[quantity] for found in cells if quantity in found])
+    if not values.size:
+        return {}
+    found = estimate(values[:, None, None], means)
+    ends = {"low": found.low, "high": found.high} if values.size > 1 else {}
+    return {"": found.value, **ends}
+
+
+def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
+    """All figures."""
+    robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
+    excitation, held_out, train_seconds = learned(settings, robot, fleet)
+    figures = {"train_seconds": train_seconds}
+    alike = likeness(excitation, held_out, seed=0)
+    figures |= likeness_figures(alike, "likeness") | real_likeness(settings)
+    for name in excitation.classes:
+        write_picture(settings.out / f"likeness_{name}.png", excitation, held_out, name)
+    write_text(settings.out / "likeness.md", likeness_table(alike, excitation.classes))
+    for loss in settings.losses:
+        for kind in settings.kinds:
+            cells = [
+                cell(
+                    settings, f"{loss}/{kind}/{seed}/{settings.seconds:g}",
+                    lambda loss=loss, kind=kind, seed=seed: measure(
+                        settings, robot, fleet, loss, kind, seed, settings.seconds
+                    ),
+                )
+                for seed in range(settings.seeds)
+            ]  # fmt: skip
+            for quantity in sorted({key for found in cells for key in found} - {"error"}):
+                name = {"standing_rmse": "walking_error"}.get(quantity, quantity)
+                for end, value in summary(cells, quantity).items():
+                    figures["/".join(filter(None, (name, loss, kind, end)))] = value
+    figures |= budgets(settings, robot, fleet, excitation)
+    write_json(settings.out / "figures.json", figures)
+    return figures, {"likeness": alike}
+
+
+def likeness_figures(alike: Results, name: str) -> dict[str, float]:
+    """Means over joint classes."""
+    quantities = ("auc", "coverage", "nearest")
+    return {f"{name}/{kind}/{each}": alike.mean(model=kind, quantity=each) for kind in KINDS for each in quantities}
+
+
+def real_likeness(settings: Settings) -> dict[str, float]:
+    """Likeness of an excitation that is fitted to the first ``fit_logs`` logs of a real robot to the others."""
+    if not settings.logs:
+        return {}
+    given = {"columns": settings.columns, "robot": settings.real_robot, "suspended": settings.real_robot is not None}
+    logs = [load_log(path, **given, progress=PROGRESS) for path in settings.logs]
+    out, steps = settings.out / "real.safetensors", settings.training_steps
+    found = fit_excitation(logs[: settings.fit_logs], steps=steps, out=out, progress=PROGRESS)
+    alike = likeness(found, fit_excitation(logs[settings.fit_logs :], "recorded", progress=PROGRESS), seed=0)
+    write_text(settings.out / "likeness_real.md", likeness_table(alike, found.classes))
+    return likeness_figures(alike, "likeness_real")
+
+
+def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedExcitation) -> dict[str, float]:
+    """Walking error against seconds of log, and the seconds that reach the error of ``rollout`` at the most seconds.
+
+    Kind active: windows of the generator chosen by a prior that was fitted to the shortest log of the kind generated.
+    """
+    if not settings.budgets:
+        return {}
+    figures, curves = {}, {}
+    for kind in (*settings.kinds, "active"):
+        if kind == "active" and not (settings.out / "active.safetensors").exists():
+            prior, _ = _prior(settings, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
+            active(excitation.playing("generated"), prior)[0].save(settings.out / "active.safetensors")
+        curves[kind] = []
+        for seconds in settings.budgets:
+            cells = [
+                cell(
+                    settings, f"rollout/{kind}/{seed}/{seconds:g}",
+                    lambda kind=kind, seed=seed, seconds=seconds: measure(
+                        settings, robot, fleet, "rollout", kind, seed, seconds
+                    ),
+                )
+                for seed in range(settings.seeds)
+            ]  # fmt: skip
+            curves[kind].append(summary(cells, "standing_rmse").get("", np.inf))
+            figures[f"budget/{kind}/{seconds:g}"] = curves[kind][-1]
+    goal = curves["rollout"][-1]
+    for kind, curve in curves.items():
+        reached = [seconds for seconds, error in zip(settings.budgets, curve, strict=True) if error <= 1.02 * goal]
+        if reached:
+            figures[f"seconds_needed/{kind}"] = min(reached)
+    return {name: value for name, value in figures.items() if np.isfinite(value)}
+
+
+def likeness_table(alike: Results, classes: tuple[str, ...]) -> str:
+    """Markdown: a row per class and kind."""
+    columns = ("auc", "coverage", "nearest", *FEATURES)
+    lines = [f"| class | excitation | {' | '.join(columns)} |", "|" + "---|" * (len(columns) + 2)]
+    for name in classes:
+        for kind in ("runs", *KINDS):
+            rows = {row.quantity: row.value for row in alike.where(part=name, model=kind)}
+            cells = [f"{rows[column]:.3g}" if column in rows else "" for column in columns]
+            lines.append(f"| {name} | {kind} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, name: str) -> None:
+    """A window, the spectra, and the distributions of speed, acceleration and external torque of every kind."""
+    figure = Figure(figsize=(14.0, 5.0), layout="constrained")
+    axes = figure.subplots(2, 3).ravel()
+    for kind in ("runs", *KINDS):
+        rng = np.random.default_rng(5)
+        windows = test.windows[test.window_class == test.classes.index(name)]
+        if kind != "runs":
+            windows = windows_of_kind(runs, kind, name, 200, rng)
+        target, torque, color = windows[..., 0], windows[..., 1:].reshape(len(windows), -1), COLORS[kind]
+        speed = np.diff(target, axis=1) / runs.period
+        axes[0].plot(runs.period * np.arange(target.shape[1]), target[0], color=color, lw=1, label=kind)
+        axes[1].plot(np.linspace(0, target.shape[1] * runs.period, torque.shape[1]), torque[0], color=color, lw=1)
+        power = np.mean(np.abs(np.fft.rfft(target * np.hanning(target.shape[1]), axis=1)) ** 2, axis=0)
+        axes[2].semilogy(np.fft.rfftfreq(target.shape[1], runs.period), power + 1e-9, color=color, lw=1)
+        for place, values in ((3, speed), (4, np.diff(speed, axis=1) / runs.period), (5, torque)):
+            share = np.linspace(0.0, 1.0, 200)
+            axes[place].plot(np.quantile(np.abs(values), share), 1.0 - share, color=color, lw=1)
+            axes[place].set_yscale("log")
+    titles = (
+        "target [rad] over time [s]", "external torque [N·m]", "spectrum of the target [Hz]",
+        "share above |speed| [rad/s]", "share above |acceleration| [rad/s²]", "share above |torque| [N·m]",
+    )  # fmt: skip
+    for each, title in zip(axes, titles, strict=True):
+        each.set_title(f"{name}: {title}", fontsize=9)
+    axes[0].legend(frameon=False, fontsize=7)
+    path.write_bytes(png_bytes(figure))
+
+
+def table(figures: dict[str, float], settings: Settings) -> str:
+    """Markdown: a row per loss and excitation."""
+    columns = ("walking_error", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf", "growth")
+    lines = ["| loss | excitation | " + " | ".join(columns) + " |", "|---|---|" + "---|" * len(columns)]
+    for loss in settings.losses:
+        for kind in settings.kinds:
+            values = [figures.get(f"{column}/{loss}/{kind}") for column in columns]
+            factors = (1e3, 1e3, 1.0, 1.0, 1.0)
+            cells = ["" if v is None else f"{f * v:.3g}" for v, f in zip(values, factors, strict=True)]
+            lines.append(f"| {loss} | {kind} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure; write figures.json, tables and pictures; print the tables."""
+    settings = tyro.cli(Settings, description=__doc__)
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    figures, _ = run(settings)
+    write_text(settings.out / "table.md", table(figures, settings))
+    print((settings.out / "likeness.md").read_text("utf-8"), table(figures, settings), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

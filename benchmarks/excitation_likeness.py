@@ -1,0 +1,118 @@
+"""How much an excitation is like the runs of a robot: a two-sample test on windows, and what it covers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from motorprior.bench.excitation import EXCITATIONS
+from motorprior.bench.learned_excitation import LearnedExcitation
+from motorprior.bench.recording import PRESETS
+from motorprior.bench.stream_makers import SUB
+from motorprior.identification.held_out import standardise, two_sample_auc
+from motorprior.results import Result, Results
+
+BANDS = (0.0, 2.0, 5.0, 10.0, 50.0)  # of the target's spectrum [Hz]
+FEATURES = (
+    "target_std", "speed_rms", "speed_max", "acceleration_rms", "acceleration_max",
+    *(f"power_{low:g}_{high:g}_hz" for low, high in pairwise(BANDS)),
+    "torque_rms", "torque_max", "torque_rate_rms", "impacts", "reversals",
+)  # fmt: skip
+LINEAR = ("impacts", "reversals")  # features [1/s]; of the others the logarithm is taken
+IMPACT = 4.0  # torque rate of an impact over the root mean square of the runs'
+NEIGHBOURS = 5  # of `coverage`
+STREAMS = 8  # from which windows are cut
+KINDS = ("sinusoid", "rollout", "surrogate", "recorded", "generated")
+
+
+def features(windows: np.ndarray, period: float, impact_rate: float) -> np.ndarray:
+    """(W, features) of windows (W, frames, 1 + SUB) with frames of ``period`` [s]; see FEATURES.
+
+    An impact is a rise of |d torque/dt| above ``impact_rate`` [N·m/s], a reversal a change of the sign of the speed.
+    """
+    target, torque = windows[..., 0], windows[..., 1:].reshape(len(windows), -1)
+    speed = np.diff(target, axis=1) / period
+    acceleration, rate = np.diff(speed, axis=1) / period, np.diff(torque, axis=1) * SUB / period
+    power = np.abs(np.fft.rfft((target - target.mean(axis=1, keepdims=True)) * np.hanning(target.shape[1]))) ** 2
+    at = np.fft.rfftfreq(target.shape[1], period)
+    bands = [power[:, (at >= low) & (at < high)].sum(axis=1) for low, high in pairwise(BANDS)]
+    sizes = [target.std(axis=1)]
+    for signal in (speed, acceleration, torque):
+        sizes += [np.sqrt(np.mean(signal**2, axis=1)), np.abs(signal).max(axis=1)]
+    sizes[5:5] = bands
+    sizes.append(np.sqrt(np.mean(rate**2, axis=1)))
+    seconds = period * target.shape[1]
+    above = np.abs(rate) > impact_rate
+    moving = np.where(np.abs(speed) > 0.05 * np.abs(speed).max(axis=1, keepdims=True), np.sign(speed), 0.0)
+    counts = [
+        (~above[:, :-1] & above[:, 1:]).sum(axis=1) / seconds,
+        np.array([np.count_nonzero(np.diff(row[row != 0.0])) for row in moving]) / seconds,
+    ]
+    return np.stack([*(np.log(np.maximum(size, 1e-6)) for size in sizes), *counts], axis=1)
+
+
+def windows_of_kind(
+    runs: LearnedExcitation, kind: str, joint_class: str, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """(count, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
+    names = {"sinusoid": ("sine",), "rollout": PRESETS["rollout"].kinds}.get(kind)
+    sources = [EXCITATIONS[n] for n in names] if names else [runs.playing(kind)]
+    frames, each = runs.windows.shape[1], -(-count // (STREAMS * len(sources)))
+    parts = []
+    for source in sources:
+        made = source.streams(rng, each * frames * SUB, runs.period / SUB, [joint_class] * STREAMS)
+        target = made.position_target.T.reshape(STREAMS, each * frames, SUB).mean(axis=2, keepdims=True)
+        target = target - target.mean(axis=1, keepdims=True)
+        torque = made.external_torque.T.reshape(STREAMS, each * frames, SUB)
+        parts.append(np.concatenate([target, torque], axis=2).reshape(STREAMS * each, frames, 1 + SUB))
+    return rng.permutation(np.concatenate(parts))[:count]
+
+
+def coverage(made: np.ndarray, real: np.ndarray) -> float:
+    """Share of ``real`` windows (n, F) with a made one (m, F) within their NEIGHBOURS nearest (Naeem, ICML 2020)."""
+    reach = np.sort(_distances(real, real), axis=1)[:, min(NEIGHBOURS, len(real) - 1)]
+    return float(np.mean(_distances(real, made).min(axis=1) <= reach))
+
+
+def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(one[:, None] - other[None], axis=2)
+
+
+def likeness(
+    runs: LearnedExcitation, test: LearnedExcitation, seed: int, kinds: tuple[str, ...] = KINDS, count: int = 200
+) -> Results:
+    """Every kind of excitation against windows ``test`` of other runs, by joint class (the column ``part``).
+
+    Returns:
+        ``auc`` of a classifier (0.5 is perfect), ``coverage`` of the test windows, ``nearest``: distance to the
+        training windows over that of the test windows (far below 1: memorised), and the median of each of FEATURES;
+        kind "runs" are the test windows themselves.
+    """
+    return Results.of(_rows(runs, test, seed, kinds, count))
+
+
+def _rows(
+    runs: LearnedExcitation, test: LearnedExcitation, seed: int, kinds: tuple[str, ...], count: int
+) -> Iterator[Result]:
+    for name in (each for each in runs.classes if each in test.classes):
+        train, real = (own.windows[own.window_class == own.classes.index(name)] for own in (runs, test))
+        rate = np.diff(real[..., 1:].reshape(len(real), -1), axis=1) * SUB / runs.period
+        limit = IMPACT * float(np.sqrt(np.mean(rate**2))) + 1e-9
+        known, wanted = (features(windows, runs.period, limit) for windows in (train, real))
+        for kind in ("runs", *kinds):
+            rng = np.random.default_rng([seed, 61, KINDS.index(kind) if kind in KINDS else 99])
+            made = wanted
+            if kind != "runs":
+                made = features(windows_of_kind(runs, kind, name, count, rng), runs.period, limit)
+                yield Result("auc", "1", two_sample_auc(made, wanted, seed), kind, part=name)
+                scaled, given = standardise(made, np.concatenate([wanted, known]))
+                of_test, of_train = given[: len(wanted)], given[len(wanted) :]
+                yield Result("coverage", "1", coverage(scaled, of_test), kind, part=name)
+                apart = [np.median(_distances(each, of_train).min(axis=1)) for each in (scaled, of_test)]
+                yield Result("nearest", "1", float(apart[0] / max(apart[1], 1e-9)), kind, part=name)
+            middle = np.median(made, axis=0)
+            for index, feature in enumerate(FEATURES):
+                value = middle[index] if feature in LINEAR else np.exp(middle[index])
+                yield Result(feature, "SI", float(value), kind, part=name)

@@ -1,0 +1,237 @@
+"""What exports of motors lose, and how far the GPU kernel is from the compiled motors.
+
+    python benchmarks/exports.py --out runs/exports
+
+figures.json: FORMAT/leg, FORMAT/shank and FORMAT/leg_steps, the RMSE of exported against our own joint angles over
+MOTORS motors [rad] (`exports.replay`), for bam, mjcf, mjcf_detailed and table; mjlab/parity and newton/parity, the
+largest difference of joint angles [rad] between the Warp kernel in float32 and the compiled motors, each in its own
+closed loop, over 64 motors and 2000 steps of 2 ms. kernel/warp_us and kernel/numba_us are times per step of these 64
+motors on this CPU [µs]. Without the extras mjlab and newton the last are left out. The motors have the true constants
+of the fleet pupper_v2, or are samples of a prior.
+"""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floors import true_grey_box
+from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motors import Motors
+from motorprior.artifacts import write_json
+from motorprior.bench.families import require_geared
+from motorprior.bench.fleet import load_fleet
+from motorprior.exports.registry import find_exporters
+from motorprior.exports.replay import losses
+
+DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
+
+
+def targets(step: int, count: int) -> np.ndarray:
+    """(count,) sines of several frequencies with jumps, at which the torque limit is reached [rad]."""
+    phase = np.arange(count)
+    return 0.4 * np.sin(2 * np.pi * (0.5 + 0.05 * (phase % 20)) * step * DT + phase) + 0.4 * (step // 250 % 2)
+
+
+Step = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def free_run(step_motors: Step, count: int, steps: int) -> np.ndarray:
+    """(steps, count) joint angles [rad] on a load of INERTIA, with torques and dampings of ``step_motors``."""
+    q, dq, out = np.zeros(count), np.zeros(count), np.zeros((steps, count))
+    for step in range(steps):
+        torque, damping = step_motors(targets(step, count), q, dq)
+        dq = (dq + DT * torque / INERTIA) / (1.0 + DT * damping / INERTIA)
+        q = q + DT * dq
+        out[step] = q
+    return out
+
+
+def compiled(motors: GreyBoxActuator) -> Step:
+    """Our own motors."""
+    return Motors(motors, DT, np.zeros(motors.num_motors)).step
+
+
+def warp_array(values: Any, kind: Any = float) -> Any:
+    """A Warp array on the CPU."""
+    import warp as wp
+
+    return wp.array(np.asarray(values), dtype=kind, device="cpu")
+
+
+def kernel(motors: GreyBoxActuator) -> Step:
+    """The Warp kernel alone."""
+    import warp as wp
+
+    from motorprior.exports.warp_motors import WarpMotors
+
+    count = motors.num_motors
+    found, zero = WarpMotors(motors, count, DT, "cpu"), warp_array(np.zeros(count))
+    found.reset(warp_array(np.ones(count, bool), wp.bool), warp_array(np.arange(count), int), zero, zero)
+
+    def step(*given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found.step(*(warp_array(each) for each in given))
+        return found.torque.numpy().astype(float), found.damping.numpy().astype(float)
+
+    return step
+
+
+def newton(motors: GreyBoxActuator) -> Step:
+    """The drive of Newton: its effort is torque - damping·velocity, so the damping returned is 0."""
+    import warp as wp
+    from newton.actuators import Actuator
+
+    from motorprior.exports.newton import MotorPriorDrive
+
+    count = motors.num_motors
+    actuator = Actuator(warp_array(np.arange(count), wp.uint32), drive=MotorPriorDrive(motors, DT))
+    names = ("joint_q", "joint_qd", "joint_f", "joint_target_q", "joint_target_qd")
+    world = type("World", (), {name: warp_array(np.zeros(count)) for name in names} | {"joint_act": None})()
+    states = [actuator.state(), actuator.state()]
+
+    def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        for name, values in zip(("joint_target_q", "joint_q", "joint_qd"), (target, q, dq), strict=True):
+            getattr(world, name).assign(values.astype(np.float32))
+        world.joint_f.zero_()
+        actuator.step(world, world, *states, dt=DT)
+        states.reverse()
+        return world.joint_f.numpy().astype(float), np.zeros(count)
+
+    return step
+
+
+def explicit(motors: GreyBoxActuator) -> Step:
+    """Our own motors for an engine that does not damp, as `kernels.make_explicit`."""
+    from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
+
+    arrays, zero = motors.arrays(DT), np.zeros(motors.num_motors)
+    reset_actuator(arrays, zero, zero)
+
+    def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        torque = np.zeros(motors.num_motors)
+        step_actuator(arrays, DT, target, q, dq, torque)
+        make_explicit(arrays, dq, torque)
+        return torque, arrays.damping.copy()
+
+    return step
+
+
+RIG = f"""<mujoco><option timestep="{DT}"/><worldbody><body name="link"><inertial pos="0 0 0" mass="1"
+  diaginertia="{INERTIA} {INERTIA} {INERTIA}"/><joint name="joint" axis="0 1 0" armature="9"/></body></worldbody>
+</mujoco>"""
+
+
+def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np.ndarray, Any]:
+    """(steps, count) angles in mjlab's worlds of one joint each, (count,) indices of their motors, and the entity."""
+    import mujoco
+    import torch
+    from mjlab.entity import EntityArticulationInfoCfg, EntityCfg
+    from mjlab.scene import Scene, SceneCfg
+    from mjlab.sim import Simulation, SimulationCfg
+
+    from motorprior.exports.mjlab import MotorPriorActuatorCfg
+
+    actuator = MotorPriorActuatorCfg(target_names_expr=("joint",), source=prior, samples=count)
+    articulation = EntityArticulationInfoCfg(actuators=(actuator,))
+    entity = EntityCfg(spec_fn=lambda: mujoco.MjSpec.from_string(RIG), articulation=articulation)
+    scene = Scene(SceneCfg(num_envs=count, env_spacing=1.0, entities={"rig": entity}), "cpu")
+    settings = SimulationCfg()
+    settings.mujoco.timestep, settings.mujoco.gravity = DT, (0.0, 0.0, 0.0)
+    sim = Simulation(num_envs=count, cfg=settings, model=scene.compile(), device="cpu")
+    scene.initialize(sim.mj_model, sim.model, sim.data)
+    sim.expand_model_fields(("dof_damping",))  # in an environment the event `per_world_damping` does this
+    scene.reset()
+    robot, out = scene["rig"], np.zeros((steps, count))
+    for step in range(steps):
+        robot.set_joint_position_target(torch.tensor(targets(step, count)[:, None], dtype=torch.float))
+        scene.write_data_to_sim()
+        sim.step()
+        scene.update(DT)
+        out[step] = robot.data.joint_pos.numpy()[:, 0]
+    return out, robot.actuators[0]._chosen.flatten().numpy(), robot
+
+
+def mjlab_parity(prior: MotorPrior, count: int, steps: int) -> float:
+    """Largest difference between mjlab's worlds and the same motors here [rad]."""
+    from dataclasses import replace
+
+    from motorprior.exports.exporter import sampled
+
+    found, chosen, _ = mjlab_run(prior, count, steps)
+    bank = sampled(prior, count, 0, ("joint",), None).bank()
+    return largest(found, free_run(compiled(replace(bank, z=bank.z[chosen])), count, steps))
+
+
+def largest(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference."""
+    return float(np.abs(one - other).max())
+
+
+def microseconds(step: Step, count: int, steps: int = 200) -> float:
+    """Time of a step [µs], the fastest of five runs."""
+    state, runs = (targets(0, count), np.zeros(count), np.zeros(count)), []
+    for _ in range(5):
+        start = time.perf_counter()
+        for _ in range(steps):
+            step(*state)
+        runs.append(time.perf_counter() - start)
+    return 1e6 * min(runs) / steps
+
+
+def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
+    """A prior whose samples have these motors' mean and standard deviation, constant by constant."""
+    from dataclasses import replace
+
+    decoder = motors.model.motor
+    center, slope = decoder.center + motors.z.mean(axis=0), np.diag(motors.z.std(axis=0))
+    model = replace(motors.model, motor=replace(decoder, center=center, slope=slope))
+    return MotorPrior(model, np.zeros_like(motors.z), np.zeros_like(motors.z), "rollout", "pupper_v2", "", {}, {})
+
+
+def main() -> None:
+    """Measure, print and write; see the module docstring."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("runs/exports"))
+    parser.add_argument("--prior", type=Path, help="motors of a prior instead of the fleet's")
+    arguments = parser.parse_args()
+    if arguments.prior:
+        prior = MotorPrior.load(arguments.prior)
+        every = prior.sample(COUNT, seed=0)
+        assert isinstance(every, GreyBoxActuator)
+        few = prior.sample(MOTORS, seed=0)
+    else:
+        rng, fleet = np.random.default_rng(0), load_fleet("pupper_v2")
+        few, every = (true_grey_box(require_geared(fleet.sample(n, rng))) for n in (MOTORS, COUNT))
+        prior = fleet_prior(every)
+    assert isinstance(few, GreyBoxActuator)
+    figures: dict[str, float] = {}
+    for name, exporter in find_exporters().items():
+        figures |= {f"{name.replace('-', '_')}/{load}": value for load, value in losses(exporter, few).items()}
+    if find_spec("warp"):
+        ours = free_run(compiled(every), COUNT, STEPS)
+        figures["kernel/parity"] = largest(free_run(kernel(every), COUNT, STEPS), ours)
+        figures["kernel/warp_us"] = microseconds(kernel(every), COUNT)
+        figures["kernel/numba_us"] = microseconds(compiled(every), COUNT)
+    if find_spec("newton"):
+        own = free_run(explicit(every), COUNT, STEPS)
+        figures["newton/parity"] = largest(free_run(newton(every), COUNT, STEPS), own)
+    if find_spec("mjlab"):
+        figures["mjlab/parity"] = mjlab_parity(prior, COUNT, STEPS)
+    for extra in ("newton", "mjlab"):
+        if f"{extra}/parity" not in figures:
+            print(f"{extra}/parity left out: install the extra {extra}")
+    for name, value in figures.items():
+        print(f"{name:26s} {value:.6f}")
+    write_json(arguments.out / "figures.json", figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""What others publish for one servo, the Feetech STS3215, on held-out logs of an SO-101, next to a prior.
+
+    python benchmarks/published_motors.py --data DIR --out runs/published
+
+DIR has the folders of `real_logs.py`. Errors are RMSE of free runs over whole held-out logs, means over joints [rad].
+Published models are plain joints; where a constant is not published, the one with the least error on these very logs is
+taken, so their figures are lower bounds. figures.json: published/MODEL, and published/coverage90, the fraction of
+angles in the 90 % bands of the adapted prior.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+import motorprior as mp
+from motor_cards import HELD_OUT
+from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.artifacts import write_json
+from motorprior.exports.bam_law import RIGID
+from motorprior.exports.exporter import motors_of
+from motorprior.identification.adapt import adapt_to
+from motorprior.identification.evaluation.bench_truth import log_coverage
+from motorprior.identification.evaluation.free_runs import free_run_errors
+from motorprior.identification.physics.window_runs import whole_runs
+from motorprior.identification.presets import recipe_of
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.splits import first_and_rest
+from real_logs import ADAPTATION_SECONDS, Settings, expected_motors, imported, robot_file
+
+# armature [kg·m²], dry friction [N·m], kp [N·m/rad], damping [N·m·s/rad], torque limit [N·m]; None: not published
+PUBLISHED = {
+    "TheRobotStudio": (0.028, 0.052, 17.8, 0.60, 3.35),
+    "NVIDIA": (0.068, 0.347, 48.0, None, 3.35),
+    "DeepMind": (0.109, 1e-4, None, None, 3.35),
+}
+# parameters m1 of the STS3215 at 7.4 V in better-actuator-models 1.0.2, and P coefficients of its firmware
+BAM = {
+    "kt": 1.21164, "R": 2.67617, "armature": 0.0284034, "friction_base": 0.052393, "friction_viscous": 0.0590852,
+    "model": "m1", "actuator": "sts3215",
+}  # fmt: skip
+BAM_GAINS = (16.0, 32.0)
+KP, KD = (10.0, 17.8, 30.0, 48.0, 80.0), (0.3, 0.6, 1.0, 1.7, 3.0)
+
+
+def plain(armature: float, friction: float, kp: float, kd: float, limit: float, count: int) -> GreyBoxActuator:
+    """Motors that are a plain joint with a position servo."""
+    gear = armature * RIGID["gear_frequency"] ** 2
+    values = {
+        "kp": kp, "kd": kd, "velocity_filter": 1e-4, "delay": 0.0, "torque_limit": limit, "armature": armature,
+        "coulomb": friction, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0,
+        "gear_stiffness": gear, "backlash": 0.0, "encoder_zero": 0.0,
+        "gear_damping": 2.0 * RIGID["gear_damping_ratio"] * armature * RIGID["gear_frequency"],
+    }  # fmt: skip
+    return motors_of({name: np.full(count, value) for name, value in values.items()})
+
+
+def candidates(count: int, folder: Path) -> dict[str, list[GreyBoxActuator]]:
+    """Motors by model, one for every choice of constants that are not published."""
+    found = {
+        name: [
+            plain(armature, friction, p, d, limit, count)
+            for p in (KP if kp is None else (kp,)) for d in (KD if kd is None else (kd,))
+        ]
+        for name, (armature, friction, kp, kd, limit) in PUBLISHED.items()
+    }  # fmt: skip
+    path = folder / "sts3215_m1.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(BAM))
+    return found | {"BAM m1": [mp.read_motor(path, kp=kp, count=count) for kp in BAM_GAINS]}
+
+
+def main() -> None:
+    """Measure, print and write; see the module docstring."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--out", type=Path, default=Path("runs/published"))
+    parser.add_argument("--card", default="so101", help="shipped card, or folder of a card")
+    arguments = parser.parse_args()
+    settings, prior = Settings(arguments.data, arguments.out), mp.from_pretrained(arguments.card)
+    paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
+    logs = [read_parquet(path) for path in paths if any(word in path.name for word in HELD_OUT["so101"])]
+    models, errors, shares = candidates(logs[0].num_joints, arguments.out), {}, []
+    for log in logs:
+        runs = whole_runs(log, recipe_of(prior))
+        flat = {f"{name}/{index}": one for name, several in models.items() for index, one in enumerate(several)}
+        for name, values in free_run_errors(runs, flat | {"prior/0": expected_motors(prior, log)}).items():
+            errors.setdefault(name, []).append(float(values.mean()))
+        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
+        posterior = adapt_to(prior, first)
+        tail = whole_runs(rest, recipe_of(prior))
+        found = free_run_errors(tail, {"adapted": prior.model.motors(posterior.mean)})
+        errors.setdefault("adapted/0", []).append(float(found["adapted"].mean()))
+        shares.append(log_coverage(prior, posterior, tail)[90])
+    figures: dict[str, float] = {}
+    for name, values in errors.items():
+        model, mean = name.split("/")[0], float(np.mean(values))
+        figures[f"published/{model}"] = min(mean, figures.get(f"published/{model}", np.inf))
+    figures["published/coverage90"] = float(np.mean(shares))
+    for name, value in figures.items():
+        print(f"{name:28s} {value:.4f}")
+    write_json(arguments.out / "figures.json", figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""Tables of motor constants: unit, median, range between units, and whether the logs identify them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import PER_LOGGED, named_multiples, with_logged_gains
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.latent import LatentNetwork
+from motorprior.actuator.optional_terms import CONSTANTS
+from motorprior.logs.motor_log import PHYSICAL_GAINS
+from motorprior.texts import html_table, text_table
+
+DRAWS = 1000  # of the quantiles of a distribution
+_PER_UNIT = "of the firmware's gain"
+UNITS = {
+    "kp": "N·m/rad", "kd_over_kp": "s", "velocity_filter": "s", "delay": "s", "torque_limit": "N·m",
+    "armature": "kg·m²", "coulomb": "N·m", "stribeck_torque": "N·m", "viscous_damping": "N·m·s/rad",
+    "load_friction": "1", "gear_stiffness": "N·m/rad", "backlash": "rad", "gear_damping": "N·m·s/rad",
+    "encoder_zero": "rad", f"kp{PER_LOGGED}": f"N·m/rad per unit {_PER_UNIT}",
+    f"kd_over_kp{PER_LOGGED}": f"s per unit {_PER_UNIT}", **{each.name: each.unit for each in CONSTANTS.values()},
+}  # fmt: skip
+COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
+_PICTURES = "motorprior.report.plots_motor"  # of a layer above, imported when a picture is drawn
+
+
+class Constant(NamedTuple):
+    """A constant over the units of a fleet."""
+
+    name: str
+    unit: str
+    median: float
+    low: float  # 5 % of the units are below
+    high: float  # 5 % are above
+    identifiable: bool | None  # from the logs; None if unknown
+
+
+@dataclass(frozen=True)
+class Constants:
+    """A row per constant; prints as a table."""
+
+    rows: tuple[Constant, ...]
+
+    @classmethod
+    def of(
+        cls, values: Mapping[str, np.ndarray], units: Mapping[str, str], identified: Mapping[str, bool | None]
+    ) -> Constants:
+        """Quantiles of samples (n,) by name; constants without ``identified`` are unknown."""
+        found = []
+        for name, samples in values.items():
+            low, median, high = np.quantile(samples, [0.05, 0.5, 0.95]).tolist()
+            found.append(Constant(name, units[name], median, low, high, identified.get(name)))
+        return cls(tuple(found))
+
+    def __iter__(self) -> Iterator[Constant]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, name: str) -> Constant:
+        return next(row for row in self.rows if row.name == name)
+
+    @property
+    def cells(self) -> list[list[str]]:
+        """Texts of the rows, in the order of COLUMNS."""
+        words = {True: "yes", False: "no", None: "unknown"}
+        return [
+            [row.name, row.unit, *(f"{value:.3g}" for value in row[2:5]), words[row.identifiable]] for row in self.rows
+        ]
+
+    def __str__(self) -> str:
+        return text_table(COLUMNS, self.cells)
+
+    def _repr_html_(self) -> str:
+        return html_table(COLUMNS, self.cells)
+
+
+def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
+    """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
+
+    Those in units of a firmware are multiples with names of their own (`named_multiples`). A network has a torque limit
+    and, if it decodes one, an armature.
+    """
+    if isinstance(model, LatentNetwork):
+        limit = {"torque_limit": np.full(len(z), model.torque_limit)}
+        return limit | ({"armature": model.armature(z)} if model.has_armature else {})
+    values = model.constants(z)
+    if model.gain_unit == PHYSICAL_GAINS and gains is not None:
+        return with_logged_gains(values, *gains)
+    return named_multiples(values) if model.gain_unit else values
+
+
+def draw_response(motors: Any, title: str, period: float) -> Any:
+    """A figure of the responses of motors to a step; see `report.plots_motor.step_responses`."""
+    return import_module(_PICTURES).step_responses(motors, title, period)

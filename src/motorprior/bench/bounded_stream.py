@@ -1,0 +1,63 @@
+"""Position targets that cannot exceed bounds of amplitude A, speed V and acceleration W, by construction.
+
+A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
+
+    w  = soft((x_{k+1} - x_k) / dt + RETURN·(x_k - s_k), U)         |w| <= U
+    v' = v + soft(w - v, B·dt)                                      |v'| <= U, |v' - v| <= B·dt
+    s' = s + dt·v'
+    q  = soft(s, A)                                                 |q| < A
+
+`soft` is the identity up to half of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
+most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² + CURVE·(U·dt)²/A. With
+
+    U = min(V, √(W·A / (2·CURVE))),   B = W - CURVE·U²/A
+
+these are V·dt and W·dt². v' lies between v and w, since soft shrinks. Every step is differentiable: a generator is
+trained through it, so that it learns streams that the bounds do not distort.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+RETURN = 5.0  # rate at which s returns to x [1/s]
+CURVE = 1.5397  # maximum of |soft''| times its bound: 2·4/(3√3)
+
+
+class Bounds(NamedTuple):
+    """Bounds of n joints, arrays of the same shape."""
+
+    amplitude: Any  # [rad] from the centre of the motion
+    speed: Any  # [rad/s]
+    acceleration: Any  # [rad/s²]
+    torque: Any  # external torque [N·m]
+
+
+def soft(value: Any, bound: Any, xp: ModuleType = np) -> Any:
+    """``value`` up to half of the ``bound``, beyond that ±(bound/2)·(1 + tanh(|value| / (bound/2) - 1))."""
+    half = 0.5 * bound
+    over = xp.maximum(xp.abs(value) - half, 0.0)
+    return xp.clip(value, -half, half) + xp.sign(value) * half * xp.tanh(over / half)
+
+
+def step(state: tuple[Any, Any], raw: Any, following: Any, bounds: Bounds, dt: float, xp: ModuleType = np) -> Any:
+    """((s', v'), q) after a step from (s, v); see the module. ``xp`` is numpy or jax.numpy."""
+    position, velocity = state
+    amplitude = bounds.amplitude
+    speed = xp.minimum(bounds.speed, xp.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))
+    change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
+    wanted = soft((following - raw) / dt + RETURN * (raw - position), speed, xp)
+    velocity = velocity + soft(wanted - velocity, change, xp)
+    position = position + dt * velocity
+    return (position, velocity), soft(position, amplitude, xp)
+
+
+def bounded(raw: np.ndarray, bounds: Bounds, dt: float) -> np.ndarray:
+    """(steps, n) bounded targets [rad] that follow ``raw`` (steps + 1, n) from rest at its first row."""
+    state, out = (raw[0], np.zeros_like(raw[0])), np.empty_like(raw[1:])
+    for row in range(len(out)):
+        state, out[row] = step(state, raw[row], raw[row + 1], bounds, dt)
+    return out

@@ -1,0 +1,111 @@
+"""Learn an excitation from runs of a robot, and plan what to play next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import atomic_path
+from motorprior.bench.bounded_stream import Bounds
+from motorprior.bench.excitation import Streams
+from motorprior.bench.learned_excitation import LearnedExcitation
+from motorprior.bounds import require_number
+from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
+from motorprior.identification.excitation.plan import active
+from motorprior.logs.load_log import load_log
+from motorprior.logs.loads import with_torque_balance
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import SILENT, Progress
+from motorprior.robots.load import load_robot
+
+
+@dataclass(frozen=True)
+class Excite:
+    """Learn an excitation that looks like runs of a robot; play it with `bench` or `record`."""
+
+    runs: tuple[Path, ...]
+    """Logs in any format of docs/logs.md: recordings of `deploy` and `record`, logs of `simulate`, imported logs."""
+    out: Path
+    """File to write (.safetensors)."""
+    play: str = "generated"
+    """generated (adversarial network), surrogate (Gaussian process with the runs' spectrum and marginals) or recorded
+    (windows of the runs)."""
+    robot: str | None = None
+    """Robot of the runs: a shipped one by name, or a .toml file; gives the loads of runs with torques, and bounds."""
+    columns: str | None = None
+    """Column map of tables, as in `logs import`."""
+    suspended: bool = False
+    """The robot was suspended or has a fixed base: compute the loads from its model."""
+    commands: tuple[float, ...] = ()
+    """Commanded speed of each run [m/s], if known."""
+    max_speed: float | None = None
+    """Bound of the targets' speed [rad/s]; 1.25 times the runs' if not given. The robot's own limit holds as well."""
+    max_torque: float | None = None
+    """Bound of external torques [N·m], for a bench; 1.25 times the runs' if not given."""
+    steps: int = STEPS
+    """Training steps of the network."""
+    plan: Path | None = None
+    """Prior (.safetensors): keep the windows that shrink its posterior most, and report what they identify."""
+    csv: float = 0.0
+    """Duration of targets and external torques of every joint class that are also written as .csv [s]."""
+    seed: int = 0
+    """Of training and streams."""
+
+
+def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
+    """Fit, plan, write.
+
+    Raises:
+        ConfigError, LogError, ArtifactError: settings out of range, or files that cannot be used.
+    """
+    require_number("csv", config.csv)
+    for name in ("max_speed", "max_torque"):
+        if getattr(config, name) is not None:
+            require_number(name, getattr(config, name), positive=True)
+    robot = load_robot(config.robot) if config.robot else None
+    logs = [_with_loads(config, path, progress) for path in config.runs]
+    period = robot.control_dt if robot else 0.01
+    found = fit_excitation(
+        logs, config.play, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
+        out=config.out, progress=progress,
+    )  # fmt: skip
+    speed = robot.wire.safety.target_speed if robot and robot.wire else inf
+    found = found.within(Bounds(inf, min(speed, config.max_speed or inf), inf, config.max_torque or inf))
+    if config.plan is not None:
+        found, plans = active(found, MotorPrior.load(config.plan), config.seed)
+        for plan in plans:
+            shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
+            progress.note(
+                f"{plan.joint_class}: play {plan.seconds:.1f} s; makes identifiable: "
+                f"{', '.join(plan.made_identifiable) or 'nothing more'} (1 σ of the logarithm: {shrunk})"
+            )
+    found.save(config.out)
+    for name, bounds in zip(found.classes, found.bounds.tolist(), strict=True):
+        limits = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
+        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {limits}")
+    if config.csv:
+        _write_csv(found, config.out.with_suffix(".csv"), config.csv, config.seed)
+    return found
+
+
+def _with_loads(config: Excite, path: Path, progress: Progress) -> MotorLog:
+    log = load_log(path, columns=config.columns, robot=config.robot, suspended=config.suspended, progress=progress)
+    if log.external_torque is None and log.joint_torque is not None and config.robot:
+        return with_torque_balance(log, load_robot(config.robot))
+    if log.external_torque is None:
+        progress.note(f"{path}: no loads; only position targets are learned from it")
+    return log
+
+
+def _write_csv(found: LearnedExcitation, path: Path, seconds: float, seed: int) -> None:
+    """Columns time [s], and per class position_target [rad] and external_torque [N·m], a row per control period."""
+    streams = found.streams(np.random.default_rng(seed), round(seconds / found.period), found.period, found.classes)
+    names = [f"{channel}/{name}" for channel in Streams._fields[:2] for name in found.classes]
+    time = found.period * np.arange(len(streams.position_target))
+    with atomic_path(path) as temporary:
+        table = np.column_stack([time, streams.position_target, streams.external_torque])
+        np.savetxt(temporary, table, "%.6g", ",", header=",".join(["time", *names]), comments="")

@@ -1,0 +1,60 @@
+"""Write motors of a prior or posterior for another simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exports.registry import Exported, export
+from motorprior.exports.replay import as_mrad
+from motorprior.progress import SILENT, Progress
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write sampled motors for another simulator, and measure what the format loses."""
+
+    motors_of: Path
+    """Prior, or posterior with --prior."""
+    out: Path
+    """Folder for the files."""
+    format: str
+    """bam, card, mjcf, mjcf-detailed or table (docs/export.md)."""
+    motors: int = 1
+    """Number of samples; formats with an MJCF write as many variants of it."""
+    seed: int = 0
+    """Seed of the samples."""
+    prior: Path | None = None
+    """The prior that a posterior belongs to."""
+    model: Path | None = None
+    """Your MJCF, for mjcf and mjcf-detailed."""
+    joints: tuple[str, ...] = ()
+    """Names of the joints; those of the prior or posterior if not given."""
+
+
+def run_export(config: Export, progress: Progress = SILENT) -> Exported:
+    """Write the files, and report the loss.
+
+    Raises:
+        ArtifactError, ConfigError: as `export`.
+    """
+    source = _source(config)
+    found = export(
+        source, config.format, config.out, motors=config.motors, seed=config.seed, model=config.model,
+        joints=config.joints,
+    )  # fmt: skip
+    progress.note(f"{len(found.files)} files in {config.out}")
+    if found.losses:
+        progress.note(f"RMSE against the learned motors: {as_mrad(found.losses)}")
+    if found.not_expressed:
+        lost = ", ".join(f"{name} (median {value:.3g})" for name, value in found.not_expressed.items())
+        progress.note(f"not expressed by the format: {lost}")
+    return found
+
+
+def _source(config: Export) -> MotorPrior | MotorPosterior:
+    if config.prior is None:
+        return MotorPrior.load(config.motors_of)
+    return MotorPosterior.load(config.motors_of, MotorPrior.load(config.prior))

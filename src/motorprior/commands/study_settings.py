@@ -1,0 +1,156 @@
+"""Settings of the transfer study."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from motorprior.bench.fleet import load_fleet, load_robot_fleet
+from motorprior.bounds import require_count
+from motorprior.exceptions import ConfigError
+from motorprior.locomotion.command import Commands
+from motorprior.locomotion.executor import Kind, require_executor
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.motors import simulated_motors
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
+from motorprior.studies.summary import CONDITIONS, FROZEN
+
+VALIDATION = "validation"  # population of the validation fleet
+_VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Train on each model of a bench's motors, with several seeds, and evaluate on held-out robots."""
+
+    out: Path
+    """Run folder."""
+    fleet: str | None = None
+    """Population of the bench's motors and of the environment `fleet`; the robot's own if not given."""
+    foreign: str = "foreign_direct"
+    """Out-of-family population, of the environments `foreign` and `hard`."""
+    conditions: tuple[str, ...] = CONDITIONS
+    """Training conditions: those of docs/transfer.md, or other motors, as of `walk`."""
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
+    """Environments of the evaluation, some of those of docs/transfer.md."""
+    benches: int = 4
+    """Benches, each with its own motors, robots, floors and pushes: with the seed `seed` and the following ones."""
+    seeds: int = 4
+    """Policies per condition and bench."""
+    draws: int = 32
+    """Walks of each policy per environment."""
+    robots: int | None = None
+    """Robots of each population with an adapted prior and PD; policy k is adapted to robot k modulo this number; one
+    per policy if not given."""
+    seconds: float = 10.0
+    """Duration of a walk [s]."""
+    speed: float | None = None
+    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
+    lower speeds the plain gait walks on any motors."""
+    iterations: int = 40
+    """ARS iterations per policy."""
+    directions: int = 14
+    """Directions per iteration; the better half of them is used."""
+    validation: str | None = None
+    """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the randomised PD and
+    the share of the adapted prior are selected; no test environment uses it. The first of the robot's other fleets if
+    not given."""
+    pd_range: float | None = None
+    """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
+    prior_share: float | None = None
+    """Share of the prior's standard deviation that the adapted prior's motors have in addition to the posterior's [-];
+    selected on the validation fleet if not given."""
+    motors: int = 32
+    """Motors on the bench."""
+    bench_steps: int = 10_000
+    """Samples per motor."""
+    adam_steps: int | None = None
+    """Adam steps of each identification; the preset's own number if not given."""
+    seed: int = 0
+    """Seed of the first bench and its priors; policies of different benches share no search seed."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Policies at a time; with the executor ray, walks of one policy at a time. The result does not depend on it."""
+    executor: Kind = "threads"
+    """Threads of this process, or walks on Ray's processes."""
+    ray_address: str | None = None
+    """A running Ray cluster to join, with the executor ray."""
+
+    @property
+    def commanded(self) -> float:
+        """Commanded speed [m/s]. The maximum is that of the robot, not of a policy, which has its own range."""
+        return 1.5 * load_robot(self.robot).require_legs().forward[1] if self.speed is None else self.speed
+
+    @property
+    def commands(self) -> Commands:
+        """Commands of every episode."""
+        return Commands.steady(self.commanded)
+
+    def fleet_of(self, population: str) -> str | None:
+        """The fleet of a population."""
+        if population == VALIDATION:
+            return self.validation_fleet(load_robot(self.robot))
+        return self.foreign if population == OUT_OF_FAMILY else self.fleet
+
+    def robot_of(self, seed: int) -> int:
+        """Number of the robot that the adapted policies of a seed walk on."""
+        return seed % self.robots if self.robots else seed
+
+    def of_benches(self) -> list[Study]:
+        """The settings of every bench, with its folder and its seed."""
+        benches: list[Study] = []
+        for seed in range(self.seed, self.seed + self.benches):
+            benches.append(replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1))
+        return benches
+
+    def validation_fleet(self, robot: Robot) -> str | None:
+        """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
+        if self.validation is not None:
+            return self.validation
+        used = {load_robot_fleet(robot, self.fleet).name, load_robot_fleet(robot, self.foreign, "foreign").name}
+        others = (name for name in _VALIDATION_FLEETS if name not in used and load_fleet(name).robot == robot.name)
+        return next(others, None)
+
+    @property
+    def episodes_at_a_time(self) -> int:
+        """Walks of one policy at a time; one per thread."""
+        return self.workers if self.executor == "ray" else 1
+
+    def require_valid(self) -> None:
+        """Check the settings; raises `ConfigError`, which names the invalid one."""
+        robot = load_robot(self.robot)
+        for name in (name for name in self.conditions if name not in (*CONDITIONS, *FROZEN)):
+            try:
+                simulated_motors(name, robot)
+            except ConfigError as error:
+                remedy = f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`"
+                raise ConfigError(f"no condition {name!r}", argument="conditions", remedy=remedy) from error
+        if unknown := set(self.environments) - set(ENVIRONMENTS):
+            remedy = f"use some of {', '.join(ENVIRONMENTS)}"
+            raise ConfigError(f"no environments {sorted(unknown)}", argument="environments", remedy=remedy)
+        robot.require_legs()
+        for name in ("benches", "seeds", "draws", "iterations", "workers"):
+            require_count(name, getattr(self, name))
+        require_count("motors", self.motors, robot.num_joints)
+        require_executor(self.executor, self.ray_address)
+        validation = self.validation_fleet(robot)
+        used = {load_robot_fleet(robot, self.fleet).name, load_robot_fleet(robot, self.foreign, "foreign").name}
+        if len(used) < 2 or (validation and load_robot_fleet(robot, validation, "validation").name in used):
+            problem = "fleet, foreign and validation must be three different fleets"
+            raise ConfigError(problem, argument="foreign", remedy="change one of them")
+        if validation is None and self.to_select():
+            problem = f"no fleet of {robot.name!r} to select {', '.join(self.to_select())} on"
+            raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or these numbers")
+
+    def to_select(self) -> dict[str, str]:
+        """Setting that is selected on the validation fleet -> its condition."""
+        settings = {"pd_range": "random_pd", "prior_share": "adapted_prior"}
+        return {
+            setting: name
+            for setting, name in settings.items()
+            if name in self.conditions and getattr(self, setting) is None
+        }

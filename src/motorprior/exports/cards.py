@@ -1,0 +1,65 @@
+"""Motor cards: a prior with a page about it. The package ships cards of motors whose public logs allow it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+
+from motorprior.actuator.constants import COLUMNS
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import write_text
+from motorprior.exceptions import ArtifactError
+
+PRIOR, PAGE = "prior.safetensors", "README.md"
+_LIBRARY = files("motorprior.exports") / "library"
+
+
+def shipped_cards() -> tuple[str, ...]:
+    """Names of the cards in the package."""
+    return tuple(sorted(card.name for card in _LIBRARY.iterdir() if (card / PRIOR).is_file()))
+
+
+def from_pretrained(name: str | Path) -> MotorPrior:
+    """The prior of a motor card: a shipped one by name (`shipped_cards`), or your folder.
+
+    Raises:
+        ArtifactError: neither a shipped card nor a folder with a prior.
+    """
+    folder = Path(name) if Path(name).is_dir() or str(name) not in shipped_cards() else Path(str(_LIBRARY / str(name)))
+    if not (folder / PRIOR).is_file():
+        remedy = f"give a folder with {PRIOR}, or one of {', '.join(shipped_cards())}"
+        raise ArtifactError("no motor card", where=name, remedy=remedy)
+    return MotorPrior.load(folder / PRIOR)
+
+
+def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None) -> list[Path]:
+    """Write a card.
+
+    Args:
+        prior: the prior.
+        folder: for prior.safetensors and README.md.
+        about: more lines of the front matter, such as licence, data, held-out error and limits.
+    """
+    prior.save(folder / PRIOR)
+    write_text(folder / PAGE, _page(prior, about or {}))
+    return [folder / PRIOR, folder / PAGE]
+
+
+def _page(prior: MotorPrior, about: Mapping[str, str | float]) -> str:
+    gains = "absolute" if not prior.model.gain_unit else f"multiples of the logged gains [{prior.model.gain_unit}]"
+    front: dict[str, str | float] = {
+        "robot": prior.robot, "motor": prior.motor, "training_motors": len(prior.mean),
+        "joints": ", ".join(prior.joint_names) or "bench", "gains": gains, "period_s": prior.model.period,
+        **{name: value for name, value in prior.metrics.items() if name in ("replay_rmse", "minutes_of_log")}, **about,
+    }  # fmt: skip
+    lines = ["---", *(f"{name}: {_yaml(value)}" for name, value in front.items()), "---", "", f"# {prior.motor}", ""]
+    lines += [f'`mp.from_pretrained("{prior.robot}").sample(n, seed=0)` samples n of these motors.', ""]
+    lines += [*(f"- {line}" for line in prior.spread_notes()), ""]
+    rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants().cells]
+    lines += ["Constants of sampled motors, with quantiles:", "", *(f"| {' | '.join(row)} |" for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _yaml(value: str | float) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value)

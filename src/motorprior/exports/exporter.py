@@ -1,0 +1,129 @@
+"""What a format of exported motors is: the interface of a format, and the sample of motors that is exported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from motorprior import __version__
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import SIGNED, parameters_of
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.optional_terms import COLD
+from motorprior.bench.dynamometer import Trial
+from motorprior.exceptions import ConfigError
+
+Constants: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
+MIN_CONSTANT = 1e-9  # of a constant that is 0: decoders have its logarithm
+
+
+@dataclass(frozen=True)
+class MotorSample:
+    """K robots of J sampled motors."""
+
+    source: MotorPrior | MotorPosterior
+    robots: tuple[GreyBoxActuator, ...]  # K
+    joint_names: tuple[str, ...]  # J
+    seed: int
+    carried: np.ndarray  # (K, J) mean absolute torque in the gear on a leg (`replay.carried`) [N·m]
+
+    @property
+    def prior(self) -> MotorPrior:
+        """The prior of the motors."""
+        return self.source.prior if isinstance(self.source, MotorPosterior) else self.source
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Optional terms of the motors."""
+        return self.robots[0].model.motor.terms
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp, and ``carried``."""
+        each = [with_kd(robot.constants()) for robot in self.robots]
+        return {name: np.stack([values[name] for values in each]) for name in each[0]} | {"carried": self.carried}
+
+    def bank(self) -> GreyBoxActuator:
+        """K·J motors, the K samples of a joint one after the other."""
+        first, gains = self.robots[0], [robot.gains for robot in self.robots if robot.gains is not None]
+        z = np.stack([robot.z for robot in self.robots], axis=1).reshape(-1, first.z.shape[1])
+        return replace(first, z=z, gains=np.stack(gains, axis=2).reshape(2, -1) if gains else None)
+
+    def provenance(self) -> dict[str, object]:
+        """Origin of the motors, for the files of every format."""
+        return {
+            "version": __version__, "prior_sha256": self.prior.sha256(), "robot": self.prior.robot,
+            "motor": self.prior.motor, "seed": self.seed, "joint_names": list(self.joint_names),
+            "distribution": "posterior" if isinstance(self.source, MotorPosterior) else "prior",
+            "spread": self.prior.spread_notes(),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to write, and where."""
+
+    sample: MotorSample
+    out: Path
+    model: Path | None = None  # the user's MJCF
+    losses: Mapping[str, float] = field(default_factory=dict)  # `replay.losses` by load [rad]
+    not_expressed: Mapping[str, float] = field(default_factory=dict)  # median value by constant
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A format; the EXPORTER of a module in `exports.formats`."""
+
+    name: str  # of the option --format
+    title: str  # for messages
+    drops: tuple[str, ...]  # constants that the format cannot express
+    write: Callable[[Request], list[Path]]  # writes the files and returns them
+    # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors; None: the format loses nothing
+    replay: Callable[[Constants, Trial], np.ndarray] | None = None
+    drops_terms: bool = True  # whether it lacks the optional terms
+    needs_model: bool = False  # whether it changes the user's MJCF
+
+
+def sampled(
+    source: MotorPrior | MotorPosterior, motors: int, seed: int, joint_names: tuple[str, ...], gains: np.ndarray | None
+) -> MotorSample:
+    """K robots of motors at these joints.
+
+    Raises:
+        ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
+    """
+    rng = np.random.default_rng(seed)
+    of = source.classes_at(joint_names) if isinstance(source, MotorPrior) else len(joint_names)
+    robots = tuple(source.sample(of, rng, gains) for _ in range(motors))
+    boxes = tuple(robot for robot in robots if isinstance(robot, GreyBoxActuator))
+    if len(boxes) < len(robots):
+        remedy = "identify with preset rollout"
+        raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
+    return MotorSample(source, boxes, joint_names, seed, np.zeros((motors, len(joint_names))))
+
+
+def with_kd(values: Constants) -> dict[str, np.ndarray]:
+    """The constants with kd = kp·kd_over_kp [N·m·s/rad] in place of kd_over_kp."""
+    others = {name: value for name, value in values.items() if name != "kd_over_kp"}
+    return others | {"kd": values["kp"] * values["kd_over_kp"]}
+
+
+def motors_of(values: Constants, terms: tuple[str, ...] = (), period: float = 0.002) -> GreyBoxActuator:
+    """Motors with the constants (n,) by name, kd instead of kd_over_kp; largest physics step ``period`` [s].
+
+    A constant that is 0 becomes MIN_CONSTANT.
+    """
+    values = {**values, "kd_over_kp": values["kd"] / values["kp"]}
+    columns = [
+        np.asarray(values[name]) / SIGNED[name] if name in SIGNED else np.log(np.maximum(values[name], MIN_CONSTANT))
+        for name in parameters_of(terms)
+    ]
+    raw = np.stack(np.broadcast_arrays(*columns), axis=-1).reshape(-1, len(columns))
+    center = raw.mean(axis=0)
+    model = GreyBox(GearedMotor(center, np.eye(len(columns)), terms), period)
+    return GreyBoxActuator(model, raw - center, COLD)

@@ -1,0 +1,116 @@
+"""Motors of a prior or posterior as an actuator of mjlab 1.6 (extra ``mjlab``).
+
+    cfg.scene.entities["robot"].articulation.actuators = (
+        MotorPriorActuatorCfg(target_names_expr=(".*_joint",), source=mp.from_pretrained(NAME)),
+    )
+    cfg.events["motors"] = per_world_damping()
+
+Every reset of an environment gives each of its joints another sample. Torques go to the engine as controls, the damping
+of the gears to ``dof_damping`` of each world, which the engine integrates implicitly. mjlab resets actuators before it
+moves the joints, so the motors restart at the first step after a reset, at the angles of that time.
+"""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# mjlab, torch and Warp are optional dependencies.
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+import warp as wp
+from mjlab.actuator import Actuator, ActuatorCfg, ActuatorCmd
+from mjlab.managers.event_manager import EventTermCfg, requires_model_fields
+from mjlab.utils.spec import create_motor_actuator
+
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exceptions import ConfigError
+from motorprior.exports.exporter import sampled
+from motorprior.exports.warp_motors import WarpMotors
+
+
+@dataclass(kw_only=True)
+class MotorPriorActuatorCfg(ActuatorCfg):
+    """Motors with rotor, play, friction, delay and servo of their own: the engine's are switched off."""
+
+    source: MotorPrior | MotorPosterior
+    """Distribution of the motors; a posterior of all joints has their order, that of one motor is for every joint."""
+    samples: int = 1024
+    """Motors per joint that resets choose from."""
+    seed: int = 0
+    """Seed of these motors."""
+    gains: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    """kp and kd per joint, for priors of logged gains; see `MotorPrior.sample`."""
+    armature: float | None = 0.0
+    frictionloss: float | None = 0.0
+    viscous_damping: float | None = 0.0
+
+    def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> MotorPriorActuator:
+        """The actuator of one entity; mjlab calls it."""
+        return MotorPriorActuator(self, entity, target_ids, target_names)
+
+
+class MotorPriorActuator(Actuator):
+    """E worlds of J motors, motor e·J + j in Warp."""
+
+    def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
+        """Add a torque actuator per joint, without limit: the motors have theirs."""
+        passive = {name: getattr(self.cfg, name) for name in ("armature", "frictionloss", "viscous_damping")}
+        for name in target_names:
+            self._mjs_actuators.append(create_motor_actuator(spec, name, effort_limit=1e6, **passive))
+
+    def initialize(self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str) -> None:
+        """Sample the motors; ConfigError if their gears cannot be resolved at the model's physics step."""
+        super().initialize(mj_model, model, data, device)
+        cfg, names = self.cfg, tuple(self.target_names)
+        gains = None if cfg.gains is None else np.array(cfg.gains)
+        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains).bank()
+        self._model, self._worlds, self._device = model, data.nworld, device
+        shape = self._worlds, len(names)
+        self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)
+        self._dofs = self.entity.indexing.joint_v_adr[self.target_ids].long()
+        self._torque = wp.to_torch(self._motors.torque).view(shape)
+        self._damping = wp.to_torch(self._motors.damping).view(shape)
+        self._first = cfg.samples * torch.arange(shape[1], device=device, dtype=torch.int32).repeat(shape[0], 1)
+        self._chosen = self._first.clone()
+        self._waiting = torch.ones(shape, dtype=torch.bool, device=device)
+        self.reset()
+
+    def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
+        """Choose other motors for some worlds, which start at their next step."""
+        super().reset(env_ids)
+        rows = slice(None) if env_ids is None else env_ids
+        drawn = torch.randint_like(self._first, self.cfg.samples) + self._first
+        self._chosen[rows] = drawn[rows]
+        self._waiting[rows] = True
+
+    def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
+        """(E, J) torque [N·m] of the coming physics step; writes the damping of every world."""
+        target, pos, vel = (_flat(each) for each in (cmd.position_target, cmd.pos, cmd.vel))
+        mask, chosen = wp.from_torch(self._waiting.view(-1)), wp.from_torch(self._chosen.view(-1))
+        self._motors.reset(mask, chosen, pos, pos)
+        self._waiting.fill_(False)
+        self._motors.step(target, pos, vel)
+        damping = self._model.dof_damping
+        if damping.wp_array.shape[0] != self._worlds:  # the tensor is expanded to all worlds
+            remedy = 'add cfg.events["motors"] = per_world_damping()'
+            raise ConfigError("all worlds share one dof_damping", remedy=remedy)
+        damping[:, self._dofs] = self._damping  # mjlab shows the model's arrays as tensors
+        return self._torque
+
+
+def _flat(values: torch.Tensor) -> Any:
+    return wp.from_torch(values.float().contiguous().view(-1))
+
+
+@requires_model_fields("dof_damping")
+def _expand(env: Any, env_ids: torch.Tensor | None) -> None:
+    """Only the decorator counts: it gives every world a damping of its own."""
+
+
+def per_world_damping() -> EventTermCfg:
+    """The start-up event that gives every world a ``dof_damping`` of its own."""
+    return EventTermCfg(func=_expand, mode="startup")

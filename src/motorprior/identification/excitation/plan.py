@@ -1,0 +1,129 @@
+"""What to play next: the windows of an excitation that shrink the posterior of a fitted motor most.
+
+A window w of free runs adds the information Λ_w = N/T·G_w, with G the Gauss-Newton matrix of the loss, N its runs and T
+the mean loss of the fit (see `motor_fit`). Windows are chosen one after the other to maximise
+
+    log det(I + Σ Λ_w),   greedily, which is within 1 - 1/e of the best set (the objective is submodular).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.dynamometer import Trial, bench_names, run
+from motorprior.bench.learned_excitation import LearnedExcitation
+from motorprior.bench.stream_makers import SUB
+from motorprior.exceptions import ConfigError
+from motorprior.identification.physics.motor_problem import motor_search
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import recipe_of
+from motorprior.identification.training_data.windows import training_data, with_window_that_fits
+from motorprior.logs.motor_log import MotorLog
+
+CANDIDATES = 64  # windows of each class to choose from
+ENOUGH = 1.1  # standard deviations, over those after all candidates, at which more seconds do not pay
+IDENTIFIED = 0.1  # standard deviation of the logarithm of an identifiable constant
+_NUDGE = 0.05  # of z, for the derivatives of constants
+
+
+@dataclass(frozen=True)
+class Plan:
+    """For one joint class: seconds to play, and what they do to the standard deviations of constants' logarithms."""
+
+    joint_class: str
+    seconds: float
+    before: dict[str, float]
+    after: dict[str, float]
+    windows: np.ndarray  # (n,) indices of the candidates, the most informative first
+
+    @property
+    def made_identifiable(self) -> list[str]:
+        """Constants that the seconds make identifiable."""
+        return [n for n, after in self.after.items() if after < IDENTIFIED <= self.before[n]]
+
+
+def active(
+    excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = CANDIDATES
+) -> tuple[LearnedExcitation, list[Plan]]:
+    """The chosen windows of every class, played by themselves, and the plans.
+
+    Raises ConfigError for a prior that is no grey box, since it has no constants.
+    """
+    model, rng = prior.model, np.random.default_rng([seed, 59])
+    if not isinstance(model, GreyBox):
+        raise ConfigError(f"a {prior.preset} prior", remedy="identify one with preset rollout", argument="plan")
+    frames, plans, kept = excitation.windows.shape[1], [], []
+    for index, name in enumerate(excitation.classes):
+        which = np.full(candidates, index)
+        target, torque = excitation.frames(rng, frames, which)
+        low, high = np.log(excitation.load_inertia[index])
+        inertia = np.exp(rng.uniform(low, high, candidates))
+        trial = Trial(np.repeat(target, SUB, axis=0), torque, inertia, excitation.period / SUB)
+        added = information(prior, model, trial, name)
+        plans.append(_plan(name, model, added, frames * excitation.period))
+        windows = np.concatenate([target.T[..., None], torque.T.reshape(candidates, frames, SUB)], axis=2)
+        kept.append(windows[plans[-1].windows])
+    of_class = np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
+    chosen = np.concatenate(kept)
+    rest = np.zeros(len(chosen))
+    made = replace(excitation, play="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
+    return made, plans
+
+
+def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: str) -> np.ndarray:
+    """(n, K, K) information about z of the mean motor of a class of joints from each joint of a bench trial."""
+    count, rows = len(trial.load_inertia), len(trial.position_target)
+    motors = prior.sample((joint_class,) * count, 0, spread=0.0)
+    response, gains = run(motors, trial), motors.gains if isinstance(motors, GreyBoxActuator) else None
+    log = MotorLog(
+        time=np.arange(rows) * trial.dt, position_target=trial.position_target, joint_pos=response.joint_pos,
+        joint_vel=response.joint_vel, joint_torque=response.joint_torque, external_torque=trial.external_torque,
+        load_inertia=np.tile(trial.load_inertia, (rows, 1)), joint_names=bench_names(count), robot=prior.robot,
+        motor=prior.motor, source="candidates",
+    )  # fmt: skip
+    if gains is not None:
+        kp, kd = np.repeat(gains[:, None], rows, axis=1)
+        log = replace(log, stated_kp=kp, stated_kd=kd, gain_unit=model.gain_unit)
+    preset = with_window_that_fits(recipe_of(prior), log)
+    search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
+    z = prior.classes.moments((joint_class,) * count)[0]
+    return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
+
+
+def greedy(added: np.ndarray, count: int) -> list[int]:
+    """Indices of ``count`` matrices (n, K, K) whose sum with the identity has a large determinant, in order."""
+    total, chosen = np.eye(added.shape[1]), []
+    for _ in range(count):
+        gains = np.linalg.slogdet(total + added)[1]
+        gains[chosen] = -np.inf
+        chosen.append(int(np.argmax(gains)))
+        total = total + added[chosen[-1]]
+    return chosen
+
+
+def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:
+    slopes = _slopes(model)
+
+    def deviations(total: np.ndarray) -> dict[str, float]:
+        covariance = np.linalg.inv(np.eye(len(total)) + total)
+        return {key: float(np.sqrt(slope @ covariance @ slope)) for key, slope in slopes.items()}
+
+    order = greedy(added, len(added))
+    sums = np.cumsum(added[order], axis=0)
+    after = [deviations(total) for total in sums]
+    mean = np.array([np.mean(list(each.values())) for each in after])
+    enough = int(np.argmax(mean <= ENOUGH * mean[-1]))
+    before = deviations(np.zeros_like(sums[0]))
+    return Plan(name, (enough + 1) * seconds, before, after[enough], np.array(order[: enough + 1]))
+
+
+def _slopes(model: GreyBox) -> dict[str, np.ndarray]:
+    """Derivatives of the logarithm of each positive constant of the central motor by z."""
+    nudges = _NUDGE * np.concatenate([np.eye(model.num_latents), -np.eye(model.num_latents)])
+    values = {name: np.asarray(value) for name, value in model.constants(nudges).items()}
+    logs = {name: np.log(value) for name, value in values.items() if np.all(value > 0.0)}
+    return {name: (v[: len(v) // 2] - v[len(v) // 2 :]) / (2 * _NUDGE) for name, v in logs.items()}

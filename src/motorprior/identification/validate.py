@@ -1,0 +1,138 @@
+"""Validate a prior on a log: errors of its motors and of baselines on held-out rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bounds import require_count, require_seed
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification.adapt import adapt_to, note_training_log
+from motorprior.identification.evaluation.errors import MAX_ERROR, PRIOR, TUNED_PD, LogErrors, log_warnings
+from motorprior.identification.evaluation.free_runs import (
+    WHOLE_RUN,
+    MotorModel,
+    Trace,
+    free_run_errors,
+    free_runs,
+    traces,
+)
+from motorprior.identification.evaluation.log_tables import error_results
+from motorprior.identification.fit_prior import trained_on
+from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
+from motorprior.identification.presets import recipe_of
+from motorprior.identification.prior_file import require_adaptable
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
+from motorprior.logs.splits import first_and_rest, train_test_halves
+from motorprior.progress import SHOWN, Progress
+from motorprior.results import Result, Results
+
+SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
+COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
+ADAPTED = "adapted"
+TRAINED_ON = "prior_was_trained_on_this_log"
+
+
+class Validation(NamedTuple):
+    """Errors, and what is drawn of them."""
+
+    results: Results
+    traces: list[Trace]
+    warnings: list[str]
+
+
+def validate(
+    prior: MotorPrior,
+    log: MotorLog,
+    *,
+    fitted_on: Sequence[MotorLog] = (),
+    seconds: float | None = None,
+    adam_steps: int | None = None,
+    seed: int = 0,
+    folder: Path | None = None,
+    progress: Progress = SHOWN,
+) -> Validation:
+    """Errors of a prior's motors and of baselines in free runs on the held-out rows of a log.
+
+    Args:
+        prior: of motors of this kind, from other logs.
+        log: with load_inertia and external_torque, at the prior's sample period.
+        fitted_on: other logs of the same motors: the prior is adapted to them, the baselines are fitted to them, and
+            the whole log is the test. If none is given, the log's first half is used for this.
+        seconds: use the log's first seconds [s] in place of its first half; not with ``fitted_on``.
+        adam_steps: of the pooled network; the preset's own number if not given.
+        seed: of the baselines' searches and weights.
+        folder: for the fits of the baselines, where they are reused.
+        progress: where to report to.
+
+    Returns:
+        ``free_run_rmse`` [rad] of free runs of 1 s and ``whole_run_rmse`` [rad] of free runs of whole segments: median
+        and mean over motors, and of each motor (``part``). Models: ADAPTED, the prior adapted to the training rows;
+        PRIOR, its motor of the same name or else its central motor; and the baselines of `log_baselines`, with an error
+        of 2π if they cannot be fitted. ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and
+        ``whole_run_coverage90`` of samples of the posterior and of z ~ N(0, I). TRAINED_ON: 1 if the prior was trained
+        on the log, so that the figures are not a test, otherwise 0.
+
+    Raises:
+        LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.
+        ArtifactError, ConfigError: a prior of another robot or without latents, or a number out of range.
+    """
+    from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
+
+    require_seed(seed)
+    if adam_steps is not None:
+        require_count("adam_steps", adam_steps)
+    require_adaptable(prior, log)
+    train, test = _train_and_test(log, fitted_on, seconds)
+    preset = recipe_of(prior)
+    note_training_log(prior, log, progress)
+    for line in log_warnings(test, preset):
+        progress.note(line)
+    runs = free_runs(test, preset)
+    baseline_recipes(train, preset)  # a log that is too short is an error before anything is fitted
+    with progress.start(f"adapt to {train.num_joints} motors", 1) as task:
+        posterior = adapt_to(prior, train)
+        task.advance()
+    models: dict[str, MotorModel] = {
+        ADAPTED: prior.model.motors(posterior.mean),
+        PRIOR: prior.model.motors(prior.predicted(test).mean),
+    }
+    baselines = fitted_baselines(train, preset, folder, adam_steps, seed, progress)
+    models |= {name: motors for name, motors in baselines.items() if motors is not None}
+    failed = {name: np.full((1, test.num_joints), MAX_ERROR) for name, motors in baselines.items() if motors is None}
+    results, errors = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))]), {}
+    with progress.start("free runs", len(runs)) as task:
+        for span, each in runs.items():
+            quantity = f"{span}_rmse"  # a key of SPANS
+            found = {name: values[None] for name, values in free_run_errors(each, models).items()}
+            errors[span] = LogErrors((test.source,), test.joint_names, found | failed)
+            results += error_results(errors[span], quantity, {"median": np.median, "mean": np.mean}).where(log=None)
+            results += Results.of(
+                Result(f"{COVERAGE[quantity]}{level}", "1", share, model)
+                for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
+                for level, share in log_coverage(prior, motors, each).items()
+            )
+            task.advance()
+    warnings = errors[WHOLE_RUN].warnings(ADAPTED)
+    for line in warnings:
+        progress.note(line)
+    drawn = traces(errors[WHOLE_RUN], ADAPTED, {test.source: runs[WHOLE_RUN]}, models, (TUNED_PD, PRIOR, ADAPTED))
+    return Validation(results, drawn, warnings)
+
+
+def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None) -> tuple[MotorLog, MotorLog]:
+    if seconds is not None and fitted_on:
+        raise ConfigError("seconds given together with fitted_on", remedy="omit one of them", argument="seconds")
+    if not fitted_on:
+        return train_test_halves(log) if seconds is None else first_and_rest(log, seconds)
+    train = joined(fitted_on)
+    if train.joint_names != log.joint_names:
+        problem = f"joints {', '.join(train.joint_names)}; {log.source} has {', '.join(log.joint_names)}"
+        raise LogError(problem, where=train.source, remedy="give logs of the same joints in the same order")
+    return replace(train, source=", ".join(dict.fromkeys(each.source for each in fitted_on))), log

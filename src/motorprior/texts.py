@@ -1,0 +1,78 @@
+"""Summaries of objects for people: a headline, facts and a table, as text and as HTML of notebooks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+MAX_LINES = 10  # of a repr
+_MAX_LETTERS = 160  # of a fact
+
+
+def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Aligned columns, the first to the left."""
+    cells = [list(columns), *map(list, rows)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(columns))]
+
+    def line(row: Sequence[str]) -> str:
+        first, *others = zip(row, widths, strict=True)
+        return "  ".join([first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]).rstrip()
+
+    return "\n".join([line(cells[0]), "  ".join("-" * width for width in widths), *map(line, cells[1:])])
+
+
+def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The same as an HTML table."""
+
+    def line(row: Sequence[str], tag: str) -> str:
+        return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><thead>{line(columns, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a person wants to know of an object."""
+
+    headline: str
+    facts: Mapping[str, str] = field(default_factory=dict)  # empty ones are left out
+    columns: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+    @property
+    def _lines(self) -> list[str]:
+        facts = [f"  {name}: {text[:_MAX_LETTERS]}" for name, text in self.facts.items() if text]
+        return [self.headline, *facts]
+
+    @property
+    def short(self) -> str:
+        """Headline and facts, in at most MAX_LINES lines."""
+        return "\n".join(self._lines[:MAX_LINES])
+
+    def __str__(self) -> str:
+        return "\n".join([*self._lines, *([text_table(self.columns, self.rows)] if self.rows else [])])
+
+    @property
+    def html(self) -> str:
+        """For notebooks."""
+        facts = "<br>".join(map(html.escape, self._lines))
+        return f"<p>{facts}</p>{html_table(self.columns, self.rows) if self.rows else ''}"
+
+
+class Described:
+    """Prints as its `overview`; its ``repr`` is the short form."""
+
+    def overview(self) -> Summary:
+        """What a person wants to know."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self.overview().short
+
+    def __str__(self) -> str:
+        return str(self.overview())
+
+    def _repr_html_(self) -> str:
+        return self.overview().html

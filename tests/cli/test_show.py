@@ -1,0 +1,30 @@
+"""`motorprior show` prints what a file holds."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.bench_folder import LOG
+
+
+def test_a_log_a_prior_a_posterior_a_policy_and_a_fleet_are_shown(
+    motorprior: Callable[..., Any], bench: Path, prior: Path, gait_walk: Path, tmp_path: Path
+):
+    shown = motorprior("show", prior)
+    assert shown.code == 0 and "gear_stiffness" in shown.out and "identifiable" in shown.out
+    assert shown.out.strip() == str(MotorPrior.load(prior))
+    log = motorprior("show", bench / LOG)
+    assert "motor log of" in log.out and "angle from [°]" in log.out
+    assert "walking policy" in motorprior("show", gait_walk / "policy.safetensors").out
+    assert "fleet 'pupper_v2'" in motorprior("show", "pupper_v2").out
+    of = MotorPrior.load(prior)
+    latents = of.model.num_latents
+    posterior = MotorPosterior(of, np.zeros((1, latents)), np.eye(latents)[None], ("pan",), 8.0, (0.4,))
+    posterior.save(tmp_path / "posterior.safetensors")
+    missing = motorprior("show", tmp_path / "posterior.safetensors")
+    assert missing.code == 2 and "--prior" in missing.err
+    assert "0.4 (pan)" in motorprior("show", tmp_path / "posterior.safetensors", "--prior", prior).out

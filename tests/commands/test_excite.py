@@ -1,0 +1,61 @@
+"""`excite` on logs, and what a bench and a robot make of its file."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.commands.bench import Bench, run_bench
+from motorprior.commands.excite import Excite, run_excite
+from motorprior.exceptions import LogError
+from motorprior.hardware.motions import excitation_targets
+from motorprior.logs.loads import with_torque_balance
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
+
+
+def suspended_run() -> MotorLog:
+    """Six seconds of all joints at rest but the knees, with torques."""
+    time = 0.002 * np.arange(3000)
+    knees = np.array([name.endswith("knee") for name in PUPPER_V2.joint_names])
+    target = PUPPER_V2.nominal_pose + 0.2 * knees * np.sin(2 * np.pi * 2.0 * time)[:, None]
+    speed = 0.2 * knees * 4.0 * np.pi * np.cos(2 * np.pi * 2.0 * time)[:, None]
+    return MotorLog(
+        time=time, position_target=target, joint_pos=target, joint_vel=speed, joint_torque=np.full_like(target, 0.1),
+        joint_names=PUPPER_V2.joint_names, robot="pupper_v2", motor="m", source="run",
+    )  # fmt: skip
+
+
+def test_the_torque_balance_closes():
+    log = suspended_run()
+    found = with_torque_balance(log, PUPPER_V2)
+    assert found.load_inertia is not None and found.external_torque is not None
+    assert log.joint_vel is not None
+    acceleration = np.gradient(log.joint_vel, log.time, axis=0)
+    assert found.load_inertia * acceleration == pytest.approx(found.external_torque + 0.1)
+    assert np.all(found.load_inertia > 1e-5)
+    with pytest.raises(LogError, match="records currents"):
+        with_torque_balance(replace(log, joint_torque=None), PUPPER_V2)
+
+
+def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Path):
+    write_log(tmp_path / "run.parquet", suspended_run())
+    out = tmp_path / "walk.safetensors"
+    found = run_excite(Excite((tmp_path / "run.parquet",), out, "recorded", robot="pupper_v2", max_torque=0.5, csv=2.0))
+    assert found.classes == ("knee",) and found.bounds[0, 3] <= 0.5
+    table = np.loadtxt(tmp_path / "walk.csv", delimiter=",", skiprows=1)
+    assert table.shape == (200, 3) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]
+
+    run_bench(Bench(tmp_path / "bench", excitation=out, motors=2, steps=1500))
+    log = read_parquet(tmp_path / "bench" / "log.parquet")
+    assert log.load_inertia == pytest.approx(found.load_inertia[0, 0])  # all knees have the same
+    assert 0.05 < log.position_target.std() < 0.2
+
+    joints = range(PUPPER_V2.num_joints)
+    targets = excitation_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=2.0, seed=0)
+    away = targets - PUPPER_V2.nominal_pose
+    assert 0.05 < np.abs(away).max() <= 0.1 + 1e-9
+    assert np.abs(np.diff(targets, axis=0)).max() <= 2.0 * PUPPER_V2.control_dt + 1e-9
+    assert np.all(targets[[0, -1]] == PUPPER_V2.nominal_pose)

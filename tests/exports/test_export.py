@@ -1,0 +1,240 @@
+"""Exports of motors: what each format says, what it loses, and that the user's file is otherwise untouched."""
+
+# pyright: reportAttributeAccessIssue=false, reportMissingImports=false
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import motorprior as mp
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exports.bam_law import BamMotor, read_motor
+from motorprior.exports.cards import shipped_cards
+from motorprior.exports.exporter import motors_of, with_kd
+from motorprior.exports.registry import find_exporters
+from motorprior.signals import rms
+
+CENTRAL = {
+    "kp": 9.0, "kd_over_kp": 0.09, "velocity_filter": 0.005, "delay": 0.006, "torque_limit": 1.5, "armature": 0.003,
+    "coulomb": 0.1, "stribeck_torque": 0.005, "viscous_damping": 0.005, "load_friction": 0.1, "gear_stiffness": 80.0,
+    "backlash": 0.008, "gear_damping": 0.02, "encoder_zero": 1.0,
+}  # fmt: skip
+# comments, classes, odd spaces, a second actuator and a default that must stay
+MODEL = """<?xml version="1.0"?>
+<mujoco model="arm"> <!-- keep > me -->
+  <compiler angle="radian"   autolimits="true"/>
+  <default><joint damping="7"/> <default class="big"><motor ctrlrange="-1 1"/></default></default>
+  <worldbody>
+    <body name="upper" pos="0 0 1" quat="0.8 0.6 0 0">
+      <joint name="shoulder"   axis="0 1 0" armature='0.5' range="-2 2" /><!-- shoulder -->
+      <geom type="capsule" fromto="0 0 0 0 0 -0.12" size="0.01" mass="0.5"/>
+      <body name="fore" pos="0 0 -0.12">
+        <joint name="elbow" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.1" size="0.01" mass="0.2"/>
+        <body name="hand" pos="0 0 -0.1"><joint name="wrist" axis="0 0 1"/><geom size="0.01"/></body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="first" class="big" joint="shoulder"/>
+    <position name="last" joint="wrist" kp="3"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def prior() -> MotorPrior:
+    center = np.array([np.log(CENTRAL[name]) if name != "encoder_zero" else 0.0 for name in PARAMETERS])
+    model = GreyBox(GearedMotor(center, 0.1 * np.eye(len(PARAMETERS))), 0.002)
+    zeros = np.zeros((2, len(PARAMETERS)))
+    return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "robot" / "arm.xml"
+    path.parent.mkdir()
+    path.write_text(MODEL)
+    return path
+
+
+def test_formats_describe_themselves_and_an_unknown_one_is_refused(prior: MotorPrior, tmp_path: Path):
+    assert set(find_exporters()) == {"bam", "card", "mjcf", "mjcf-detailed", "table"}
+    with pytest.raises(ConfigError, match="no format") as refused:
+        mp.export(prior, "urdf", tmp_path)
+    assert "mjcf-detailed" in str(refused.value.remedy)
+    with pytest.raises(ConfigError, match="changes your MJCF"):
+        mp.export(prior, "mjcf", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "leg", "shank"), [("mjcf-detailed", 0.004, 0.006), ("mjcf", 0.02, 0.02), ("bam", 0.02, 0.02)]
+)
+def test_exported_motors_move_as_ours(
+    name: str, leg: float, shank: float, prior: MotorPrior, arm: Path, tmp_path: Path
+):
+    found = mp.export(prior, name, tmp_path, motors=2, model=arm, joints=("shoulder", "elbow"))
+    assert 0.0 < found.losses["leg"] < leg and 0.0 < found.losses["shank"] < shank
+    assert found.not_expressed["load_friction" if name != "bam" else "backlash"] > 0.0
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(prior: MotorPrior, tmp_path: Path):
+    texts = []
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        mp.export(prior, "table", tmp_path / folder, motors=3, seed=seed)
+        texts.append((tmp_path / folder / "motors.json").read_bytes())
+    assert texts[0] == texts[1] != texts[2]
+
+
+def test_a_table_has_samples_quantiles_correlations_and_its_loss(prior: MotorPrior, tmp_path: Path):
+    mp.export(prior, "table", tmp_path, motors=40, joints=("a", "b"))
+    table = json.loads((tmp_path / "motors.json").read_text())
+    kp = np.array(table["samples"]["kp"])
+    assert kp.shape == (40, 2) and np.median(kp) == pytest.approx(9.0, rel=0.1)
+    assert np.allclose(table["quantiles_5_50_95"]["kp"], np.quantile(kp, (0.05, 0.5, 0.95), axis=0).T)
+    names, matrix = table["correlation_of_logarithms"]["order"], np.array(table["correlation_of_logarithms"]["matrix"])
+    assert matrix.shape == (len(names),) * 2 and np.allclose(np.diag(matrix), 1.0)
+    assert matrix[names.index("kp"), names.index("kv")] > 0.3, "kd = kp·(kd/kp)"
+    assert set(table["loss_rad"]) == {"leg", "shank", "leg_steps"} and "backlash" in table["not_expressed"]
+
+
+def test_only_joints_and_their_actuators_change(prior: MotorPrior, arm: Path, tmp_path: Path):
+    found = mp.export(prior, "mjcf", tmp_path / "out", motors=2, model=arm, joints=("shoulder", "elbow"))
+    assert arm.read_text() == MODEL
+    variants = [path for path in found.files if path.suffix == ".xml"]
+    assert len(variants) == 2 and variants[0].read_text() != variants[1].read_text()
+    before, after = MODEL.splitlines(), variants[0].read_text().splitlines()
+    changed = [line for line in before if line not in after]
+    assert [line.split('"')[1] for line in changed] == ["shoulder", "elbow", "first"]
+    model = mujoco.MjModel.from_xml_path(str(variants[0]))
+    table = json.loads((tmp_path / "out" / "motors.json").read_text())["samples"]
+    for column, name in enumerate(("shoulder", "elbow")):
+        joint, driver = model.joint(name), model.actuator("first" if name == "shoulder" else name)
+        assert model.dof_armature[joint.dofadr[0]] == pytest.approx(table["armature"][0][column], rel=1e-5)
+        assert np.ravel(model.dof_damping[joint.dofadr[0]])[0] == pytest.approx(table["damping"][0][column], rel=1e-5)
+        assert driver.gainprm[0] == pytest.approx(table["kp"][0][column], rel=1e-5)
+        assert driver.biasprm[2] == pytest.approx(-table["kv"][0][column], rel=1e-5)
+        assert driver.forcerange[1] == pytest.approx(table["forcerange"][0][column], rel=1e-5)
+    assert model.actuator("last").gainprm[0] == 3.0 and np.ravel(model.dof_damping[2])[0] == 7.0
+
+
+def test_an_unknown_joint_is_refused_with_the_names_of_the_file(prior: MotorPrior, arm: Path, tmp_path: Path):
+    with pytest.raises(ConfigError, match="knee") as refused:
+        mp.export(prior, "mjcf", tmp_path, model=arm, joints=("knee",))
+    assert "shoulder" in str(refused.value.remedy)
+
+
+def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(prior: MotorPrior, arm: Path, tmp_path: Path):
+    found = mp.export(prior, "mjcf-detailed", tmp_path, model=arm, joints=("shoulder", "elbow"))
+    model = mujoco.MjModel.from_xml_path(str(found.files[0]))
+    data = mujoco.MjData(model)
+    model.opt.gravity[:] = 0.0
+    for _ in range(1000):
+        data.ctrl[0] = 0.5  # the first control stays the first
+        mujoco.mj_step(model, data)
+    zero = json.loads((tmp_path / "motors.json").read_text())["samples"]["offset"][0][0]
+    assert float(data.joint("shoulder").qpos[0]) == pytest.approx(0.5 - zero, abs=0.03)
+    assert abs(float(data.joint("shoulder_rotor").qpos[0]) - 0.5) < 0.03, "the rotor's angle is the encoder's"
+
+
+def test_bam_json_reads_back_as_the_same_law(prior: MotorPrior, tmp_path: Path):
+    found = mp.export(prior, "bam", tmp_path, motors=1)
+    table = json.loads(found.files[0].read_text())
+    assert table["model"] == "m5" and table["motorprior"]["loss_rad"] == found.losses
+    motor = with_kd(mp.read_motor(found.files[0]).constants())
+    assert motor["kp"][0] == pytest.approx(table["kp"]) and motor["kd"][0] == pytest.approx(table["damping"])
+    assert motor["load_friction"][0] == pytest.approx(2.0 * table["load_friction_motor"])
+
+
+SERVO = {
+    "kt": 1.2, "R": 2.7, "armature": 0.028, "q_offset": -0.05, "friction_base": 0.05, "friction_viscous": 0.06,
+    "model": "m1", "actuator": "sts3215",
+}  # fmt: skip
+
+
+def pendulum(dt: float, seconds: float = 2.0) -> Trial:
+    time = np.arange(round(seconds / dt)) * dt
+    targets = 0.6 * np.sin(2 * np.pi * 0.8 * time)[:, None] + 0.8 * (time > 1.0)[:, None]
+    weight = np.full_like(targets, -0.5)
+    return Trial(targets, 0.0 * weight, np.array([0.005]), dt, load_stiffness=weight)
+
+
+def test_a_published_servo_moves_here_as_in_its_own_simulation(tmp_path: Path):
+    path, given = tmp_path / "m1.json", pendulum(0.0005)
+    path.write_text(json.dumps(SERVO))
+    own = BamMotor.of(SERVO, kp=16.0).simulate(given, 0)
+    ours = run(read_motor(path, kp=16.0), given).joint_pos[:, 0]
+    assert np.ptp(own) > 1.0 and float(rms(ours - own)) < 5e-3
+    assert BamMotor.of(SERVO, kp=16.0).law()[0] == pytest.approx(16 * 0.166 * 7.4 * 1.2 / 2.7)
+
+
+DIRECTIONAL = {
+    "model": "m5", "load_friction_motor": 0.1, "load_friction_external": 0.05, "friction_stribeck": 0.05,
+    "load_friction_motor_stribeck": 0.0, "load_friction_external_stribeck": 0.02, "dtheta_stribeck": 1.0, "alpha": 1.3,
+}  # fmt: skip
+
+
+def gravity(weight: float, q: float) -> float:
+    return -weight * float(np.sin(q))
+
+
+def test_the_simulation_is_that_of_the_installed_bam():
+    pytest.importorskip("bam", reason="needs better-actuator-models (Python 3.12)")
+    from bam.model import load_model_from_dict
+    from bam.simulate import Simulator
+
+    for table in (SERVO, SERVO | DIRECTIONAL):
+        given, model = pendulum(0.002), load_model_from_dict(table)
+        length, mass = 0.1, 0.5
+        rest = {"position": 0.0, "speed": 0.0, "torque_enable": True}
+        entries = [rest | {"goal_position": float(each)} for each in given.position_target[:, 0]]
+        log = {"mass": mass, "arm_mass": 0.0, "length": length, "kp": 16.0, "vin": 7.4, "dt": 0.002, "entries": entries}
+        model.max_velocity.value = 1e9
+        found = np.array(Simulator(model).rollout_log(log, simulate_control=True)[0])
+        weight = mass * 9.80665 * length
+        offset = table["q_offset"]  # BAM's angles are those of the encoder
+        start = replace(given, joint_pos=np.array([offset]))
+        own = BamMotor.of(table, kp=16.0).simulate(start, 0, load=partial(gravity, weight)) - offset
+        assert np.ptp(found) > 1.0 and float(np.abs(found - own).max()) < 1e-6
+
+
+@pytest.mark.parametrize("change", [{"model": "m9"}, {"actuator": "unknown"}, {"kt": "strong"}])
+def test_a_bad_bam_json_is_refused_with_its_value(change: dict, tmp_path: Path):
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(SERVO | change))
+    with pytest.raises(ArtifactError, match=str(next(iter(change.values())))) as refused:
+        read_motor(path)
+    assert refused.value.where == path
+
+
+def test_a_card_is_a_folder_that_loads(prior: MotorPrior, tmp_path: Path):
+    mp.export(prior, "card", tmp_path / "mine")
+    assert mp.from_pretrained(tmp_path / "mine").sha256() == prior.sha256()
+    page = (tmp_path / "mine" / "README.md").read_text()
+    assert page.startswith("---\nrobot:") and "| armature [kg·m²] |" in page
+    with pytest.raises(ArtifactError, match="no motor card"):
+        mp.from_pretrained("nothing")
+
+
+@pytest.mark.parametrize("name", shipped_cards())
+def test_shipped_cards_sample_motors_and_say_their_licence(name: str):
+    motors = mp.from_pretrained(name).sample(12, seed=0)
+    assert motors.num_motors == 12 and np.isfinite(motors.arrays(0.002).parameters).all()
+    folder = Path(mp.__file__).parent / "exports" / "library" / name
+    assert "licence:" in (folder / "README.md").read_text()
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 60_000
+
+
+def test_zero_constants_stay_small():
+    values = {name: np.zeros(1) for name in PARAMETERS if name != "kd_over_kp"} | {"kp": np.ones(1), "kd": np.ones(1)}
+    assert motors_of(values).constants()["backlash"][0] < 1e-8

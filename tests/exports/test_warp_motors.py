@@ -1,0 +1,110 @@
+"""The Warp kernel, and the actuators of mjlab and Newton, against the compiled motors; skipped without these."""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+wp = pytest.importorskip("warp", reason="needs the extra newton or mjlab")
+
+import exports as bench  # noqa: E402
+from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
+from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator  # noqa: E402
+from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
+from motorprior.actuator.optional_terms import INITIAL, SIGNED, TERMS  # noqa: E402
+from motorprior.exceptions import ConfigError  # noqa: E402
+from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
+
+CENTRAL = INITIAL | {
+    "kp": 9.0, "kd_over_kp": 0.09, "velocity_filter": 0.005, "delay": 0.006, "torque_limit": 1.5, "armature": 0.003,
+    "coulomb": 0.1, "stribeck_torque": 0.02, "viscous_damping": 0.005, "load_friction": 0.2, "gear_stiffness": 80.0,
+    "backlash": 0.01, "gear_damping": 0.02,
+}  # fmt: skip
+
+
+def prior_of(terms: tuple[str, ...] = ()) -> MotorPrior:
+    names = parameters_of(terms)
+    center = np.array([0.0 if name in SIGNED else np.log(CENTRAL[name]) for name in names])
+    model = GreyBox(GearedMotor(center, 0.15 * np.eye(len(names)), terms), bench.DT)
+    zeros = np.zeros((2, len(names)))
+    return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
+
+
+def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
+    motors = prior_of(terms).sample(count, seed=1)
+    assert isinstance(motors, GreyBoxActuator)
+    return motors
+
+
+@pytest.mark.parametrize(("terms", "tolerance"), [((), 2e-3), (tuple(TERMS), 1e-2)])
+def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...], tolerance: float):
+    motors = motors_of_prior(bench.COUNT, terms)
+    ours, theirs = (bench.free_run(make(motors), bench.COUNT, bench.STEPS) for make in (bench.compiled, bench.kernel))
+    assert np.abs(ours).max() > 0.3, "they move"
+    assert bench.largest(ours, theirs) < tolerance  # [rad] float32: dry friction breaks away a step earlier or later
+
+
+def test_a_partial_reset_restarts_the_masked_motors_only():
+    motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
+    zero, every = bench.warp_array(np.zeros(2)), bench.warp_array([True, True], wp.bool)
+    motors.reset(every, bench.warp_array([0, 1], int), zero, zero)
+    for _ in range(20):
+        motors.step(bench.warp_array([0.3, 0.3]), zero, zero)
+    before = motors.memory.numpy()
+    chosen, start = bench.warp_array([2, 3], int), bench.warp_array([0.0, 0.5])
+    motors.reset(bench.warp_array([False, True], wp.bool), chosen, zero, start)
+    after, bank = motors.memory.numpy(), motors._bank.numpy()
+    np.testing.assert_array_equal(after[:, 0], before[:, 0])
+    assert after[0, 1] == 0.5 and after[1, 1] == 0.0 and motors.clock.numpy()[1] == 0
+    np.testing.assert_array_equal(motors.table.numpy(), bank[:, [0, 3]])
+
+
+def test_a_step_that_cannot_resolve_the_gear_is_refused():
+    motors = motors_of_prior(1)
+    center = motors.model.motor.center.copy()
+    center[parameters_of(()).index("gear_stiffness")] = np.log(5000.0)
+    stiff = replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
+    with pytest.raises(ConfigError, match="gear") as refused:
+        WarpMotors(stiff, 1, bench.DT, "cpu")
+    assert "use a step of" in str(refused.value.remedy)
+
+
+def test_newton_moves_the_joints_as_our_motors_do():
+    pytest.importorskip("newton", reason="needs the extra newton")
+    motors = motors_of_prior(3)
+    ours, theirs = (bench.free_run(make(motors), 3, 500) for make in (bench.explicit, bench.newton))
+    assert np.abs(ours).max() > 0.3 and bench.largest(ours, theirs) < 1e-4
+
+
+def test_newton_restarts_masked_motors():
+    pytest.importorskip("newton", reason="needs the extra newton")
+    from motorprior.exports.newton import MotorPriorDrive
+
+    state = MotorPriorDrive(motors_of_prior(2), bench.DT).state(2, "cpu")
+    state.waiting.fill_(False)
+    state.reset(bench.warp_array([False, True], wp.bool))
+    assert state.waiting.numpy().tolist() == [False, True]
+    state.reset()
+    assert state.waiting.numpy().all()
+
+
+def test_mjlab_has_other_motors_in_every_world_and_damps_each():
+    pytest.importorskip("mjlab", reason="needs the extra mjlab")
+    import torch
+
+    from motorprior.exports.mjlab import per_world_damping
+
+    assert per_world_damping().func.model_fields == ("dof_damping",)
+    assert bench.mjlab_parity(prior_of(), 8, 400) < 1e-3
+    torch.manual_seed(0)
+    angles, chosen, robot = bench.mjlab_run(prior_of(), 8, 300)
+    assert np.ptp(angles[-1]) > 1e-3
+    assert len(set(chosen.tolist())) > 1
+    actuator = robot.actuators[0]
+    before = actuator._chosen.clone()
+    robot.reset(torch.tensor([1, 5]))
+    assert actuator._waiting.flatten().tolist() == [world in (1, 5) for world in range(8)]
+    kept = [world for world in range(8) if world not in (1, 5)]
+    assert torch.equal(actuator._chosen[kept], before[kept])

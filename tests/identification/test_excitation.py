@@ -1,0 +1,109 @@
+"""Excitations learned from logs: windows and classes, the generator's training, and the choice of windows."""
+
+import itertools
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.bench.learned_excitation import LearnedExcitation
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.identification.excitation.fit_excitation import fit_excitation
+from motorprior.identification.excitation.plan import active, greedy
+from motorprior.identification.excitation.windows import joint_classes, windows_of
+from motorprior.identification.physics.motor_problem import grey_box, initial_center
+from motorprior.identification.presets import identification_preset
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import SILENT, Notes
+
+NAMES = ("A_hip", "A_knee", "B_hip", "B_knee")
+
+
+def run_of(seed: int = 0, seconds: float = 6.0) -> MotorLog:
+    """A run of two legs: knees swing four times as far as hips, and carry an impact every half second."""
+    time = 0.002 * np.arange(round(seconds / 0.002))
+    rng = np.random.default_rng(seed)
+    size, phase = np.array([0.1, 0.4, 0.1, 0.4]), rng.uniform(0, 6, 4)
+    target = 0.7 + size * np.sin(2 * np.pi * 1.5 * time[:, None] + phase)
+    torque = np.where((time % 0.5 < 0.02)[:, None], 1.0, 0.0) * (size > 0.2)
+    return MotorLog(
+        time=time, position_target=target, joint_pos=target, external_torque=torque,
+        load_inertia=np.tile([2e-3, 1e-3, 2e-3, 1.5e-3], (len(time), 1)), joint_names=NAMES, robot="r", motor="m",
+        source=f"run {seed}",
+    )  # fmt: skip
+
+
+def test_classes_are_the_kinds_of_a_leg_joint_and_else_the_names():
+    assert joint_classes(NAMES) == ("hip", "knee", "hip", "knee")
+    assert joint_classes(("Rotation", "Pitch", "Wrist_Pitch")) == ("Rotation", "Pitch", "Wrist_Pitch")
+
+
+def test_windows_are_relative_to_the_mean_and_know_frequency_load_and_bounds():
+    found = windows_of([run_of(0), run_of(1)], 0.01, (0.2, 0.4))
+    assert found.classes == ("hip", "knee") and set(found.commands) == {0.2, 0.4}
+    knees = found.windows[found.window_class == 1]
+    assert np.abs(knees[..., 0]).max() == pytest.approx(0.4, rel=0.02)
+    assert found.frequency == pytest.approx(1.5, abs=0.15)
+    assert found.load_inertia.tolist() == [[2e-3, 2e-3], [1e-3, 1.5e-3]]
+    assert found.bounds[1, 3] == pytest.approx(1.25) and found.bounds[0, 3] < 0.01  # hips carry nothing
+    still = replace(run_of(), position_target=np.full((3000, 4), 0.7))
+    with pytest.raises(LogError, match="moving joint"):
+        windows_of([still], 0.01)
+
+
+def test_commands_are_one_per_run():
+    with pytest.raises(ConfigError, match="2 commands for 1 runs"):
+        fit_excitation(run_of(), "recorded", commands=(0.1, 0.2))
+
+
+def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_sizes(tmp_path: Path):
+    runs, whole, parts = [run_of(0), run_of(1)], tmp_path / "whole.safetensors", tmp_path / "parts.safetensors"
+    fit_excitation(runs, steps=50, out=whole, progress=SILENT)
+
+    class Stop(Exception):
+        pass
+
+    class Stopping(Notes):
+        def advance(self, count: int = 1, note: str = "") -> None:
+            raise Stop
+
+    with pytest.raises(Stop):
+        fit_excitation(runs, steps=50, out=parts, progress=Stopping(print))
+    assert parts.with_suffix(".checkpoint").exists() and not parts.exists()
+    fit_excitation(runs, steps=50, out=parts, progress=SILENT)
+    assert whole.read_bytes() == parts.read_bytes() and len(list(tmp_path.iterdir())) == 2
+    found = LearnedExcitation.load(whole)
+    assert [run["source"] for run in found.provenance["trained_on"]] == ["run 0", "run 1"]
+    target, _ = found.frames(np.random.default_rng(0), 600, np.array([0, 1]))
+    assert target[:, 1].std() > 1.5 * target[:, 0].std() > 0.0
+
+
+def test_greedy_finds_the_best_pair_of_diagonal_information():
+    rng = np.random.default_rng(0)
+    added = np.stack([np.diag(rng.exponential(size=3)) for _ in range(6)])
+
+    def gain(pair: tuple[int, ...]) -> float:
+        return float(np.linalg.slogdet(np.eye(3) + added[list(pair)].sum(axis=0))[1])
+
+    best = max(map(gain, itertools.combinations(range(6), 2)))
+    assert gain(tuple(greedy(added, 2))) >= (1 - 1 / np.e) * best
+
+
+def test_the_plan_prefers_motion_and_shrinks_every_constant():
+    preset = identification_preset("rollout")
+    model = grey_box(initial_center(()), (), preset)
+    z = np.zeros((2, model.num_latents))
+    recipe = json.loads(json.dumps(asdict(preset)))
+    prior = MotorPrior(model, z, z, "rollout", "r", "m", {"recipe": recipe}, {"final_loss": 0.05})
+    runs = windows_of([run_of(0), run_of(1)], 0.01)
+    made, plans = active(runs, prior, candidates=6)
+    assert [plan.joint_class for plan in plans] == ["hip", "knee"]
+    for plan in plans:
+        assert all(plan.after[name] <= plan.before[name] + 1e-9 for name in plan.after)
+        assert plan.seconds == pytest.approx(1.28 * len(plan.windows))
+    hip, knee = (np.mean(list(plan.after.values())) for plan in plans)
+    assert knee < hip  # larger motion
+    assert made.play == "recorded" and len(made.windows) == sum(len(plan.windows) for plan in plans)

@@ -1,0 +1,52 @@
+"""A baseline that cannot be fitted is a row that says so; a response far from its command is found."""
+
+from io import StringIO
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motorprior.exceptions import ArtifactError
+from motorprior.identification import log_baselines
+from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, at_bounds, fitted_responses
+from motorprior.identification.presets import identification_preset
+from motorprior.logs.motor_log import MotorLog
+from motorprior.progress import SILENT, Lines
+
+
+def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.MonkeyPatch):
+    def fit(log, named, *args, **options):
+        if named == "coulomb_viscous":
+            raise ArtifactError("kp = 1318 is too large")
+        return SimpleNamespace(model=SimpleNamespace(motors=lambda mean: "motors"), mean=None)
+
+    monkeypatch.setattr(log_baselines, "fit_recipe", fit)
+    monkeypatch.setattr(log_baselines, "fitted_responses", lambda *_: {})
+    monkeypatch.setattr(log_baselines, "fitted_tuned_pd", lambda *_: "pd")
+    recipes = {name: (name, identification_preset("quick")) for name in ("coulomb_viscous", "stribeck")}
+    monkeypatch.setattr(log_baselines, "baseline_recipes", lambda *_: recipes)
+    said = StringIO()
+    found = log_baselines.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(said))  # pyright: ignore
+    assert found == {"coulomb_viscous": None, "stribeck": "motors", "tuned_pd": "pd"}
+    assert "warning: baseline coulomb_viscous counts as diverged: kp = 1318 is too large" in said.getvalue()
+
+
+def test_the_response_of_a_joint_far_off_its_command_is_found():
+    time = 0.002 * np.arange(2000)
+    command = 0.2 * np.sin(2 * np.pi * 0.7 * time) + 0.1 * np.sin(2 * np.pi * 1.7 * time)
+    angle = 1.2 * np.roll(command, 65) + 0.68
+    log = MotorLog(
+        time=time, position_target=command[:, None], joint_pos=angle[:, None], joint_names=("j",), robot="", motor="",
+        source="made",
+    )  # fmt: skip
+    motors = fitted_responses(log.rows(slice(100, None)), identification_preset("rollout"), 0, SILENT)["servo_limits"]
+    found = dict(zip(CONSTANTS, motors.constants[0].tolist(), strict=True))
+    # slow sines do not tell a pure delay from the lag of a second order
+    assert found["delay"] + 2.0 * found["damping"] / found["rate"] == pytest.approx(0.13, abs=0.01)
+    assert found["gain"] == pytest.approx(1.2, abs=0.03) and found["offset"] == pytest.approx(0.68, abs=0.02)
+
+
+def test_constants_at_the_edge_of_the_search_are_marked():
+    values = CONSTANTS | {"delay": 1e-4, "rate": 600.0, "band": 0.1, "gain": 1.2}
+    reached = at_bounds(ResponseMotors("servo_limits", np.array([list(values.values())])))
+    assert [name for name, mask in reached.items() if mask.any()] == ["delay", "rate"]

@@ -1,0 +1,89 @@
+"""Arrays of NumPy, MATLAB and pickles come through by a column map; what they lack is named."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from motorprior.exceptions import LogError
+from motorprior.logs.column_map import ColumnMap, load_column_map
+from motorprior.logs.read_log import read_log
+
+ROWS = 50
+TARGET = 0.3 * np.sin(0.1 * np.outer(np.arange(ROWS), [1.0, 2.0]))
+ANGLE = np.roll(TARGET, 2, axis=0)
+
+
+@pytest.fixture
+def columns(tmp_path: Path) -> ColumnMap:
+    lines = (
+        'motor = "m"\nrate = 50\nposition_target = "q_des[{joint}]"\njoint_pos = "q[{joint}]"\n[joints.0]\n[joints.1]\n'
+    )
+    (tmp_path / "map.toml").write_text(lines)
+    return load_column_map(tmp_path / "map.toml")
+
+
+def written(folder: Path, ending: str) -> Path:
+    arrays, path = {"q": ANGLE, "q_des": TARGET}, folder / f"log{ending}"
+    steps = [{"q": ANGLE[row], "q_des": TARGET[row]} for row in range(ROWS)]
+    if ending == ".npz":
+        np.savez(path, note=np.array("text"), **arrays)  # pyright: ignore[reportArgumentType]
+    elif ending == ".mat":
+        savemat(path, {"run": arrays})
+    elif ending == ".npy":
+        np.save(path, np.concatenate([ANGLE, TARGET], axis=1))
+    else:
+        path.write_bytes(pickle.dumps({"closed_loop": [{}, steps]} if ending == ".pkl" else arrays))
+    return path
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat", ".pkl", ".pickle"])
+def test_arrays_of_any_container_become_a_log(tmp_path: Path, columns: ColumnMap, ending: str):
+    log = read_log(written(tmp_path, ending), columns=columns)
+    np.testing.assert_allclose(log.joint_pos, ANGLE)
+    np.testing.assert_allclose(log.position_target, TARGET)
+    plain = columns.source
+    Path(plain).write_text(Path(plain).read_text().replace("[{joint}]", "_{joint}"))
+    np.testing.assert_allclose(read_log(written(tmp_path, ending), columns=plain).joint_pos, ANGLE)
+    with pytest.raises(LogError, match=r"arrays without a map: .*'.*q' \(50, 2\)"):
+        read_log(written(tmp_path, ending))
+
+
+def test_a_single_array_is_called_data(tmp_path: Path):
+    lines = 'motor = "m"\nrate = 50\nposition_target = "data[3]"\njoint_pos = "data[1]"\n[joints.0]\n'
+    (tmp_path / "map.toml").write_text(lines)
+    log = read_log(written(tmp_path, ".npy"), columns=tmp_path / "map.toml")
+    np.testing.assert_array_equal(log.joint_pos[:, 0], ANGLE[:, 1])
+
+
+class Payload:
+    def __reduce__(self):
+        return print, ("executed",)
+
+
+def test_nothing_in_a_file_is_executed(tmp_path: Path, columns: ColumnMap, capsys: pytest.CaptureFixture):
+    (tmp_path / "log.pkl").write_bytes(pickle.dumps({"q": Payload()}))
+    with pytest.raises(LogError, match=r"builtins\.print, which is not allowed"):
+        read_log(tmp_path / "log.pkl", columns=columns)
+    np.savez(tmp_path / "log.npz", q=np.array([Payload()]))
+    with pytest.raises(LogError, match="damaged"):
+        read_log(tmp_path / "log.npz", columns=columns)
+    assert "executed" not in capsys.readouterr().out
+
+
+def test_a_wrong_name_or_length_is_named(tmp_path: Path, columns: ColumnMap):
+    np.savez(tmp_path / "log.npz", q=ANGLE, q_des=TARGET[:-1])
+    with pytest.raises(LogError, match="different lengths"):
+        read_log(tmp_path / "log.npz", columns=columns)
+    np.savez(tmp_path / "log.npz", q=ANGLE)
+    with pytest.raises(LogError, match="no array 'q_des'; it has 'q'"):
+        read_log(tmp_path / "log.npz", columns=columns)
+
+
+def test_a_bag_in_sqlite_names_its_conversion(tmp_path: Path, columns: ColumnMap):
+    (tmp_path / "rec.db3").write_bytes(b"SQLite format 3\0")
+    for given in (None, columns):
+        with pytest.raises(LogError, match=r"not stored as MCAP: rec\.db3 -> `ros2 bag convert"):
+            read_log(tmp_path / "rec.db3", columns=given)

@@ -1,0 +1,103 @@
+"""Failed reads are left out and counted, wrapped angles unwrapped, exchanged joints not taken for reversed ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from third_party_files import write_bam
+
+import motorprior as mp
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import grouped
+from motorprior.logs.load_log import without_gaps
+from motorprior.logs.motor_log import MotorLog
+
+TIME = 0.01 * np.arange(1500)
+
+
+def moving(rates: tuple[float, ...], lag: int = 3) -> MotorLog:
+    """Joints that follow sines of different rates [Hz], ``lag`` rows later."""
+    command = np.stack([0.4 * np.sin(2 * np.pi * rate * TIME) for rate in rates], axis=1)
+    angle = np.roll(command, lag, axis=0)
+    angle[:lag] = 0.0
+    return MotorLog(
+        time=TIME, position_target=command, joint_pos=angle, joint_vel=np.gradient(angle, 0.01, axis=0),
+        joint_names=tuple("abcdef"[: len(rates)]), robot="r", motor="m", source="made",
+    )  # fmt: skip
+
+
+def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
+    clean = moving((0.5, 0.8))
+    assert clean.joint_vel is not None
+    angle, speed = clean.joint_pos.copy(), clean.joint_vel.copy()
+    angle[[200, 700], 0], angle[900:902, 1], angle[-1, 1], speed[[400, 1200], 1] = -np.pi, -np.pi, -np.pi, 620.0
+    log, (line,) = without_gaps(replace(clean, joint_pos=angle, joint_vel=speed))
+    assert line == "7 rows in which a read failed are left out (a 2, b 5)"
+    assert log.num_rows == 1493 and log.segment is None
+    np.testing.assert_array_equal(log.joint_pos, clean.joint_pos[np.isin(TIME, log.time)])
+    assert without_gaps(clean) == (clean, [])
+
+
+def test_single_velocities_are_no_other_unit():
+    log = moving((0.5,))
+    assert log.joint_vel is not None
+    speed = log.joint_vel.copy()
+    speed[[100, 800]] = 620.0
+    report = check_log(replace(log, joint_vel=speed))
+    (found,) = report.of("failed_reads")
+    assert "2 single readings of up to 620 rad/s" in found.message and not report.of("units") and report.usable
+
+
+def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):
+    angle = np.cumsum(np.full(400, 0.05))
+    ticks = np.rint(np.stack([angle + 0.05, angle], axis=1) * 4096 / (2 * np.pi)) % 4096
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([TIME[:400], ticks]), delimiter=",", header="t,goal,pos", comments=""
+    )
+    lines = 'motor = "m"\ntime = "t"\nposition_target = "goal"\njoint_pos = "pos"\n[units]\nangle = "tick"\n'
+    (tmp_path / "map.toml").write_text(lines + "ticks_per_turn = 4096\n[joints.pan]\n")
+    report = check_log(mp.read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml"))
+    assert any("wraps = true" in found.remedy and "4096" in found.remedy for found in report.errors)
+    (tmp_path / "map.toml").write_text(lines + "ticks_per_turn = 4096\n[joints.pan]\nwraps = true\n")
+    log = mp.read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml")
+    np.testing.assert_allclose(log.joint_pos[:, 0] - log.joint_pos[0, 0], angle - angle[0], atol=2e-3)
+    np.testing.assert_allclose(log.position_target - log.joint_pos, 0.05, atol=2e-3)
+
+
+def test_exchanged_joints_are_no_reversed_ones():
+    log = moving((0.5, 0.83, 1.37))
+    report = check_log(replace(log, joint_pos=log.joint_pos[:, [1, 2, 0]], joint_vel=None))
+    found = [each for each in report.of("tracking") if each.severity != "info"]
+    assert {each.message[:26] for each in found} == {f"{a} follows the command of {b}" for a, b in ("ab", "bc", "ca")}
+    assert all("different orders" in each.remedy and "sign" not in each.remedy for each in found)
+
+
+def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_get_no_remedy():
+    log = moving((0.5, 0.83))
+    (found,) = [each for each in check_log(replace(log, joint_pos=log.joint_pos * [-1, 1], joint_vel=None)).errors]
+    assert found.joint == "a" and "sign = -1" in found.remedy
+    command = log.position_target[:, [0, 0]] * [1, -1]
+    report = check_log(replace(log, position_target=command, joint_pos=-np.roll(command, 3, axis=0), joint_vel=None))
+    found = report.of("tracking")
+    assert [each.remedy for each in found] == ["", ""] and all(
+        "follows the command of" in each.message for each in found
+    )
+
+
+def test_findings_of_one_kind_are_one_line():
+    log = moving((0.5, 0.8, 1.1, 1.3))
+    report = check_log(replace(log, joint_pos=-log.joint_pos, joint_vel=None))
+    (one,) = [each for each in grouped(report.findings) if each.severity == "error"]
+    assert len(report.errors) == 4 and all(name in one.message for name in "abcd")
+
+
+def test_a_bench_log_becomes_one_of_the_robots_joints_by_one_option(tmp_path: Path):
+    path = write_bam(tmp_path)
+    with pytest.raises(mp.ConfigError, match=r"joints pendulum are none of pupper_v2's -> .*as_joint"):
+        mp.load_log(path, robot="pupper_v2")
+    with pytest.raises(mp.ConfigError, match="as_joint nose does not name 1 different joints"):
+        mp.load_log(path, robot="pupper_v2", as_joint=["nose"])
+    log = mp.load_log(path, robot="pupper_v2", as_joint=["FR_hip"])
+    assert (log.robot, log.joint_names, log.gain_unit) == ("pupper_v2", ("FR_hip",), "firmware")
+    assert mp.load_log(path).robot == "pendulum"
