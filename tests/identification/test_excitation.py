@@ -13,13 +13,13 @@ from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.excitation.fit_excitation import fit_excitation
 from motorprior.identification.excitation.plan import active, greedy
-from motorprior.identification.excitation.windows import joint_classes, windows_of
+from motorprior.identification.excitation.windows import windows_of
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Notes
 
-NAMES = ("A_hip", "A_knee", "B_hip", "B_knee")
+NAMES = ("L_hip", "L_knee", "R_hip", "R_knee")
 
 
 def run_of(seed: int = 0, seconds: float = 6.0) -> MotorLog:
@@ -36,9 +36,9 @@ def run_of(seed: int = 0, seconds: float = 6.0) -> MotorLog:
     )  # fmt: skip
 
 
-def test_classes_are_the_kinds_of_a_leg_joint_and_else_the_names():
-    assert joint_classes(NAMES) == ("hip", "knee", "hip", "knee")
-    assert joint_classes(("Rotation", "Pitch", "Wrist_Pitch")) == ("Rotation", "Pitch", "Wrist_Pitch")
+def test_joints_without_classes_have_windows_of_their_own():
+    names = ("Rotation", "Pitch", "Elbow", "Wrist_Pitch")
+    assert windows_of([replace(run_of(), joint_names=names)], 0.01).classes == names
 
 
 def test_windows_are_relative_to_the_mean_and_know_frequency_load_and_bounds():
