@@ -68,6 +68,7 @@ def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ct
     assert results(tmp_path / "mixed") == results(tmp_path / "fresh")
 
 
+@pytest.mark.usefixtures("whole_walk")  # compiled once: the process ends between two compilations
 def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(tmp_path: Path):
     signals = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in the background
     code = f"{signals}\nfrom motorprior.__main__ import main\nmain()"
@@ -77,7 +78,7 @@ def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(t
     assert "1000000 iterations" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
     try:
-        err = process.communicate(timeout=180.0)[1]  # where nothing is compiled yet, it ends after that
+        err = process.communicate(timeout=300.0)[1]
     finally:
         process.kill()
     assert process.returncode == 130, err
