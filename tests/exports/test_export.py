@@ -221,7 +221,7 @@ def test_a_card_is_a_folder_that_loads(prior: MotorPrior, tmp_path: Path):
     mp.export(prior, "card", tmp_path / "mine")
     assert mp.from_pretrained(tmp_path / "mine").sha256() == prior.sha256()
     page = (tmp_path / "mine" / "README.md").read_text()
-    assert page.startswith("---\nrobot:") and "| armature [kg·m²] |" in page
+    assert page.startswith("---\nrobot:") and "| armature | kg·m² |" in page
     with pytest.raises(ArtifactError, match="no motor card"):
         mp.from_pretrained("nothing")
 

@@ -92,7 +92,7 @@ def fit_posterior(
     hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std**2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
     found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
-    likelihood *= np.minimum(1.0, temperature / found.loss)[:, None, None]
+    likelihood *= (temperature / np.maximum(found.loss, temperature))[:, None, None]
     return Posterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
 
 
