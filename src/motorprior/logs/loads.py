@@ -50,11 +50,13 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
         raise LogError("no velocities, and loads need accelerations", where=log.source, remedy=remedy)
     dynamics = _Dynamics(robot)
     inertia, external, stiffness = (np.empty_like(log.joint_pos) for _ in range(3))
+    axis, arm = np.empty((2, *log.joint_pos.shape, 3))
     for part in log.segment_slices():
         acceleration = np.gradient(log.joint_vel[part], log.time[part], axis=0)
         for row, joint_acc in zip(range(part.start, part.stop), acceleration, strict=True):
             inertia[row], external[row] = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
-            stiffness[row] = dynamics.gravity_stiffness()
+            axis[row], arm[row] = dynamics.axes_and_arms()
+        stiffness[part] = dynamics.gravity_stiffness(axis[part], arm[part])
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
         external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])  # a log has the mean to the next row
@@ -155,12 +157,10 @@ class _Dynamics:
 
     def load(self, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
         """(joints,) load inertia [kg·m²] and (joints,) external torque [N·m] in one state."""
-        bias, (own, column) = self.bias(joint_pos, joint_vel), np.zeros((2, self._model.nv))
-        for joint, unit in enumerate(np.eye(self._model.nv)):
-            self._mujoco.mj_mulM(self._model, self._data, column, unit)
-            own[joint] = column[joint]
-        self._mujoco.mj_mulM(self._model, self._data, column, joint_acc)
-        return own, -bias - (column - own * joint_acc)
+        bias, mass = self.bias(joint_pos, joint_vel), np.zeros((self._model.nv, self._model.nv))
+        self._mujoco.mj_fullM(self._model, self._data, mass)
+        own = np.diagonal(mass)
+        return own, -bias - (mass @ joint_acc - own * joint_acc)
 
     def bias(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """(joints,) torque against gravity and Coriolis torques [N·m]; the state stays set."""
@@ -169,10 +169,12 @@ class _Dynamics:
         self._mujoco.mj_fwdVelocity(self._model, self._data)
         return self._data.qfrc_bias.copy()
 
-    def gravity_stiffness(self) -> np.ndarray:
-        """(joints,) load_stiffness [N·m/rad], in the state that `load` has set."""
-        axis, body = self._data.xaxis, self._model.jnt_bodyid
-        weight = self._model.body_subtreemass[body][:, None] * self._model.opt.gravity
-        sideways = np.cross(axis, self._data.subtree_com[body] - self._data.xanchor)
+    def axes_and_arms(self) -> tuple[np.ndarray, np.ndarray]:
+        """(joints, 3) axes [1], and centres of mass of what they carry, from the joints [m], in the state of `load`."""
+        return self._data.xaxis, self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
+
+    def gravity_stiffness(self, axis: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """(T, joints) load_stiffness [N·m/rad] at axes and arms (T, joints, 3)."""
+        weight = self._model.body_subtreemass[self._model.jnt_bodyid][:, None] * self._model.opt.gravity
         hinge = self._model.jnt_type == self._mujoco.mjtJoint.mjJNT_HINGE
-        return np.where(hinge, np.einsum("ji,ji->j", axis, np.cross(sideways, weight)), 0.0)
+        return np.where(hinge, np.einsum("tji,tji->tj", axis, np.cross(np.cross(axis, arm), weight)), 0.0)
