@@ -268,16 +268,16 @@ class MotorPrior(Described):
             lines += ["a class that was not recorded has the mean of all classes and the spread between them"]
         return lines
 
-    def constants(self) -> Constants:
+    def constants(self, joint_class: str | None = None) -> Constants:
         """Constants of new motors with units and ranges between them, at the median logged gains if there are any.
 
-        New motors have the classes of the training motors, in equal shares of these.
+        New motors are of ``joint_class``; without one, of the classes of the training motors, in their proportions.
         """
         rng = np.random.default_rng(0)
-        classes = [self.classes.of_motors[row] for row in rng.integers(len(self.mean), size=DRAWS)]
+        rows = rng.integers(len(self.mean), size=DRAWS)
+        classes = [self.classes.of_motors[row] if joint_class is None else joint_class for row in rows]
         latents = self.classes.moments(classes)[0] + rng.standard_normal((DRAWS, self.model.num_latents))
-        gains = None if self.gains is None else np.median(self.gains, axis=1)[:, None]
-        values = named_constants(self.model, latents, gains)
+        values = named_constants(self.model, latents, self._gains(classes, None))
         known = {name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}") for name in values}
         identified = {name: None if value is None else value > 0.0 for name, value in known.items()}
         return Constants.of(values, UNITS, identified)
@@ -301,6 +301,8 @@ class MotorPrior(Described):
             "joints": listed(self.joint_names, 8), "spread between units": "; ".join(self.spread_notes()),
             "replayed logs, median error": ", ".join(filter(None, errors)),
         }  # fmt: skip
+        if len(self.classes.names) > 1:
+            facts["constants of a class"] = ", ".join(f'prior.constants("{name}")' for name in self.classes.names)
         table = self.constants()
         return Summary(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
 

@@ -56,8 +56,10 @@ def _page(prior: MotorPrior, about: Mapping[str, str | float]) -> str:
     lines = ["---", *(f"{name}: {_yaml(value)}" for name, value in front.items()), "---", "", f"# {prior.motor}", ""]
     lines += [f'`mp.from_pretrained("{prior.robot}").sample(n, seed=0)` samples n of these motors.', ""]
     lines += [*(f"- {line}" for line in prior.spread_notes()), ""]
-    rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants().cells]
-    lines += ["Constants of sampled motors, with quantiles:", "", *(f"| {' | '.join(row)} |" for row in rows)]
+    for name in prior.classes.names:
+        rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(name).cells]
+        lines += [f"## Constants of sampled motors{f', {name}' if name else ''}", ""]
+        lines += [*(f"| {' | '.join(row)} |" for row in rows), ""]
     return "\n".join(lines) + "\n"
 
 
