@@ -45,6 +45,7 @@ RANGES = {
     "coulomb": (0.05, 0.2), "viscous_damping": (0.05, 0.3),
 }  # fmt: skip
 FITTED = ("delay", "armature", "coulomb", "viscous_damping")  # kp and kd are logged
+RADIANS = '<compiler angle="radian"/>'
 ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
 ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
 PROGRESS = Lines(sys.stderr)
@@ -74,7 +75,7 @@ def write_arm(folder: Path, constants: dict[str, np.ndarray] | None = None) -> P
         body += f'<body pos="{place}"><joint name="j{joint}" axis="{axis}" range="-3 3" limited="true" {motor}/>'
         body += '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.3" contype="0" conaffinity="0"/>'
         end += "</body>"
-    (folder / "arm.xml").write_text(f"<mujoco><worldbody>{body}{end}</worldbody></mujoco>", "utf-8")
+    (folder / "arm.xml").write_text(f"<mujoco>{RADIANS}<worldbody>{body}{end}</worldbody></mujoco>", "utf-8")
     (folder / "arm.toml").write_text(ROBOT, "utf-8")
     return folder / "arm.toml"
 
