@@ -17,8 +17,8 @@ SETTLE, STEP, STEP_DURATION = 0.1, 0.2, 1.5  # before the step [s], its height [
 CHIRP, CHIRP_DURATION, CHIRP_AMPLITUDE = (0.5, 8.0), 4.0, 0.1  # first and last frequency [Hz], [s], [rad]
 SPEEDS = np.linspace(0.0, 6.0, 61)  # of the friction [rad/s]
 DRAWS = 100
-# range of the last quarter of a step response over the step, above which a motor oscillates [-]; servos hunt by 0.15
-SETTLED = 0.25
+# range of the last quarter of a step response over the step, above which a motor oscillates [-]; servos hunt by 0.3
+SETTLED = 0.35
 COAST_VEL = 2.0  # initial speed of a motor that is switched off [rad/s]
 
 

@@ -12,6 +12,7 @@ from motorprior.bench.stream_makers import CHANNELS, SUB
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import excited_joints, resample
+from motorprior.robots.joint_classes import classes_by_name
 
 SECONDS = 1.28  # of a window: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
@@ -33,7 +34,8 @@ def windows_of(
     rows: list[tuple[str, float, np.ndarray]] = []
     inertia: dict[str, list[float]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
-        kinds = log.joint_classes if any(log.joint_classes) else log.joint_names
+        by_name = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
+        kinds = by_name if any(by_name) else log.joint_names
         for segment in (each for each in log.segments() if each.duration > seconds):
             grid = resample(segment, period / SUB)
             for joint in excited_joints(segment).tolist():
