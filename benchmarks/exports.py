@@ -29,10 +29,11 @@ from motorprior.actuator.motors import Motors
 from motorprior.artifacts import write_json
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.exports.registry import find_exporters
+from motorprior.exports.registry import find_exporters, is_supported
 from motorprior.exports.replay import losses
 
 DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
+SPREAD = 0.15  # of the logarithms of the constants [-]
 
 
 def targets(step: int, count: int) -> np.ndarray:
@@ -187,11 +188,11 @@ def microseconds(step: Step, count: int, steps: int = 200) -> float:
 
 
 def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
-    """A prior whose samples have these motors' mean and standard deviation, constant by constant."""
+    """A prior around the median of these motors, with a standard deviation of SPREAD."""
     from dataclasses import replace
 
     decoder = motors.model.motor
-    center, slope = decoder.center + motors.z.mean(axis=0), np.diag(motors.z.std(axis=0))
+    center, slope = decoder.center + np.median(motors.z, axis=0), SPREAD * np.eye(motors.z.shape[1])
     model = replace(motors.model, motor=replace(decoder, center=center, slope=slope))
     return MotorPrior(model, np.zeros_like(motors.z), np.zeros_like(motors.z), "rollout", "pupper_v2", "", {}, {})
 
@@ -214,6 +215,9 @@ def main() -> None:
     assert isinstance(few, GreyBoxActuator)
     figures: dict[str, float] = {}
     for name, exporter in find_exporters().items():
+        if not is_supported(exporter):
+            print(f"{name} left out: it needs MuJoCo {exporter.mujoco}")
+            continue
         figures |= {f"{name.replace('-', '_')}/{load}": value for load, value in losses(exporter, few).items()}
     if find_spec("warp"):
         ours = free_run(compiled(every), COUNT, STEPS)

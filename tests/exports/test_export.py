@@ -20,7 +20,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.exports.bam_law import BamMotor, read_motor
 from motorprior.exports.cards import shipped_cards
 from motorprior.exports.exporter import motors_of, with_kd
-from motorprior.exports.registry import find_exporters
+from motorprior.exports.registry import find_exporters, is_supported
 from motorprior.signals import rms
 
 CENTRAL = {
@@ -77,8 +77,12 @@ def test_formats_describe_themselves_and_an_unknown_one_is_refused(prior: MotorP
         mp.export(prior, "mjcf", tmp_path)
 
 
+DETAILED = pytest.mark.skipif(not is_supported(find_exporters()["mjcf-detailed"]), reason="needs MuJoCo 4")
+
+
 @pytest.mark.parametrize(
-    ("name", "leg", "shank"), [("mjcf-detailed", 0.004, 0.006), ("mjcf", 0.02, 0.02), ("bam", 0.02, 0.02)]
+    ("name", "leg", "shank"),
+    [pytest.param("mjcf-detailed", 0.004, 0.006, marks=DETAILED), ("mjcf", 0.02, 0.02), ("bam", 0.02, 0.02)],
 )
 def test_exported_motors_move_as_ours(
     name: str, leg: float, shank: float, prior: MotorPrior, arm: Path, tmp_path: Path
@@ -134,6 +138,7 @@ def test_an_unknown_joint_is_refused_with_the_names_of_the_file(prior: MotorPrio
     assert "shoulder" in str(refused.value.remedy)
 
 
+@DETAILED
 def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(prior: MotorPrior, arm: Path, tmp_path: Path):
     found = mp.export(prior, "mjcf-detailed", tmp_path, model=arm, joints=("shoulder", "elbow"))
     model = mujoco.MjModel.from_xml_path(str(found.files[0]))

@@ -38,12 +38,16 @@ def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
     return motors
 
 
-@pytest.mark.parametrize(("terms", "tolerance"), [((), 2e-3), (tuple(TERMS), 1e-2)])
+@pytest.mark.parametrize(
+    ("terms", "tolerance"), [((), 2e-3), *(((name,), 2e-2) for name in TERMS), (tuple(TERMS), 3e-2)]
+)
 def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...], tolerance: float):
     motors = motors_of_prior(bench.COUNT, terms)
     ours, theirs = (bench.free_run(make(motors), bench.COUNT, bench.STEPS) for make in (bench.compiled, bench.kernel))
     assert np.abs(ours).max() > 0.3, "they move"
-    assert bench.largest(ours, theirs) < tolerance  # [rad] float32: dry friction breaks away a step earlier or later
+    difference = np.abs(ours - theirs).max(axis=0)  # [rad]
+    assert np.median(difference) < 1e-4
+    assert difference.max() < tolerance  # float32: dry friction of some motors breaks away a step earlier or later
 
 
 def test_a_partial_reset_restarts_the_masked_motors_only():

@@ -42,11 +42,11 @@ def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float]
         about: more lines of the front matter, such as licence, data, held-out error and limits.
     """
     prior.save(folder / PRIOR)
-    write_text(folder / PAGE, _page(prior, about or {}))
+    write_text(folder / PAGE, _page(prior, folder.name, about or {}))
     return [folder / PRIOR, folder / PAGE]
 
 
-def _page(prior: MotorPrior, about: Mapping[str, str | float]) -> str:
+def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str:
     gains = "absolute" if not prior.model.gain_unit else f"multiples of the logged gains [{prior.model.gain_unit}]"
     front: dict[str, str | float] = {
         "robot": prior.robot, "motor": prior.motor, "training_motors": len(prior.mean),
@@ -54,11 +54,11 @@ def _page(prior: MotorPrior, about: Mapping[str, str | float]) -> str:
         **{name: value for name, value in prior.metrics.items() if name in ("replay_rmse", "minutes_of_log")}, **about,
     }  # fmt: skip
     lines = ["---", *(f"{name}: {_yaml(value)}" for name, value in front.items()), "---", "", f"# {prior.motor}", ""]
-    lines += [f'`mp.from_pretrained("{prior.robot}").sample(n, seed=0)` samples n of these motors.', ""]
+    lines += [f'`mp.from_pretrained("{name}").sample(n, seed=0)` samples n of these motors.', ""]
     lines += [*(f"- {line}" for line in prior.spread_notes()), ""]
-    for name in prior.classes.names:
-        rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(name).cells]
-        lines += [f"## Constants of sampled motors{f', {name}' if name else ''}", ""]
+    for each in prior.classes.names:
+        rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(each).cells]
+        lines += [f"## Constants of sampled motors{f', {each}' if each else ''}", ""]
         lines += [*(f"| {' | '.join(row)} |" for row in rows), ""]
     return "\n".join(lines) + "\n"
 

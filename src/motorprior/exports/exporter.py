@@ -87,6 +87,7 @@ class Exporter:
     replay: Callable[[Constants, Trial], np.ndarray] | None = None
     drops_terms: bool = True  # whether it lacks the optional terms
     needs_model: bool = False  # whether it changes the user's MJCF
+    mujoco: int = 3  # major version that it needs
 
 
 def sampled(

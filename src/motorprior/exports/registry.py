@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
+import mujoco
 import numpy as np
 
 from motorprior.actuator.motor_posterior import MotorPosterior
@@ -25,6 +26,11 @@ def find_exporters() -> dict[str, Exporter]:
     """The EXPORTER of every module in `exports.formats` by name."""
     found = (import_module(f"{formats.__name__}.{module.name}").EXPORTER for module in iter_modules(formats.__path__))
     return {exporter.name: exporter for exporter in found}
+
+
+def is_supported(exporter: Exporter) -> bool:
+    """Whether the installed MuJoCo has what the format uses."""
+    return int(mujoco.__version__.split(".")[0]) >= exporter.mujoco
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,9 @@ def export(
     require_seed(seed)
     if exporter.needs_model and model is None:
         raise ConfigError(f"format {format} changes your MJCF", remedy="give model", argument="model")
+    if not is_supported(exporter):
+        problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
+        raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
     values, step = sample.constants(), min(MAX_STEP, sample.prior.model.period)
     flat = motors_of({name: value.ravel() for name, value in values.items()}, sample.terms, sample.prior.model.period)

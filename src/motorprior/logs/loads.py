@@ -153,14 +153,16 @@ class _Dynamics:
 
         self._mujoco: Any = mujoco
         self._model = build_model(robot, suspended=robot.base == "free")
-        self._data = mujoco.MjData(self._model)
+        self._data, self._units = mujoco.MjData(self._model), np.eye(self._model.nv)
 
     def load(self, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
         """(joints,) load inertia [kg·m²] and (joints,) external torque [N·m] in one state."""
-        bias, mass = self.bias(joint_pos, joint_vel), np.zeros((self._model.nv, self._model.nv))
-        self._mujoco.mj_fullM(self._model, self._data, mass)
-        own = np.diagonal(mass)
-        return own, -bias - (mass @ joint_acc - own * joint_acc)
+        bias, (own, column) = self.bias(joint_pos, joint_vel), np.zeros((2, self._model.nv))
+        for joint, unit in enumerate(self._units):
+            self._mujoco.mj_mulM(self._model, self._data, column, unit)
+            own[joint] = column[joint]
+        self._mujoco.mj_mulM(self._model, self._data, column, joint_acc)
+        return own, -bias - (column - own * joint_acc)
 
     def bias(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """(joints,) torque against gravity and Coriolis torques [N·m]; the state stays set."""

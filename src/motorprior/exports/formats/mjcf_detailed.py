@@ -79,4 +79,5 @@ def write(request: Request) -> list[Path]:
 EXPORTER = Exporter(
     "mjcf-detailed", "MJCF with rotor and play", ("stribeck_torque", "load_friction"), write,
     replay=lambda values, given: replayed(values, given, write_detailed), needs_model=True,
+    mujoco=4,
 )  # fmt: skip
