@@ -95,7 +95,9 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
     np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1] * 2])
     unseen = prior.sample(("tail",) * 500, 0)
     assert unseen.z.std() > 3.5 and np.abs(unseen.z.mean()) < 0.4
-    np.testing.assert_array_equal(prior.sample(("calf",), 0).gains, [[40.0], [2.0]])
+    one = prior.sample(("calf",), 0)
+    assert isinstance(one, GreyBoxActuator)
+    np.testing.assert_array_equal(one.gains, [[40.0], [2.0]])
 
 
 def test_another_robots_joint_is_expected_at_its_own_and_as_uncertain_as_a_unit(classed: MotorPrior):
@@ -108,6 +110,7 @@ def test_another_robots_joint_is_expected_at_its_own_and_as_uncertain_as_a_unit(
 
 def test_intervals_hold_the_constants_and_narrow_with_the_log(gain_scaled: MotorPrior):
     sure, unsure = (replace(gain_scaled, log_var=np.full((3, 3), value)).intervals() for value in (-8.0, -2.0))
+    assert isinstance(gain_scaled.model, GreyBox)
     for name, value in gain_scaled.model.constants(gain_scaled.mean).items():
         low, high = sure[name]
         assert np.all(low <= value * (1 + 1e-9) + 1e-12) and np.all(high >= value * (1 - 1e-9) - 1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -99,8 +100,10 @@ def sampled(
         ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
     rng = np.random.default_rng(seed)
-    of = source.classes_at(joint_names) if isinstance(source, MotorPrior) else len(joint_names)
-    robots = tuple(source.sample(of, rng, gains) for _ in range(motors))
+    draw = partial(source.sample, len(joint_names))
+    if isinstance(source, MotorPrior):
+        draw = partial(source.sample, source.classes_at(joint_names))
+    robots = tuple(draw(rng, gains) for _ in range(motors))
     boxes = tuple(robot for robot in robots if isinstance(robot, GreyBoxActuator))
     if len(boxes) < len(robots):
         remedy = "identify with preset rollout"

@@ -126,7 +126,7 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierT
         far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, *classes)
         p_value = np.where(moved(log), np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value)), 1.0)
         for motor in np.flatnonzero(far.p_value < p_fit):
-            reason[motor] = _distance_text(log.joint_classes[motor], far, motor)
+            reason[motor] = _distance_text(log.joint_classes[motor], far, int(motor))
     return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
 
 

@@ -80,6 +80,7 @@ def test_one_class_is_the_prior_without_classes(grey_box):
     plain, z, _ = standardised(grey_box(latents=3), outputs)
     named, same, classes = standardised(grey_box(latents=3), outputs, None, ("motor",) * 12)
     np.testing.assert_array_equal(z, same)
+    assert plain.copula is not None and named.copula is not None
     np.testing.assert_array_equal(plain.copula.quantiles, named.copula.quantiles)
     assert not classes.mean.any() and np.all(classes.unseen_std == 1.0)
 

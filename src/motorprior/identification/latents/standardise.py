@@ -106,7 +106,8 @@ def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance:
     The formulas of the module docstring, with the errors' ``variance`` (M, P) of z; ASSUMED_BETWEEN is worth one class
     in the variance of a class without motors.
     """
-    classes, v = np.arange(int(row.max()) + 1)[:, None] == row, assumed**2
+    classes, units = np.arange(int(row.max()) + 1)[:, None] == row, np.diag(assumed**2)
+    v, count, raw = assumed**2, np.zeros(()), np.zeros(())
     for _ in range(_ROUNDS):
         weight = np.broadcast_to(v / np.maximum(v + variance, 1e-30) + 1e-6, z.shape)
         count = classes @ weight  # (C, P)
@@ -139,11 +140,11 @@ def standardised(
     of the means' errors, used for several classes.
     """
     motors, latents = mean.shape
-    classes = tuple(classes) or ("",) * motors
-    names = tuple(dict.fromkeys(classes))
+    of_motors = tuple(classes) or ("",) * motors
+    names = tuple(dict.fromkeys(of_motors))
     if latents == 0 or len(names) == 1:
         return *_of_one_class(model, mean, assumed), JointClasses.one(motors, latents, names[0])
-    row = np.array([names.index(name) for name in classes])
+    row = np.array([names.index(name) for name in of_motors])
     found = class_moments(mean, row, mean.std(axis=0) if assumed is None else assumed, variance)
     std = np.sqrt(np.diag(found.units)) + _RISE
     mixing = np.linalg.cholesky(found.units / np.outer(std, std) + _RISE * np.eye(latents)).T
@@ -152,7 +153,7 @@ def standardised(
         return np.linalg.solve(mixing.T, (values / std).T).T
 
     unseen = np.sqrt(np.diag(standard(standard(found.unseen).T)))
-    hierarchy = JointClasses(names, classes, standard(found.mean - found.center), np.maximum(1.0, unseen))
+    hierarchy = JointClasses(names, of_motors, standard(found.mean - found.center), np.maximum(1.0, unseen))
     copula = Copula(mixing, found.center + SCORES[:, None] * std)
     return replace(model, copula=copula), standard(mean - found.center), hierarchy
 
