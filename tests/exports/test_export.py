@@ -16,11 +16,12 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.exports.bam_law import BamMotor, read_motor
 from motorprior.exports.cards import shipped_cards
 from motorprior.exports.exporter import motors_of, with_kd
 from motorprior.exports.registry import find_exporters, is_supported
+from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
 CENTRAL = {
@@ -90,6 +91,22 @@ def test_exported_motors_move_as_ours(
     found = mp.export(prior, name, tmp_path, motors=2, model=arm, joints=("shoulder", "elbow"))
     assert 0.0 < found.losses["leg"] < leg and 0.0 < found.losses["shank"] < shank
     assert found.not_expressed["load_friction" if name != "bam" else "backlash"] > 0.0
+
+
+def test_a_log_is_replayed_too(prior: MotorPrior, tmp_path: Path):
+    time, ones = 0.002 * np.arange(1000), np.ones((1000, 2))
+    target = 0.3 * np.sin(6.0 * time)[:, None] * ones
+    log = MotorLog(
+        time=time, position_target=target, joint_pos=target, external_torque=0.0 * ones, load_inertia=0.004 * ones,
+        joint_names=("a", "b"), robot="rig", motor="m", source="log",
+    )  # fmt: skip
+    found = mp.export(prior, "table", tmp_path, motors=2, joints=log.joint_names, log=log)
+    table = json.loads((tmp_path / "motors.json").read_text())
+    assert 1e-4 < found.losses["log"] < 0.03 and table["loss_rad"]["log"] == found.losses["log"]
+    with pytest.raises(LogError, match="no loads"):
+        mp.export(prior, "table", tmp_path, joints=log.joint_names, log=replace(log, external_torque=None))
+    with pytest.raises(ConfigError, match="joints"):
+        mp.export(prior, "table", tmp_path, joints=("a", "b", "c"), log=log)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(prior: MotorPrior, tmp_path: Path):

@@ -9,6 +9,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exports.registry import Exported, export
 from motorprior.exports.replay import as_mrad
+from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
 
 
@@ -32,18 +33,20 @@ class Export:
     """Your MJCF, for mjcf and mjcf-detailed."""
     joints: tuple[str, ...] = ()
     """Names of the joints; those of the prior or posterior if not given."""
+    log: Path | None = None
+    """Motor log (.parquet) of these joints with loads: the loss on it is measured, too."""
 
 
 def run_export(config: Export, progress: Progress = SILENT) -> Exported:
     """Write the files, and report the loss.
 
     Raises:
-        ArtifactError, ConfigError: as `export`.
+        ArtifactError, ConfigError, LogError: as `export`.
     """
     source = _source(config)
     found = export(
         source, config.format, config.out, motors=config.motors, seed=config.seed, model=config.model,
-        joints=config.joints,
+        joints=config.joints, log=None if config.log is None else read_parquet(config.log),
     )  # fmt: skip
     progress.note(f"{len(found.files)} files in {config.out}")
     if found.losses:

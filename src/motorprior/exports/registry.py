@@ -17,7 +17,8 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.exports import formats
 from motorprior.exports.exporter import Exporter, Request, motors_of, sampled
-from motorprior.exports.replay import carried, losses
+from motorprior.exports.replay import carried, log_loss, losses
+from motorprior.logs.motor_log import MotorLog
 
 MAX_STEP = 0.002  # of the replay [s]
 
@@ -52,6 +53,7 @@ def export(
     model: str | Path | None = None,
     joints: tuple[str, ...] = (),
     gains: np.ndarray | None = None,
+    log: MotorLog | None = None,
 ) -> Exported:
     """Write ``motors`` samples per joint for another simulator, and measure what the format loses.
 
@@ -64,13 +66,15 @@ def export(
         model: your MJCF, for mjcf and mjcf-detailed.
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
         gains: (2, J) kp and kd, see `MotorPrior.sample`.
+        log: of the J joints, with loads: the loss on it is measured, too.
 
     Returns:
-        Files, and RMSE of the exported motors against ours, in closed loop on a leg and on a shank (`exports.replay`).
+        Files, and RMSE of the exported motors against ours, in closed loop on a leg and a shank (`exports.replay`).
 
     Raises:
         ConfigError: an unknown format or joint, a model missing, or a prior without physical constants.
         ArtifactError: the model cannot be read, or ``out`` cannot be written.
+        LogError: a log without loads.
     """
     exporters = find_exporters()
     if format not in exporters:
@@ -91,5 +95,7 @@ def export(
     if exporter.drops_terms:
         lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(sample.terms)}
     found = losses(exporter, flat, step)
+    if log is not None and exporter.replay is not None:
+        found["log"] = log_loss(exporter, flat, log)
     request = Request(sample, Path(out), None if model is None else Path(model), found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)

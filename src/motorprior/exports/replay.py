@@ -15,9 +15,11 @@ import mujoco
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.dynamometer import Trial, run, trial_of
 from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.exporter import Exporter, with_kd
+from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
 LOADS = {"leg": 1.25, "shank": 0.1}  # load inertia over the median armature [-]
@@ -56,6 +58,33 @@ def losses(exporter: Exporter, motors: GreyBoxActuator, dt: float = 0.002) -> di
         given = trial(load, values["armature"], dt, signals)
         found[name] = float(rms(exporter.replay(values, given) - run(motors, given).joint_pos))
     return found
+
+
+def log_loss(exporter: Exporter, motors: GreyBoxActuator, log: MotorLog) -> float:
+    """RMSE of exported against our own joint angles [rad] under the commands and loads of a log's longest segment.
+
+    ``motors`` are those of the log's J joints, robot after robot. Both start at rest at the first target.
+
+    Raises:
+        ConfigError: another number of motors.
+        LogError: a log without loads.
+    """
+    assert exporter.replay is not None
+    if log.load_inertia is None or log.external_torque is None:
+        raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
+    if motors.num_motors % log.num_joints:
+        problem = f"{log.source} has {log.num_joints} joints, which are not those of the motors"
+        raise ConfigError(problem, remedy="name its joints", argument="joints")
+    segment = trial_of(max(log.segments(), key=lambda each: each.num_rows))
+    copies = (1, motors.num_motors // log.num_joints)
+    stiffness = segment.load_stiffness
+    stiffness = np.zeros_like(segment.external_torque) if stiffness is None else stiffness
+    given = Trial(
+        np.tile(segment.position_target, copies), np.tile(segment.external_torque, copies),
+        np.tile(segment.load_inertia, copies[1]), segment.dt, load_stiffness=np.tile(stiffness, copies),
+    )  # fmt: skip
+    values = with_kd(motors.constants()) | {"carried": carried(motors, segment.dt)}
+    return float(rms(exporter.replay(values, given) - run(motors, given).joint_pos))
 
 
 RIG = """<mujoco>
