@@ -42,6 +42,12 @@ def test_a_share_of_the_prior_adds_to_the_posteriors_spread():
     np.testing.assert_allclose(np.cov(z[:, 1].T), posterior(2).covariance[1] + 0.25 * np.eye(2), atol=0.02)
 
 
+def test_a_posterior_that_is_the_prior_identifies_nothing():
+    alike = replace(posterior(3), mean=np.zeros((3, 2)), covariance=np.tile(np.eye(2), (3, 1, 1)))
+    assert not any(row.identifiable for row in alike.constants())
+    assert all(row.identifiable for row in posterior(3).constants())
+
+
 def test_frozen_constants_are_those_of_the_mean_motor():
     frozen, free = (prior.sample(50, 0) for prior in (PRIOR.with_frozen("friction"), PRIOR))
     assert isinstance(frozen, GreyBoxActuator) and isinstance(free, GreyBoxActuator)

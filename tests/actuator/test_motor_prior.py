@@ -63,7 +63,7 @@ def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp
     ):
         assert isinstance(motors, GreyBoxActuator)
         np.testing.assert_array_equal(motors.gains, gains)
-    log: Any = SimpleNamespace(joint_names=("calf", "tail"), joint_classes=("", ""))
+    log: Any = SimpleNamespace(joint_names=("calf", "tail"), stated_classes=())
     found = prior.predicted(log)
     np.testing.assert_array_equal(found.mean, [gain_scaled.mean[2], np.zeros(3)])
     np.testing.assert_array_equal(found.std, [np.full(3, SAME_JOINT_STD), np.ones(3)])
@@ -101,11 +101,18 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
 
 
 def test_another_robots_joint_is_expected_at_its_own_and_as_uncertain_as_a_unit(classed: MotorPrior):
-    log: Any = SimpleNamespace(joint_names=("calf", "other calf"), joint_classes=("calf", "calf"))
+    log: Any = SimpleNamespace(joint_names=("calf", "other calf"), stated_classes=("calf", "calf"))
     found = classed.predicted(log)
     np.testing.assert_array_equal(found.mean, [classed.mean[2], classed.classes.mean[2]])
     np.testing.assert_array_equal(found.std, np.ones((2, 3)))
     np.testing.assert_array_equal(found.misfit, [2.0, 2.0])
+
+
+def test_a_joint_with_the_name_of_a_class_is_of_this_class_also_alone(classed: MotorPrior):
+    assert classed.classes_at(("RL_calf_joint",)) == ("calf",)
+    assert classed.classes_at(("FL_hip", "tail")) == ("hip", "")
+    one = classed.sample("calf", 0)
+    assert one.num_motors == 1
 
 
 def test_intervals_hold_the_constants_and_narrow_with_the_log(gain_scaled: MotorPrior):

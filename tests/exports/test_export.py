@@ -14,12 +14,13 @@ import motorprior as mp
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.exports.bam_law import BamMotor, read_motor
 from motorprior.exports.cards import shipped_cards
-from motorprior.exports.exporter import motors_of, with_kd
+from motorprior.exports.exporter import motors_of, sampled, with_kd
 from motorprior.exports.registry import find_exporters, is_supported
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
@@ -107,6 +108,14 @@ def test_a_log_is_replayed_too(prior: MotorPrior, tmp_path: Path):
         mp.export(prior, "table", tmp_path, joints=log.joint_names, log=replace(log, external_torque=None))
     with pytest.raises(ConfigError, match="joints"):
         mp.export(prior, "table", tmp_path, joints=("a", "b", "c"), log=log)
+
+
+def test_the_motors_of_a_posterior_are_exported_by_name(prior: MotorPrior):
+    mean = np.outer(np.arange(3.0), np.ones(len(PARAMETERS)))
+    covariance = np.tile(1e-12 * np.eye(len(PARAMETERS)), (3, 1, 1))
+    found = MotorPosterior(prior, mean, covariance, ("a", "b", "c"), 10.0, (0.5,) * 3)
+    chosen = sampled(found, 1, 0, ("c", "a"), None).robots[0]
+    np.testing.assert_allclose(chosen.z[:, 0], [2.0, 0.0], atol=1e-4)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(prior: MotorPrior, tmp_path: Path):

@@ -23,7 +23,7 @@ def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box, monkeypatch: pytest
     pos = target + np.hstack([0.0 * time, 0.004 * np.sin(0.01 * time), 0.2 * np.sin(0.01 * time)])
     log: Any = SimpleNamespace(
         joint_names=("FL_calf", "FR_calf", "RL_calf"),
-        joint_classes=("calf",) * 3,
+        stated_classes=("calf",) * 3,
         joint_pos=pos,
         position_target=target,
     )

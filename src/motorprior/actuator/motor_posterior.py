@@ -106,13 +106,14 @@ class MotorPosterior(Described):
         z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((DRAWS, *self.mean.shape)))
         gains = None if self.gains is None else np.tile(self.gains, DRAWS)
         values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
-        new = self.prior.classes.moments(self.prior.classes_at(self.joint_names))[0] + rng.standard_normal(z.shape)
+        mean, std = self.prior.classes.moments(self.prior.classes_at(self.joint_names))
+        new = mean + std * rng.standard_normal(z.shape)
         before = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
         narrowed = {}
         for name, samples in values.items():
-            own, prior = (np.log(each) if samples.min() > 0.0 else each for each in (samples, before[name]))
-            deviations = own.reshape(DRAWS, -1).std(axis=0)
-            narrowed[name] = bool(np.median(deviations) < NARROWER * prior.std())
+            both = (np.log(each) if samples.min() > 0.0 else each for each in (samples, before[name]))
+            own, prior = (each.reshape(DRAWS, -1).std(axis=0) for each in both)
+            narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0)
         return Constants.of(values, UNITS, narrowed)
 
     def plot(self) -> Any:

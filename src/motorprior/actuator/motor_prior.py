@@ -37,7 +37,7 @@ from motorprior.bounds import (
 )
 from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
-from motorprior.robots.joint_classes import classes_by_name
+from motorprior.robots.joint_classes import classes_by_name, kind_of
 from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Schema, Tensor, check_tensors
 from motorprior.texts import Described, Summary
@@ -153,8 +153,14 @@ class MotorPrior(Described):
     def classes_at(self, joint_names: Sequence[str]) -> tuple[str, ...]:
         """The class of each joint: that of the training motor of the same name, otherwise by name."""
         known = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
+        kinds = {name: kind_of(name) for name in joint_names}
+        known = {name: kind for name, kind in kinds.items() if kind in self.classes.names} | known
         by_name = classes_by_name(joint_names)
         return tuple(known.get(name, other) for name, other in zip(joint_names, by_name, strict=True))
+
+    def classes_of(self, log: MotorLog) -> tuple[str, ...]:
+        """The class of each joint of a log: as stated by its robot's description, otherwise `classes_at`."""
+        return log.stated_classes if any(log.stated_classes) else self.classes_at(log.joint_names)
 
     def sample(
         self,
@@ -186,7 +192,7 @@ class MotorPrior(Described):
         return self.model.motors(z, gains=self._gains(classes, gains))
 
     def with_frozen(self, group: str) -> MotorPrior:
-        """The prior whose motors all have the mean motor's constants of a group of `FROZEN`.
+        """The prior whose motors all have the mean motor's constants of a group of `FROZEN`, whatever their class.
 
         Raises:
             ConfigError: an unknown group, or a prior without physical constants.
@@ -203,7 +209,7 @@ class MotorPrior(Described):
         if isinstance(of, Robot):
             return of.joint_classes
         if not isinstance(of, int | np.integer):
-            return tuple(of)
+            return (of,) if isinstance(of, str) else tuple(of)
         require_count("count", of)
         known = self.classes.of_motors
         if of == len(known) or len(self.classes.names) == 1:
@@ -229,9 +235,10 @@ class MotorPrior(Described):
         The standard deviation from a training motor of the same name is SAME_JOINT_STD; with several classes 1, that
         between units, since the log may be that of another robot.
         """
-        mean, std = self.classes.moments(log.joint_classes)
+        classes = self.classes_of(log)
+        mean, std = self.classes.moments(classes)
         own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
-        misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in log.joint_classes])
+        misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes])
         rows = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
         for joint, name in enumerate(log.joint_names):
             if name in rows:
@@ -276,7 +283,8 @@ class MotorPrior(Described):
         rng = np.random.default_rng(0)
         rows = rng.integers(len(self.mean), size=DRAWS)
         classes = [self.classes.of_motors[row] if joint_class is None else joint_class for row in rows]
-        latents = self.classes.moments(classes)[0] + rng.standard_normal((DRAWS, self.model.num_latents))
+        mean, std = self.classes.moments(classes)
+        latents = mean + std * rng.standard_normal(mean.shape)
         values = named_constants(self.model, latents, self._gains(classes, None))
         known = {name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}") for name in values}
         identified = {name: None if value is None else value > 0.0 for name, value in known.items()}

@@ -100,12 +100,13 @@ def _models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior
 ) -> dict[str, list[Actuator]]:
     rng, count, log = np.random.default_rng(config.seed), robot.num_joints, replayer.log
+    classes, gains = prior.classes_of(log), gains_for(prior, robot, log)
     drawn = [with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     return {
         "ideal_pd": [with_logged_gains(nominal_pd(fleet, count), log)],
         "physical": [with_logged_gains(fleet.center(count), log).actuator()],
         "physical_draws": [motors.actuator() for motors in drawn],
-        prior.preset: [prior.sample(log.joint_classes, rng, gains_for(prior, robot, log)) for _ in range(config.draws)],
+        prior.preset: [prior.sample(classes, rng, gains) for _ in range(config.draws)],
     }
 
 

@@ -100,9 +100,12 @@ def sampled(
         ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
     rng = np.random.default_rng(seed)
-    draw = partial(source.sample, len(joint_names))
     if isinstance(source, MotorPrior):
         draw = partial(source.sample, source.classes_at(joint_names))
+    else:
+        if set(joint_names) <= set(source.joint_names):
+            source = source.take([source.joint_names.index(name) for name in joint_names])
+        draw = partial(source.sample, len(joint_names))
     robots = tuple(draw(rng, gains) for _ in range(motors))
     boxes = tuple(robot for robot in robots if isinstance(robot, GreyBoxActuator))
     if len(boxes) < len(robots):

@@ -96,6 +96,6 @@ def export(
         lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(sample.terms)}
     found = losses(exporter, flat, step)
     if log is not None and exporter.replay is not None:
-        found["log"] = log_loss(exporter, flat, log)
+        found["log"] = log_loss(exporter, flat, sample.joint_names, log, step)
     request = Request(sample, Path(out), None if model is None else Path(model), found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)

@@ -9,7 +9,7 @@ bare shank and its leg.
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -20,6 +20,7 @@ from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.exporter import Exporter, with_kd
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import resample
 from motorprior.signals import rms
 
 LOADS = {"leg": 1.25, "shank": 0.1}  # load inertia over the median armature [-]
@@ -60,22 +61,25 @@ def losses(exporter: Exporter, motors: GreyBoxActuator, dt: float = 0.002) -> di
     return found
 
 
-def log_loss(exporter: Exporter, motors: GreyBoxActuator, log: MotorLog) -> float:
+def log_loss(
+    exporter: Exporter, motors: GreyBoxActuator, joints: Sequence[str], log: MotorLog, dt: float = 0.002
+) -> float:
     """RMSE of exported against our own joint angles [rad] under the commands and loads of a log's longest segment.
 
-    ``motors`` are those of the log's J joints, robot after robot. Both start at rest at the first target.
+    ``motors`` are those of ``joints``, robot after robot. Both start at rest at the first target.
 
     Raises:
-        ConfigError: another number of motors.
+        ConfigError: joints that are not in the log.
         LogError: a log without loads.
     """
     assert exporter.replay is not None
     if log.load_inertia is None or log.external_torque is None:
         raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
-    if motors.num_motors % log.num_joints:
-        problem = f"{log.source} has {log.num_joints} joints, which are not those of the motors"
-        raise ConfigError(problem, remedy="name its joints", argument="joints")
-    segment = trial_of(max(log.segments(), key=lambda each: each.num_rows))
+    if missing := [name for name in joints if name not in log.joint_names]:
+        problem = f"{log.source} has no joint {', '.join(missing)}, but {', '.join(log.joint_names)}"
+        raise ConfigError(problem, remedy="name joints of the log", argument="joints")
+    log = log.with_joints([log.joint_names.index(name) for name in joints])
+    segment = trial_of(resample(max(log.segments(), key=lambda each: each.num_rows), dt))
     copies = (1, motors.num_motors // log.num_joints)
     stiffness = segment.load_stiffness
     stiffness = np.zeros_like(segment.external_torque) if stiffness is None else stiffness
@@ -83,7 +87,7 @@ def log_loss(exporter: Exporter, motors: GreyBoxActuator, log: MotorLog) -> floa
         np.tile(segment.position_target, copies), np.tile(segment.external_torque, copies),
         np.tile(segment.load_inertia, copies[1]), segment.dt, load_stiffness=np.tile(stiffness, copies),
     )  # fmt: skip
-    values = with_kd(motors.constants()) | {"carried": carried(motors, segment.dt)}
+    values = with_kd(motors.constants()) | {"carried": carried(motors, dt)}
     return float(rms(exporter.replay(values, given) - run(motors, given).joint_pos))
 
 

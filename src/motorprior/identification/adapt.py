@@ -122,11 +122,14 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierT
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
     if len(prior.mean) > len(prior.classes.names):
-        classes = (prior.classes, log.joint_classes)
-        far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, *classes)
+        classes = prior.classes_of(log)
+        far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, prior.classes, classes)
+        # the distance of a class that was never recorded is unknown
+        is_known = np.isin(classes, prior.classes.names) | (len(prior.classes.names) == 1)
+        far = replace(far, p_value=np.where(is_known, far.p_value, 1.0))
         p_value = np.where(moved(log), np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value)), 1.0)
         for motor in np.flatnonzero(far.p_value < p_fit):
-            reason[motor] = _distance_text(log.joint_classes[motor], far, int(motor))
+            reason[motor] = _distance_text(classes[motor], far, int(motor))
     return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
 
 

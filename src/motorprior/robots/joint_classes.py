@@ -13,11 +13,16 @@ _SIDES = frozenset((
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 
 
+def kind_of(joint_name: str) -> str:
+    """A joint's name without sides and numbers, such as "calf" for FL_calf_joint."""
+    words = (word.lower() for word in _WORD.findall(joint_name))
+    return " ".join(word for word in words if word not in _SIDES)
+
+
 def classes_by_name(joint_names: Sequence[str]) -> tuple[str, ...]:
-    """The class of each joint: its name without sides and numbers, such as "calf" for FL_calf_joint.
+    """The class of each joint: `kind_of` its name.
 
     One class, "", for all joints if a class would have a single joint: names then state places, not kinds.
     """
-    words = ([word.lower() for word in _WORD.findall(name)] for name in joint_names)
-    found = tuple(" ".join(word for word in each if word not in _SIDES) for each in words)
+    found = tuple(map(kind_of, joint_names))
     return found if min(map(found.count, found), default=0) > 1 else ("",) * len(found)

@@ -121,7 +121,8 @@ def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance:
     between = np.sum((raw - center) ** 2, axis=0)
     u = np.maximum(0.0, between / (len(classes) - 1) - noise.mean(axis=0))
     share = u / np.maximum(u + noise, 1e-30)
-    wide = (np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2 + between) / len(classes) * (1.0 + 1.0 / len(classes))
+    assumed_between = np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2
+    wide = (assumed_between + (len(classes) - 1) * u) / len(classes) * (1.0 + 1.0 / len(classes))
     scale = np.sqrt(1.0 + np.mean(share / np.maximum(count, 1.0), axis=0))
     return ClassMoments(center + share * (raw - center), center, units * np.outer(scale, scale), np.diag(wide) + units)
 
