@@ -109,11 +109,12 @@ class MotorPosterior(Described):
         mean, std = self.prior.classes.moments(self.prior.classes_at(self.joint_names))
         new = mean + std * rng.standard_normal(z.shape)
         before = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
-        narrowed = {}
+        narrowed: dict[str, bool | None] = {}
         for name, samples in values.items():
             both = (np.log(each) if samples.min() > 0.0 else each for each in (samples, before[name]))
             own, prior = (each.reshape(DRAWS, -1).std(axis=0) for each in both)
-            narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0)
+            varies = np.median(prior) > 1e-9  # logged gains do not
+            narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None
         return Constants.of(values, UNITS, narrowed)
 
     def plot(self) -> Any:
