@@ -20,7 +20,7 @@ import motorprior as mp
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.artifacts import write_json
-from motorprior.exports.bam_law import RIGID
+from motorprior.exports.bam_law import rigid_gear
 from motorprior.exports.exporter import motors_of
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.evaluation.bench_truth import log_coverage
@@ -48,12 +48,10 @@ KP, KD = (10.0, 17.8, 30.0, 48.0, 80.0), (0.3, 0.6, 1.0, 1.7, 3.0)
 
 def plain(armature: float, friction: float, kp: float, kd: float, limit: float, count: int) -> GreyBoxActuator:
     """Motors that are a plain joint with a position servo."""
-    gear = armature * RIGID["gear_frequency"] ** 2
     values = {
         "kp": kp, "kd": kd, "velocity_filter": 1e-4, "delay": 0.0, "torque_limit": limit, "armature": armature,
         "coulomb": friction, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0,
-        "gear_stiffness": gear, "backlash": 0.0, "encoder_zero": 0.0,
-        "gear_damping": 2.0 * RIGID["gear_damping_ratio"] * armature * RIGID["gear_frequency"],
+        "encoder_zero": 0.0, **rigid_gear(armature),
     }  # fmt: skip
     return motors_of({name: np.full(count, value) for name, value in values.items()})
 

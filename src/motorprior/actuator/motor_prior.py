@@ -80,7 +80,6 @@ _HEADER = Header(
     "prior.safetensors",
     "identify",
 )
-_DRAWS = 400  # of `MotorPrior.intervals`
 SCHEMA_VERSION = _HEADER.version
 _NETWORK = Schema(
     {
@@ -152,11 +151,9 @@ class MotorPrior(Described):
 
     def classes_at(self, joint_names: Sequence[str]) -> tuple[str, ...]:
         """The class of each joint: that of the training motor of the same name, otherwise by name."""
-        known = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
-        kinds = {name: kind_of(name) for name in joint_names}
-        known = {name: kind for name, kind in kinds.items() if kind in self.classes.names} | known
-        by_name = classes_by_name(joint_names)
-        return tuple(known.get(name, other) for name, other in zip(joint_names, by_name, strict=True))
+        own = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
+        names = zip(joint_names, map(kind_of, joint_names), classes_by_name(joint_names), strict=True)
+        return tuple(own.get(name, kind if kind in self.classes.names else other) for name, kind, other in names)
 
     def classes_of(self, log: MotorLog) -> tuple[str, ...]:
         """The class of each joint of a log: as stated by its robot's description, otherwise `classes_at`."""
@@ -254,7 +251,7 @@ class MotorPrior(Described):
         """
         if not isinstance(self.model, GreyBox):
             return {}
-        noise = np.random.default_rng(0).standard_normal((_DRAWS, *self.mean.shape))
+        noise = np.random.default_rng(0).standard_normal((DRAWS, *self.mean.shape))
         z = (self.mean + np.exp(0.5 * self.log_var) * noise).reshape(-1, self.mean.shape[1])
         ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
         values = self.model.constants(z)

@@ -38,8 +38,7 @@ VOLTAGE = {
 TORQUE = "unitree_go1"
 _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
-# resolved at steps of 2 ms; BAM's servos have a rigid gear
-RIGID = {"gear_frequency": 500.0, "gear_damping_ratio": 0.3, "period": 0.002}
+RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 
 
 @dataclass(frozen=True)
@@ -126,6 +125,14 @@ class BamMotor:
         return out
 
 
+def rigid_gear(armature: float) -> dict[str, float]:
+    """Constants by name of a gear that is as good as rigid, without backlash."""
+    return {
+        "gear_stiffness": armature * RIGID_FREQUENCY**2, "backlash": 0.0,
+        "gear_damping": 2.0 * RIGID_DAMPING_RATIO * armature * RIGID_FREQUENCY,
+    }  # fmt: skip
+
+
 def read_motor(path: str | Path, kp: float | None = None, vin: float | None = None, count: int = 1) -> GreyBoxActuator:
     """Motors of a JSON of better-actuator-models (m1 to m6).
 
@@ -155,17 +162,14 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
     if not (stiff > 0.0 and limit > 0.0 and armature > 0.0):
         problem = f"kp {stiff:.3g} N·m/rad, torque limit {limit:.3g} N·m, armature {armature:.3g} kg·m²"
         raise ConfigError(problem, where=path, remedy="give kp and vin above 0, and a file with kt, R and armature")
-    gear = armature * RIGID["gear_frequency"] ** 2
     load = servo["load_friction_motor"] + servo["load_friction_external"] + 2.0 * servo["load_friction_base"]
     values = {
         "kp": stiff, "kd": max(damping, 1e-9), "velocity_filter": 1e-5, "delay": servo["command_delay"],
         "torque_limit": limit if within else 1e3, "armature": armature, "coulomb": servo["friction_base"],
         "stribeck_torque": servo["friction_stribeck"], "viscous_damping": servo["friction_viscous"],
-        "load_friction": load, "gear_stiffness": gear, "backlash": 0.0,
-        "gear_damping": 2.0 * RIGID["gear_damping_ratio"] * armature * RIGID["gear_frequency"],
-        "encoder_zero": -servo["q_offset"],
+        "load_friction": load, "encoder_zero": -servo["q_offset"], **rigid_gear(armature),
     }  # fmt: skip
     if not within:  # the voltage limits, and the back-EMF brakes beyond it
         values |= {"stall_torque": limit, "no_load_speed": limit / damping}
     terms = () if within else ("torque_speed",)
-    return motors_of({name: np.full(count, value) for name, value in values.items()}, terms, RIGID["period"])
+    return motors_of({name: np.full(count, value) for name, value in values.items()}, terms)

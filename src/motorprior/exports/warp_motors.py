@@ -140,12 +140,16 @@ def motor_kernels(terms: tuple[str, ...]) -> tuple[Any, Any]:
     body = _DELAY_LINE.format(line=_LINE, target=_TARGET, delay=StepConstants._fields.index("delay"))
     snippet = f"const int n = table.shape[1];\n{body}\n{traced_step(terms)}"
 
-    def motor_step(
-        i: int, table: wp.array2d(dtype=float), memory: wp.array2d(dtype=float), clock: wp.array(dtype=int),
-        command: float, q: float, dq: float, h: float, torque: wp.array(dtype=float), damping: wp.array(dtype=float),
-    ): ...  # fmt: skip
+    # Warp reads types from annotations, which would be text here: they are set on the functions
+    rows, row, ints = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
+    arrays = dict(table=rows, memory=rows, clock=ints)
 
-    native = wp.func_native(snippet)(_annotated(motor_step, wp))
+    def motor_step(i, table, memory, clock, command, q, dq, h, torque, damping): ...
+
+    motor_step.__annotations__ = dict(
+        i=int, **arrays, command=float, q=float, dq=float, h=float, torque=row, damping=row
+    )
+    native = wp.func_native(snippet)(motor_step)
     reference, line = wp.constant(_REFERENCE), wp.constant(_LINE)
 
     def step_kernel(table, memory, clock, command, joint_pos, joint_vel, h, torque, damping):
@@ -166,29 +170,18 @@ def motor_kernels(terms: tuple[str, ...]) -> tuple[Any, Any]:
             clock[i] = 0
             damping[i] = 0.0
 
-    rows, row, ints = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
     step_kernel.__annotations__ = dict(
-        table=rows, memory=rows, clock=ints, command=row, joint_pos=row, joint_vel=row, h=float, torque=row, damping=row
+        **arrays, command=row, joint_pos=row, joint_vel=row, h=float, torque=row, damping=row
     )
     reset_kernel.__annotations__ = dict(
-        bank=rows, chosen=ints, mask=wp.array(dtype=wp.bool), command=row, joint_pos=row, table=rows, memory=rows,
-        clock=ints, damping=row,
-    )  # fmt: skip
+        bank=rows, chosen=ints, mask=wp.array(dtype=wp.bool), command=row, joint_pos=row, **arrays, damping=row
+    )
     suffix = "_".join(terms) or "base"
     module = wp.get_module(f"{__name__}.{suffix}")
     return (
         wp.Kernel(step_kernel, key=f"motor_step_{suffix}", module=module),
         wp.Kernel(reset_kernel, key=f"motor_reset_{suffix}", module=module),
     )
-
-
-def _annotated(function: Any, wp: Any) -> Any:
-    # the annotations above are text, as of every module with `from __future__ import annotations`
-    kinds = {"int": int, "float": float}
-    names = {name: kinds.get(text) or eval(text, {"wp": wp, "float": float, "int": int})
-             for name, text in function.__annotations__.items()}  # fmt: skip
-    function.__annotations__ = names
-    return function
 
 
 class WarpMotors:

@@ -77,7 +77,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     expected = prior.predicted(train).mean
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(expected)}
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(prior.classes.moments(train.joint_classes)[0])
+        models["prior_mean"] = prior.model.motors(prior.classes.moments(prior.classes_of(train))[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))

@@ -74,10 +74,10 @@ def validate(
     Returns:
         ``free_run_rmse`` [rad] of free runs of 1 s and ``whole_run_rmse`` [rad] of free runs of whole segments: median
         and mean over motors, and of each motor (``part``). Models: ADAPTED, the prior adapted to the training rows;
-        PRIOR, its motor of the same name or else its central motor; and the baselines of `log_baselines`, with an error
-        of 2π if they cannot be fitted. ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and
-        ``whole_run_coverage90`` of samples of the posterior and of z ~ N(0, I). TRAINED_ON: 1 if the prior was trained
-        on the log, so that the figures are not a test, otherwise 0.
+        PRIOR, its motor of the same name or else the mean of the joint's class; and the baselines of `log_baselines`,
+        with an error of 2π if they cannot be fitted. ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and
+        ``whole_run_coverage90`` of samples of the posterior and of `MotorPrior.predicted`. TRAINED_ON: 1 if the prior
+        was trained on the log, so that the figures are not a test, otherwise 0.
 
     Raises:
         LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.

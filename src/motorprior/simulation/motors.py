@@ -80,7 +80,7 @@ def fleet_motors(robot: Robot, fleet: str | None = None) -> Drawn:
 def prior_motors(
     robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0, frozen: str = "", of_robot: str = ""
 ) -> Drawn:
-    """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motor [-].
+    """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motors [-].
 
     frozen names constants that all motors have from the mean motor: friction, delay, armature or play. of_robot is the
     robot or bench of the prior, if this robot has the same motors.
