@@ -17,7 +17,9 @@ second-order accurate. It is linearly implicit in the rotor's new velocity v'; t
 
 The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping + h·gear_stiffness)/2, which the
 engine integrates implicitly: a stiff gear on a light shank is then stable. The rotor gets the momentum of that damping
-one step later, so momentum is conserved.
+in the same step, for an expected velocity change, and the difference to the actual one a step later: momentum is
+conserved, and slow motions are second-order accurate. Expected is the smaller of the last two changes while the gear
+stays in contact, and 0 if their signs differ, so that impacts and vibrations are not extrapolated.
 
 Optional terms add a firmware profile, an integral, a voltage limit and others (`optional_terms`).
 """
@@ -73,8 +75,9 @@ BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
 StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
 # State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
-# engine at the previous step; the rows of optional terms follow, only if there are any
-_STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping")
+# engine at the previous step, vel_change is the last change of joint_vel, expected_change that of the previous step; the
+# rows of optional terms follow, only if there are any
+_STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping", "vel_change", "expected_change")
 BASE_STATE = len(_STATE)
 MotorState = namedtuple("MotorState", (*_STATE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
 
@@ -174,8 +177,11 @@ def step(
         state = profiled(p, state, target, h, arithmetic)
         target = state.reference
     r, filtered, half_h = state.rotor_pos, state.filtered_vel, 0.5 * h
-    # momentum that the engine's implicit damping took from the joint
-    v = state.rotor_vel + h * state.damping * (dq - state.joint_vel) / p.armature
+    # momentum that the engine's implicit damping took from the joint, less that given in advance
+    change, before = dq - state.joint_vel, state.vel_change
+    v = state.rotor_vel + h * state.damping * (change - state.expected_change) / p.armature
+    smaller = where(abs(change) < abs(before), change, before)
+    expected = where(change * before * state.damping > 0.0, smaller, 0.0)
 
     twist = r - q
     twist_at_t = twist + half_h * (v - dq)
@@ -213,7 +219,7 @@ def step(
     if "current" in terms:
         old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
     inertia = p.armature + half_h * (lead + p.viscous_damping)
-    carried = inertia * v - h * (gear + p.viscous_damping * v)
+    carried = inertia * v - h * (gear + p.viscous_damping * v - damping * expected)
     dry = _DryFriction(p, state.bristle, friction, h, arithmetic, terms)
     in_force, eased = old + share * push, share * braking
     free, bristle = dry.velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
@@ -234,6 +240,8 @@ def step(
         filtered_vel=filtered + p.filter_gain * (mean_encoder_vel - filtered),
         joint_vel=dq,
         damping=damping,
+        vel_change=change,
+        expected_change=expected,
     )
     if "current" in terms:
         wanted = where(limited, bounded, law)

@@ -25,7 +25,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
 # of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
-FILTER_STD = 0.7
+FILTER_STD = 1.0
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
 RIGID = {
@@ -35,7 +35,7 @@ RIGID = {
 
 _SIZES = np.log(4.0) * np.arange(3.0, -4.0, -1.0)  # logarithms of the factors that are tried
 INITIAL_MOTOR = {
-    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
+    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.0005, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
     "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
     "backlash": 0.015, "gear_damping": 0.03, **INITIAL,
 }  # fmt: skip
