@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed
+from motorprior.logs.operations import without_noise
+from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed, smoothing_of
 
 DT, ROWS = 0.002, 1000
 PARTS = (slice(0, 450), slice(450, ROWS))
@@ -17,12 +18,16 @@ def noisy(deviation: float, seed: int = 0) -> np.ndarray:
     return WAVE + deviation * np.random.default_rng(seed).standard_normal(WAVE.shape)
 
 
+def found_in(readings: np.ndarray) -> tuple[float, float]:
+    found = smoothing_of(readings, PARTS, DT)
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize("deviation", [1e-4, 1e-3])
 def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
     readings = noisy(deviation)
-    found = smoothed(readings, PARTS, DT)
-    assert found is not None
-    position, velocity = found
+    position, velocity = smoothed(readings, PARTS, DT, *found_in(readings))
     assert position.shape == velocity.shape == readings.shape
     assert np.std(position - WAVE) < 0.6 * deviation
     differences = np.concatenate([np.gradient(readings[part], DT, axis=0) for part in PARTS])
@@ -31,14 +36,45 @@ def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
 
 
 def test_a_log_without_noise_is_left_as_it_is():
-    assert smoothed(WAVE, PARTS, DT) is None
-    assert smoothed(noisy(0.2 * MIN_NOISE), PARTS, DT) is None
-    assert smoothed(np.zeros((400, 2)), (slice(0, 400),), DT) is None
+    assert smoothing_of(WAVE, PARTS, DT) is None
+    assert smoothing_of(noisy(0.2 * MIN_NOISE), PARTS, DT) is None
+    assert smoothing_of(np.zeros((400, 2)), (slice(0, 400),), DT) is None
 
 
 def test_the_steps_of_an_encoder_are_noise():
     step = 2 * np.pi / 4096
     readings = step * np.round(WAVE / step)
-    found = smoothed(readings, PARTS, DT)
-    assert found is not None and np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
+    found = smoothed(readings, PARTS, DT, *found_in(readings))
+    assert np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
     assert 0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
+
+
+def test_a_smoothed_command_moves_a_motor_as_its_smoothed_angle_and_a_sharp_one_later(make_log):
+    """A step of a first-order lag after 15 ms: smoothed angles begin before the motor, and so do smoothed commands."""
+    time, step = DT * np.arange(1200), 4096 / (2 * np.pi)
+    target = 0.3 * (np.sin(1.3 * time) > 0.0)
+    angle = np.zeros_like(time)
+    for row in range(1, len(time)):
+        late = target[max(0, row - 8)]
+        angle[row] = late + (angle[row - 1] - late) * np.exp(-DT / 0.03)
+    readings = np.round(angle * step) / step
+    log = without_noise(make_log(
+        rows=len(time), period=DT, time=time, position_target=np.stack([target] * 2, axis=1), joint_vel=None,
+        joint_pos=np.stack([readings] * 2, axis=1),
+    ))  # fmt: skip
+
+    def lag(command: np.ndarray) -> float:
+        found = [np.mean((simulated(command, delay) - log.joint_pos[:, 0]) ** 2) for delay in range(14)]
+        return float(np.argmin(found))
+
+    def simulated(command: np.ndarray, delay: int) -> np.ndarray:
+        pos = np.zeros_like(time)
+        for row in range(1, len(time)):
+            late = command[max(0, row - delay)]
+            pos[row] = late + (pos[row - 1] - late) * np.exp(-DT / 0.03)
+        return pos
+
+    assert not np.array_equal(log.position_target[:, 0], target)
+    assert lag(log.position_target[:, 0]) == 8
+    smooth = np.mean((simulated(log.position_target[:, 0], 8) - log.joint_pos[:, 0]) ** 2)
+    assert smooth < 0.2 * np.mean((simulated(target, 8) - log.joint_pos[:, 0]) ** 2)

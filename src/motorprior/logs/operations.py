@@ -110,11 +110,20 @@ def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, perio
 
 
 def without_noise(log: MotorLog) -> MotorLog:
-    """The log with smoothed angles and velocities (`smoothing`); unchanged if its readings are free of noise."""
-    from motorprior.logs.smoothing import smoothed  # it compiles
+    """The log with smoothed angles, velocities and commands (`smoothing`); unchanged if its readings are free of noise.
 
-    found = smoothed(log.joint_pos, tuple(log.segment_slices()), log.period)
-    return log if found is None else replace(log, joint_pos=found[0], joint_vel=found[1])
+    Smoothed alone, the angles begin to move earlier than the motor, and identified delays are too short. The motor is
+    nearly linear, so smoothed commands move it as the smoothed angles.
+    """
+    from motorprior.logs.smoothing import smoothed, smoothing_of  # it compiles
+
+    parts = tuple(log.segment_slices())
+    found = smoothing_of(log.joint_pos, parts, log.period)
+    if found is None:
+        return log
+    pos, vel = smoothed(log.joint_pos, parts, log.period, *found)
+    target = smoothed(log.position_target, parts, log.period, *found)[0]
+    return replace(log, joint_pos=pos, joint_vel=vel, position_target=target)
 
 
 def with_velocities(log: MotorLog) -> MotorLog:
@@ -129,15 +138,22 @@ def with_velocities(log: MotorLog) -> MotorLog:
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
-    """The log at steps of ``period`` [s]: commands held, angles splines through smoothed readings.
+    """The log at steps of ``period`` [s]: angles are splines through smoothed readings, commands are smoothed likewise.
 
     Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
-    angles, grid = without_noise(log).joint_pos, resample(log, period)
+    from motorprior.logs.smoothing import smoothed, smoothing_of
+
+    parts, grid, angles = tuple(log.segment_slices()), resample(log, period), log.joint_pos
+    found = smoothing_of(angles, parts, log.period)
+    if found is not None:
+        angles = smoothed(angles, parts, log.period, *found)[0]
+        noise, rows = found[0] * math.sqrt(log.period / period), tuple(grid.segment_slices())
+        grid = replace(grid, position_target=smoothed(grid.position_target, rows, period, noise, found[1])[0])
     pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
-    for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
+    for old, new in zip(parts, grid.segment_slices(), strict=True):
         spline = CubicSpline(log.time[old], angles[old], axis=0)
         pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
     return replace(grid, joint_pos=pos, joint_vel=vel)

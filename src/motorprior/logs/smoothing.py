@@ -106,18 +106,26 @@ def quantum(readings: np.ndarray) -> float:
     return float(np.diff(np.unique(readings)).min()) if np.ptp(readings) > 0.0 else 0.0
 
 
-def smoothed(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad]; None if free of noise.
+def smoothing_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float] | None:
+    """Noise r [rad] and density d [rad/s²/√s] for `smoothed`, of (R, M) readings [rad]; None if free of noise.
 
-    Noise and density are the medians over some motors that move. ``parts`` are the rows of each segment, ``dt`` [s].
+    They are the medians over some motors that move. ``parts`` are the rows of each segment, ``dt`` [s].
     """
     moving = np.flatnonzero(np.ptp(readings, axis=0))  # a static one does not identify the noise
     if moving.size == 0:
         return None
     some = moving[np.unique(np.linspace(0, len(moving) - 1, min(_MAX_MOTORS, len(moving))).astype(int))]
     noise, density = np.median([noise_of(readings[:, motor], parts, dt) for motor in some], axis=0)
-    if noise < MIN_NOISE:
-        return None
+    return None if noise < MIN_NOISE else (float(noise), float(density))
+
+
+def smoothed(
+    readings: np.ndarray, parts: tuple[slice, ...], dt: float, noise: float, density: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad].
+
+    For readings at other steps, the same smoothing has the noise r·√(dt/dt'): r²·dt is its power density.
+    """
     out = np.empty((2, *readings.shape))
     for motor, column in enumerate(readings.T):
         for part in parts:
