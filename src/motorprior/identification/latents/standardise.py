@@ -24,6 +24,9 @@ identify says nothing of the spread, and
 
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
 
+u is that of the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a constant
+without effect, such as a very small friction, must not become that of other classes.
+
 The covariance w keeps directions in which logs do not tell constants apart, such as delay and damping.
 """
 
@@ -49,6 +52,7 @@ from motorprior.logs.motor_log import FIRMWARE
 MIN_MOTORS = 8  # for quantiles and correlations; with fewer, these would be mostly sampling error
 RELIABLE_MOTORS = 24  # for reliable samples; with fewer, outer quantiles are extrapolated
 PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
+MIN_UNITS = 0.5  # sum of the weights of a class's motors; with less, a constant's mean in the class is not shrunk
 _ROUNDS = 4  # of the weights of `class_moments`
 _RISE = 1e-6  # minimum slope of a latent over its normal score
 # s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of
@@ -117,10 +121,12 @@ def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance:
         units = PRIOR_MOTORS * np.diag(assumed**2) + residual.T @ residual
         units /= np.sqrt(np.outer(freedom, freedom))
         v = np.diag(units)
-    center, noise = raw.mean(axis=0), v / count  # (C, P) variance of the mean of a class
-    between = np.sum((raw - center) ** 2, axis=0)
-    u = np.maximum(0.0, between / (len(classes) - 1) - noise.mean(axis=0))
-    share = u / np.maximum(u + noise, 1e-30)
+    noise, identified = v / count, count > MIN_UNITS  # (C, P) variance of the mean of a class
+    classes_used = identified.sum(axis=0)
+    center = np.where(classes_used, np.sum(raw * identified, axis=0) / np.maximum(classes_used, 1), raw.mean(axis=0))
+    between = np.sum(identified * ((raw - center) ** 2), axis=0) / np.maximum(classes_used - 1, 1)
+    u = np.maximum(0.0, between - np.sum(identified * noise, axis=0) / np.maximum(classes_used, 1))
+    share = np.where(identified, u / np.maximum(u + noise, 1e-30), 1.0)
     assumed_between = np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2
     wide = (assumed_between + (len(classes) - 1) * u) / len(classes) * (1.0 + 1.0 / len(classes))
     scale = np.sqrt(1.0 + np.mean(share / np.maximum(count, 1.0), axis=0))
