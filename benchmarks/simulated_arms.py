@@ -45,6 +45,7 @@ RANGES = {
     "coulomb": (0.05, 0.2), "viscous_damping": (0.05, 0.3),
 }  # fmt: skip
 FITTED = ("delay", "armature", "coulomb", "viscous_damping")  # kp and kd are logged
+FRICTION = 'solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"'  # MuJoCo's default creeps when it sticks
 RADIANS = '<compiler angle="radian"/>'
 ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
 ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
@@ -72,7 +73,7 @@ def write_arm(folder: Path, constants: dict[str, np.ndarray] | None = None) -> P
             names = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}
             motor = " ".join(f'{mjcf}="{constants[name][joint]:.12g}"' for name, mjcf in names.items())
         axis, place = ("0 0 1", "0 0 0") if joint == 0 else ("0 1 0", "0.2 0 0")
-        body += f'<body pos="{place}"><joint name="j{joint}" axis="{axis}" range="-3 3" limited="true" {motor} solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"/>'
+        body += f'<body pos="{place}"><joint name="j{joint}" axis="{axis}" range="-3 3" {FRICTION} {motor}/>'
         body += '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.3" contype="0" conaffinity="0"/>'
         end += "</body>"
     (folder / "arm.xml").write_text(f"<mujoco>{RADIANS}<worldbody>{body}{end}</worldbody></mujoco>", "utf-8")

@@ -8,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
 
-from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL, GearedMotor
+from motorprior.actuator.geared_motor_step import MotorState
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.identification.physics.motor_problem import encoded
 
 MOTORS = 8
 FREE = {"coulomb": 0.0, "stribeck_torque": 0.0, "viscous_damping": 0.0, "load_friction": 0.0}
@@ -78,8 +81,9 @@ def simulate(actuator: GreyBoxActuator, dt, load, target, external, start: State
         dq = (dq + dt * (torque + push) / load) / (1.0 + dt * arrays.damping / load)
         q = q + dt * dq
         torque -= arrays.damping * dq
-        # what the engine's implicit damping took is the rotor's from the next step on
-        rotor_vel = motor[ROTOR_VEL] + dt * arrays.damping * (dq - before) / values["armature"]
+        # what the engine's implicit damping took, less the expected momentum, is the rotor's from the next step on
+        late = dq - before - motor[MotorState._fields.index("expected_change")]
+        rotor_vel = motor[ROTOR_VEL] + dt * arrays.damping * late / values["armature"]
         note()
     return Motion(*np.array(rows).transpose(1, 0, 2))
 
@@ -144,3 +148,31 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     moved = simulate(motors, dt, load, target, 1.5 * breakaway * ramp).rotor_pos[-1]
     expected = (1.5 * breakaway * (1 - values["load_friction"]) - values["coulomb"]) / values["kp"]
     assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
+
+
+def rigid_response(inertia: float, kp: float, damping: float, delay: float, target: np.ndarray, dt: float):
+    """Angles [rad] of a rigid motor on a PD, commands held from each step of ``dt`` and delayed; steps of dt/40."""
+    q, dq, h, angles = 0.0, 0.0, dt / 40, np.empty(len(target))
+    for step in range(40 * len(target)):
+        if step % 40 == 0:
+            angles[step // 40] = q
+        sent = max(0, int(np.floor((step * h - delay) / dt + 1e-9)))
+        push = h * (kp * (target[sent] - q) - 0.5 * damping * dq) / inertia
+        dq = (dq + push) / (1.0 + 0.5 * h * damping / inertia)
+        q += h * dq
+    return angles
+
+
+@pytest.mark.parametrize("load", [0.004, 0.06])
+def test_a_stiff_gear_moves_a_load_as_a_rigid_motor(load: float):
+    dt, values = 0.002, dict(kp=20.0, kd_over_kp=0.05, delay=0.01, armature=0.01, viscous_damping=0.1)
+    none = dict.fromkeys(("velocity_filter", "coulomb", "stribeck_torque", "load_friction", "backlash"), 1e-6)
+    stiff = dict(torque_limit=500.0, gear_stiffness=1e4, gear_damping=1.0)
+    center = encoded(values | none | stiff, ())
+    motors = GreyBox(GearedMotor(center, np.eye(len(center))), dt).motors(np.zeros((1, len(center))))
+    target = np.repeat(np.random.default_rng(3).uniform(-0.3, 0.3, 16) * (np.arange(16) > 0), 125)
+    trial = Trial(target[:, None], np.zeros((len(target), 1)), np.array([load]), dt)
+    exact = rigid_response(load + 0.01, 20.0, 20.0 * 0.05 + 0.1, 0.01, target, dt)
+    error, vel = run(motors, trial).joint_pos[:, 0] - exact, np.gradient(exact, dt)
+    assert abs(error @ vel / (vel @ vel)) < 0.1 * dt  # delay of the simulated joint
+    assert np.sqrt(np.mean(error**2)) < 0.6e-3

@@ -25,9 +25,8 @@ def drawn_states(motors: GreyBoxActuator, terms: tuple[str, ...], rng: np.random
     n, constants = motors.num_motors, motors.model.constants(motors.z)
     q = rng.uniform(-0.3, 0.3, n)
     moving = np.arange(n) % 3 > 0
-    velocities = {
-        name: 4.0 * rng.standard_normal(n) * moving for name in ("dq", "rotor_vel", "filtered_vel", "joint_vel")
-    }
+    names = "dq", "rotor_vel", "filtered_vel", "joint_vel", "vel_change", "expected_change"
+    velocities = {name: 4.0 * rng.standard_normal(n) * moving for name in names}
     drawn = velocities | {
         "q": q, "target": rng.uniform(-0.4, 0.4, n), "rotor_pos": q + 0.02 * rng.standard_normal(n),
         "damping": 0.1 * rng.random(n),

@@ -75,8 +75,8 @@ BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
 StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
 # State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
-# engine at the previous step, vel_change is the last change of joint_vel, expected_change that of the previous step; the
-# rows of optional terms follow, only if there are any
+# engine at the previous step, vel_change is the last change of joint_vel, expected_change that of the previous step;
+# the rows of optional terms follow, only if there are any
 _STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping", "vel_change", "expected_change")
 BASE_STATE = len(_STATE)
 MotorState = namedtuple("MotorState", (*_STATE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))

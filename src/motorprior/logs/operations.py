@@ -110,11 +110,7 @@ def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, perio
 
 
 def without_noise(log: MotorLog) -> MotorLog:
-    """The log with smoothed angles, velocities and commands (`smoothing`); unchanged if its readings are free of noise.
-
-    Smoothed alone, the angles begin to move earlier than the motor, and identified delays are too short. The motor is
-    nearly linear, so smoothed commands move it as the smoothed angles.
-    """
+    """The log with smoothed angles and velocities (`smoothing`); unchanged if its readings are free of noise."""
     from motorprior.logs.smoothing import smoothed, smoothing_of  # it compiles
 
     parts = tuple(log.segment_slices())
@@ -122,8 +118,7 @@ def without_noise(log: MotorLog) -> MotorLog:
     if found is None:
         return log
     pos, vel = smoothed(log.joint_pos, parts, log.period, *found)
-    target = smoothed(log.position_target, parts, log.period, *found)[0]
-    return replace(log, joint_pos=pos, joint_vel=vel, position_target=target)
+    return replace(log, joint_pos=pos, joint_vel=vel)
 
 
 def with_velocities(log: MotorLog) -> MotorLog:
@@ -140,7 +135,9 @@ def with_velocities(log: MotorLog) -> MotorLog:
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     """The log at steps of ``period`` [s]: angles are splines through smoothed readings, commands are smoothed likewise.
 
-    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations.
+    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Smoothed
+    angles begin to move before the motor; a motor without saturation is nearly linear, so smoothed commands move it
+    likewise.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 

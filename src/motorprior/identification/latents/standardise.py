@@ -24,8 +24,8 @@ identify says nothing of the spread, and
 
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
 
-u is that of the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a constant
-without effect, such as a very small friction, must not become that of other classes.
+u is that of the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a
+constant without effect, such as a very small friction, must not become that of other classes.
 
 The covariance w keeps directions in which logs do not tell constants apart, such as delay and damping.
 """
