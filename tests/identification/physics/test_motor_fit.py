@@ -70,7 +70,7 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, li
     fit = fit_motors(runs, (), True, 0)
     found = np.exp((fit.center + fit.offsets)[:, column])
     if identifiable:
-        np.testing.assert_allclose(found, limit, rtol=0.15)
+        assert np.median(np.abs(np.log(found / limit))) < 0.01, found  # one motor hardly reaches it
     else:
         assert np.all(found > 3.0 * asked)
 
