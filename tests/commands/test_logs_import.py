@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import weighed_arm
 from swinging_bars import INERTIA, swing, write_table
 from third_party_files import (
     ANGLE,
@@ -109,12 +108,6 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
     assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet"
 
 
-def test_loads_need_the_robot(tmp_path: Path):
-    path, columns = write_swing(tmp_path)
-    with pytest.raises(ConfigError, match="no model for the loads -> give robot"):
-        import_logs(LogsImport((path,), tmp_path / "out", columns=columns, suspended=True))
-
-
 def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
     """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
     bars = swing(2.0)
@@ -193,13 +186,3 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
     assert log.joint_names == JOINTS and len(log.segment_slices()) == 2
     np.testing.assert_allclose(log.joint_pos[:, 0], degrees.joint_pos[:, 0])
     np.testing.assert_allclose(log.joint_pos[:, 1], 0.3 + 0.01 * np.rad2deg(degrees.joint_pos[:, 1]))
-
-
-@pytest.mark.parametrize(
-    ("turned", "suspended", "warns"), [("", True, False), ("elbow", True, True), ("elbow", False, False)]
-)
-def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str, suspended: bool, warns: bool):
-    robot = weighed_arm.write_arm(tmp_path)
-    table, columns = weighed_arm.write_table(weighed_arm.slow_motion(robot), tmp_path, turned)
-    said = imported(LogsImport((table,), tmp_path / "out", columns=columns, suspended=suspended, robot=robot))
-    assert ("with elbow reversed" in said) == said.startswith("warning: ") == warns

@@ -255,7 +255,7 @@ class Report:
 
 def report(config: Report) -> None:
     """Write the page and print its path."""
-    from motorprior.report.trainings import write_training_page  # here: it imports matplotlib
+    from motorprior.report.chapters import write_training_page  # here: it imports matplotlib
 
     command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
     print(write_training_page(config.run, config.robot, command))

@@ -81,7 +81,7 @@ def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
     """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws a joint of each log."""
-    from motorprior.report.plots_motor import draw_traces  # here: they import matplotlib
+    from motorprior.report.plots import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
     rng, traces, covered = np.random.default_rng(config.seed), [], []

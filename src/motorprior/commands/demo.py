@@ -24,9 +24,8 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import WalkConfig
-from motorprior.studies.compare import TrainedPolicy, run_walks
+from motorprior.studies.compare import TrainedPolicy, robustness_map, run_walks
 from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
-from motorprior.studies.robustness import robustness_map
 from motorprior.studies.summary import WalkRow, scores, summarise
 
 if TYPE_CHECKING:
@@ -98,6 +97,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     """
     from motorprior.report import chapters, demo_page  # here: they import matplotlib
     from motorprior.report.page import page
+    from motorprior.report.study import own_simulations
 
     if config.logs is None and (config.suspended or config.columns is not None):
         name = "suspended" if config.suspended else "columns"
@@ -132,7 +132,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         sections = [
             demo_page.answer(found, study.commanded, film),
             demo_page.robustness(_maps(bench, progress)),
-            demo_page.own_simulations(found),
+            own_simulations(found),
             motors,
             chapters.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]

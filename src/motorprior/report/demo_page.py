@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_style import TEXT, describe, model_label, new_figure, panels
-from motorprior.report.study import conditions_in, forest_plot, own_table, with_interval
-from motorprior.studies.robustness import FRICTIONS, PUSHES
+from motorprior.report.study import conditions_in, forest_plot, with_interval
+from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.summary import COMPARED, OWN, OWN_FOREIGN, REFERENCE, Summary
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
@@ -63,12 +63,6 @@ def _cells(summary: Summary, place: str, condition: str) -> list[str]:
     speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
     gap = summary.estimates[own, condition, "upright"].value - upright.value
     return [with_interval(upright, 100.0, ".0f"), with_interval(speed, 1.0, ".2f"), f"{100.0 * gap:+.0f}"]
-
-
-def own_simulations(summary: Summary) -> Section:
-    """Time upright of every policy in the simulation of its training."""
-    text = "A policy that falls in the simulation of its training has not converged, or its motors cannot walk so fast."
-    return Section("In the simulation of the training", (text,), tables=(own_table(summary),))
 
 
 def robustness(maps: Mapping[str, np.ndarray]) -> Section:

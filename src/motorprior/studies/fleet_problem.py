@@ -111,12 +111,9 @@ class FleetProblem:
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 
     def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
-        """One motor per joint of the robot, with the gains of a log if it states them.
+        """One motor per joint of the robot, with the logged gains of the log ``name``, if it has any.
 
-        Args:
-            name: of the log.
-            x: (unknowns,) the centre.
-            offsets: of single motors from it, flat (excited joints · differing unknowns).
+        ``x`` is the (unknowns,) centre. Offsets of single motors are flat (excited joints · differing unknowns).
         """
         count = self.robot.num_joints
         values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}

@@ -161,13 +161,8 @@ def replayers_of(
 ) -> dict[str, Replayer]:
     """Every log with its posture, ready to replay; notes state posture and logged gains.
 
-    Args:
-        logs: by name.
-        robot: of the logs.
-        fleet: its central motor is replayed to find an unknown posture.
-        posture: of every log; ``auto`` for the logged one, or if there is none, the one with the lower replay error by
-            a margin, or standing.
-        note: called with the notes.
+    The posture ``auto`` is the logged one. If there is none, it is the one in which the fleet's central motor has the
+    lower replay error by a margin, or standing.
 
     Raises:
         ConfigError: a posture for a robot with a fixed base.
