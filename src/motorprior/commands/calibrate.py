@@ -50,11 +50,7 @@ class Calibrate:
 
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
-    """Calibrate, or read the results of the finished stage.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: a log, fleet or setting that cannot be used.
-    """
+    """Calibrate, or read the results of the finished stage; errors for a log, fleet or setting that cannot be used."""
     for name in ("starts", "iterations", "draws"):
         require_count(name, getattr(config, name))
     require_seed(config.seed)

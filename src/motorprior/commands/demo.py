@@ -84,16 +84,8 @@ class Demo:
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
-    Args:
-        config: settings.
-        progress: reports to the user.
-        command: command line that makes the same page, to print on it.
-
-    Returns:
-        All measurements, also in results.json and, by name, in figures.json; ``seconds`` is the time of this run.
-
-    Raises:
-        MotorPriorError: a stage cannot run; finished stages remain.
+    The page names the ``command`` that makes it. Returns all measurements, also in results.json and, by name, in
+    figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a stage cannot run; finished ones stay.
     """
     from motorprior.report import chapters, demo_page  # here: they import matplotlib
     from motorprior.report.page import page

@@ -62,10 +62,7 @@ class Play:
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
-    """Simulate the walks, measure them, write the film, and open the viewer if requested.
-
-    Returns:
-        Path of the film, and measures of the walks.
+    """Path of the film, and measures of the walks; opens the viewer if requested.
 
     Raises:
         SimulationFault: a walk diverged.

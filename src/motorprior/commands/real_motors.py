@@ -49,11 +49,7 @@ class RealMotors:
 
 
 def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
-    """Fit and evaluate, or read the results if the folder holds them already.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: a log, column map or robot that cannot be used.
-    """
+    """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot, folder = load_robot(config.robot), read_logs_of(config)
     maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []
