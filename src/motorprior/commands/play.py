@@ -111,11 +111,7 @@ def _names(policies: Iterable[Path]) -> dict[str, Path]:
 
 
 def _commands(config: Play, robot: Robot) -> Commands | Timetable:
-    """Commands of the walk.
-
-    Raises:
-        ConfigError, LogError: a command outside the robot's range, a schedule that cannot be read, or both given.
-    """
+    """Commands of the walk; errors for one outside the robot's range, an unreadable schedule, or both given."""
     size = robot.require_legs()
     if config.schedule is None:
         forward = size.forward[1] if config.forward is None else config.forward

@@ -50,7 +50,7 @@ def _array(raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal
 
 def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
     """A tensor; offset and stride count numbers. as_strided reads any memory, so it must lie within its numbers."""
-    numbers = np.ravel(numbers)  # of a forged array, the length says nothing about its memory
+    numbers = np.ravel(numbers)  # a forged array may have less memory than its length
     last = offset + sum((length - 1) * step for length, step in zip(size, stride, strict=True))
     if min((offset, *size, *stride)) < 0 or prod(size) > len(numbers) or last >= len(numbers):
         raise LogError(f"a tensor of size {size}, stride {stride} does not fit {numbers.nbytes} bytes", remedy=_SAVE)

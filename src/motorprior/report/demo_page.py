@@ -19,7 +19,7 @@ _AS_GOOD = 0.02  # difference of the time upright below which two conditions are
 
 
 def answer(summary: Summary, speed: float, film: Picture) -> Section:
-    """What was asked, what came out, how sure it is; the film; time upright, speed and transfer gap."""
+    """Question, result and uncertainty; the film; time upright, speed and transfer gap."""
     conditions = conditions_in(summary)
     policies = next(iter(summary.upright.values())).shape[1]
     asked = (

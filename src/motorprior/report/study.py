@@ -64,7 +64,7 @@ def own_table(summary: Summary) -> Table:
         for place in (OWN, OWN_FOREIGN):
             if (policies := summary.upright.get((place, condition))) is not None:
                 cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
-                rows.append((condition if place == OWN else f"{condition}, foreign motors", *cells))
+                rows.append((condition if place == OWN else f"{condition}, out-of-family motors", *cells))
     caption = "time upright of every policy in the simulation of its training [%]"
     return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
 

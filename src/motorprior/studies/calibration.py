@@ -67,20 +67,13 @@ def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iter
 
 @dataclass(frozen=True)
 class Calibration:
-    """A fitted fleet.
+    """A fitted fleet."""
 
-    Attributes:
-        center: (unknowns,) best centre of all searches.
-        error: (unknowns,) its standard error: the larger of Laplace's and, for several logs, the jackknife's.
-        offsets: (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`.
-        spread: constant -> standard deviation between motors; empty if the fleet has no spread.
-        left_out: log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log.
-    """
-
-    center: np.ndarray
-    error: np.ndarray
-    offsets: np.ndarray
-    spread: dict[str, float]
+    center: np.ndarray  # (unknowns,) best centre of all searches
+    error: np.ndarray  # (unknowns,) its standard error: the larger of Laplace's and, for several logs, the jackknife's
+    offsets: np.ndarray  # (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`
+    spread: dict[str, float]  # constant -> standard deviation between motors; empty if the fleet has no spread
+    # log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log
     left_out: dict[str, tuple[np.ndarray, np.ndarray]]
 
 

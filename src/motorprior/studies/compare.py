@@ -108,13 +108,10 @@ def evaluate(
 
 @dataclass(frozen=True)
 class TrainedPolicy:
-    """A trained policy and the simulation in which it was trained, from the record in its file.
+    """A trained policy and the simulation in which it was trained, from the record in its file."""
 
-    Attributes: path of the policy's file; robot with the policy's speed range; policy.
-    """
-
-    path: Path
-    robot: Robot
+    path: Path  # of the policy's file
+    robot: Robot  # with the policy's speed range
     policy: Policy
 
     @classmethod
