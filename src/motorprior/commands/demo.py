@@ -87,9 +87,9 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     The page names the ``command`` that makes it. Returns all measurements, also in results.json and, by name, in
     figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a stage cannot run; finished ones stay.
     """
-    from motorprior.report import chapters, demo_page  # here: they import matplotlib
+    from motorprior.report import chapters  # here: they import matplotlib
+    from motorprior.report import study as study_page
     from motorprior.report.page import page
-    from motorprior.report.study import own_simulations
 
     if config.logs is None and (config.suspended or config.columns is not None):
         name = "suspended" if config.suspended else "columns"
@@ -122,9 +122,9 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         film = _film(bench, walks, progress)
         (out / FILM).write_bytes(film.data)
         sections = [
-            demo_page.answer(found, study.commanded, film),
-            demo_page.robustness(_maps(bench, progress)),
-            own_simulations(found),
+            study_page.answer(found, study.commanded, film),
+            study_page.robustness(_maps(bench, progress)),
+            study_page.own_simulations(found),
             motors,
             chapters.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
@@ -132,7 +132,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         results += Results.of([Result("seconds", "s", time.monotonic() - started)])
         stage.write_results(out, results)
         write_page(sections, complete=True)
-        progress.note(demo_page.headline(found))
+        progress.note(study_page.headline(found))
         return results
 
 
