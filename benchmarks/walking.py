@@ -49,10 +49,10 @@ from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import (
     WARM_UP,
     completed,
-    distance_along_heading,
     gait_quality,
     headings,
     quality_results,
+    steps_along_heading,
 )
 
 PROGRESS = Lines(sys.stderr)
@@ -188,7 +188,7 @@ def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
     qpos = episode.trace[round(WARM_UP / robot.control_dt) :]
     yaw = headings(qpos)
     time = robot.control_dt * (len(qpos) - 1)
-    return distance_along_heading(qpos[:, :2], yaw) / time, float(yaw[-1] - yaw[0]) / time
+    return float(np.sum(steps_along_heading(qpos[:, :2], yaw))) / time, float(yaw[-1] - yaw[0]) / time
 
 
 def command_results(place: str, name: str, seed: int, found: dict[str, float]) -> Iterator[Result]:

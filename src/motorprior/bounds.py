@@ -30,12 +30,6 @@ def is_number(value: Any, minimum: float = -MAX_NUMBER, maximum: float = MAX_NUM
     return isinstance(value, Real) and not isinstance(value, bool) and bool(minimum <= value <= maximum)  # pyright: ignore[reportOperatorIssue]
 
 
-def is_range(value: Any, minimum: float, maximum: float) -> bool:
-    """Whether a value is a pair (low, high) of numbers in [minimum, maximum], low <= high."""
-    pair = isinstance(value, tuple) and len(value) == 2
-    return pair and all(is_number(each, minimum, maximum) for each in value) and value[0] <= value[1]
-
-
 def number(minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: float = -inf, unit: str = "") -> Field:
     """A finite number in [minimum, maximum] and above ``above``, not a bool."""
     meaning = f"a finite number{_range(minimum, maximum, above)} {unit}".rstrip()
@@ -108,7 +102,8 @@ def require_count(name: str, value: Any, minimum: int = 1, maximum: float = MAX_
 def require_range(name: str, value: Any, minimum: float, maximum: float) -> None:
     """`require_argument` for a pair (low, high) of numbers in [minimum, maximum], low <= high."""
     meaning = f"a range within {minimum:g}..{maximum:g}, the smaller number first"
-    require_argument(name, value, Field(meaning, lambda pair: is_range(pair, minimum, maximum)))
+    is_pair = isinstance(value, tuple) and len(value) == 2 and all(is_number(each, minimum, maximum) for each in value)
+    require_argument(name, value, Field(meaning, lambda pair: is_pair and pair[0] <= pair[1]))
 
 
 def require_seed(seed: Any) -> None:

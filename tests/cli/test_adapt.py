@@ -92,6 +92,7 @@ def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorpr
         for model in ("ideal_pd", "tuned_pd", "pace", "physical"):
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])
+    assert figures["suspended_rmse/physical"] < figures["suspended_rmse/tuned_pd"]
     assert 0.1 < figures["coverage50"] < figures["coverage90"]
     areas = [found.where(quantity="two_sample_auc").value(statistic=name) for name in ("low", "median", "high")]
     assert areas == sorted(areas) and areas[1] > 0.5

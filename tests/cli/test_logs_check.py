@@ -1,4 +1,4 @@
-"""`logs check` as somebody uses it who has a table of his own."""
+"""`logs check` on a user's own table."""
 
 from collections.abc import Callable
 from pathlib import Path

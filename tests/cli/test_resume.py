@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from motorprior.artifacts import read_json, read_tensors
+from motorprior.artifacts import read_json
 from motorprior.bench.fleet import fleet_path
 from motorprior.identification.fit_prior import KEPT, PRIOR
 
@@ -34,27 +34,6 @@ def whole_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = [sys.executable, "-m", "motorprior.cli.main", *map(str, WALK), "--workers", "1", "--out", str(folder)]
     subprocess.run(words, check=True, capture_output=True)
     return folder
-
-
-@pytest.mark.parametrize(("workers", "stops"), [(1, (12,)), (2, (4, 6))])
-def test_an_interrupted_walk_ends_at_the_same_bytes(
-    motorprior: Command, ctrl_c: Callable, tmp_path: Path, whole_walk: Path, workers: int, stops: tuple[int, ...]
-):
-    out, iterations = tmp_path / "walk", 0
-    line = (*WALK, "--workers", workers, "--out", out)
-    for stop in stops:
-        ctrl_c(1 + stop)  # the first advance sets the start
-        outcome = motorprior(*line)
-        assert outcome.code == 130
-        assert "run the same command again to continue" in outcome.err and "Traceback" not in outcome.err
-        iterations += stop
-        state, header = read_tensors(out / "search.safetensors")
-        assert int(state["iteration"]) == len(header["curve"]) == iterations
-        assert not (out / MARKER).exists() and not (out / "policy.safetensors").exists()
-    ctrl_c(0)
-    assert motorprior(*line).code == 0
-    assert results(out) == results(whole_walk)
-    assert not (out / "search.safetensors").exists()
 
 
 def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ctrl_c: Callable, tmp_path: Path):

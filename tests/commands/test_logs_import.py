@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import weighed_arm
 from swinging_bars import INERTIA, swing, write_table
 from third_party_files import (
     ANGLE,
@@ -27,7 +26,6 @@ from motorprior.identification import load_fit
 from motorprior.identification.load_fit import FittedLoad
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.operations import begin_at_gaps, smooth_on_grid
 from motorprior.logs.read_log import read_log
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import Lines
@@ -88,17 +86,6 @@ def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
     assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
 
 
-def test_any_format_comes_on_a_grid_and_given_registers_are_used_and_checked(tmp_path: Path):
-    path, given = write_bam(tmp_path), {"profile_acceleration": 39.0, "dead_zone": 0.002}
-    import_logs(LogsImport((path,), tmp_path / "out", period=0.005, firmware=given))
-    log = read_parquet(tmp_path / "out" / "swing.parquet")
-    np.testing.assert_allclose(np.diff(log.time), 0.005)
-    np.testing.assert_allclose(log.joint_pos[:, 0], np.interp(log.time, TIME, ANGLE[:, 0]), atol=1e-12)
-    assert log.firmware == given
-    with pytest.raises(LogError, match=r"firmware\.profile_speed -1 is not 0 \(off\) or a number"):
-        import_logs(LogsImport((path,), tmp_path / "out", firmware={"profile_speed": -1.0}))
-
-
 @pytest.mark.parametrize("row", [0, ROWS - 1])
 def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Path, row: int):
     codes = np.full(ROWS, POSTURES.index("suspended"))
@@ -107,12 +94,6 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
     with pytest.raises(LogError, match=f"row {row} .*standing") as error:
         import_logs(LogsImport((tmp_path / "log.parquet",), tmp_path / "out", suspended=True))
     assert error.value.argument == "suspended" and error.value.where == tmp_path / "log.parquet"
-
-
-def test_loads_need_the_robot(tmp_path: Path):
-    path, columns = write_swing(tmp_path)
-    with pytest.raises(ConfigError, match="no model for the loads -> give robot"):
-        import_logs(LogsImport((path,), tmp_path / "out", columns=columns, suspended=True))
 
 
 def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
@@ -156,15 +137,6 @@ def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
     assert f"{path}: gaps longer than 5 median steps: 1; 2.5 s before row 601, at 8.5 s; a segment begins" in said
 
 
-def test_no_motion_is_invented_in_a_gap(tmp_path: Path):
-    path, columns = write_swing(tmp_path)
-    raw = read_log(path, columns=columns)
-    assert np.abs(smooth_on_grid(raw, 0.002).joint_pos).max() > 1.5, "a spline across the gap"
-    log = smooth_on_grid(begin_at_gaps(raw, 0.002)[0], 0.002)
-    truth = 0.8 * np.sin(3.0 * (log.time - 0.05))
-    assert np.sqrt(np.mean((log.joint_pos[:, 0] - truth) ** 2)) < 2e-3
-
-
 def test_several_gains_need_the_joints_in_a_robots_order(tmp_path: Path):
     path, out = write_csv(tmp_path), tmp_path / "out"
     with pytest.raises(ConfigError, match="the joints pan, lift are not in a robot's order"):
@@ -193,13 +165,3 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
     assert log.joint_names == JOINTS and len(log.segment_slices()) == 2
     np.testing.assert_allclose(log.joint_pos[:, 0], degrees.joint_pos[:, 0])
     np.testing.assert_allclose(log.joint_pos[:, 1], 0.3 + 0.01 * np.rad2deg(degrees.joint_pos[:, 1]))
-
-
-@pytest.mark.parametrize(
-    ("turned", "suspended", "warns"), [("", True, False), ("elbow", True, True), ("elbow", False, False)]
-)
-def test_an_import_with_loads_warns_of_turned_signs(tmp_path: Path, turned: str, suspended: bool, warns: bool):
-    robot = weighed_arm.write_arm(tmp_path)
-    table, columns = weighed_arm.write_table(weighed_arm.slow_motion(robot), tmp_path, turned)
-    said = imported(LogsImport((table,), tmp_path / "out", columns=columns, suspended=suspended, robot=robot))
-    assert ("with elbow reversed" in said) == said.startswith("warning: ") == warns

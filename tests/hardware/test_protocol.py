@@ -13,7 +13,7 @@ from telemetry import telemetry
 from motorprior.exceptions import ProtocolError
 from motorprior.hardware.health import TelemetryStream
 from motorprior.hardware.protocol import IDLE, IDLE_FRAME, Command, FrameReader, Telemetry, decode, encode, framed
-from motorprior.hardware.virtual_robot import ERROR, POSITION, Firmware, FirmwareConfig
+from motorprior.hardware.virtual_robot import POSITION, Firmware, FirmwareConfig
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import Drive, SensorReadings
@@ -176,7 +176,6 @@ class StillBody:
 
     def __init__(self):
         self.pos, self.vel, self.drive = NOMINAL, np.zeros(12), Drive(NOMINAL, np.zeros(12), np.zeros(12), 0.0)
-        self.offset = self.extra_current = 0.0
 
     def advance(self, milliseconds: int, drive: Drive) -> None:
         self.drive, before = drive, self.pos
@@ -185,23 +184,14 @@ class StillBody:
         self.vel = (self.pos - before) / (1e-3 * max(1, milliseconds))
 
     def sense(self) -> SensorReadings:
-        current = self.drive.current(self.pos, self.vel) + self.extra_current
-        return SensorReadings(self.pos + self.offset, self.vel, current, np.full(3, 1e-3), np.zeros(3))
+        current = self.drive.current(self.pos, self.vel)
+        return SensorReadings(self.pos, self.vel, current, np.full(3, 1e-3), np.zeros(3))
 
 
-@pytest.fixture
-def still_body() -> StillBody:
-    return StillBody()
-
-
-def started(body, **config) -> Firmware:
-    return Firmware(PUPPER_V2, body, FirmwareConfig(**config))
-
-
-def sent_by(firmware: Firmware, milliseconds: int) -> tuple[list[Telemetry], list[str]]:
-    messages = FrameReader(Telemetry, JOINTS).feed(firmware.advance(milliseconds))
-    frames = [message for message in messages if isinstance(message, Telemetry)]
-    return frames, [message for message in messages if isinstance(message, str)]
+def next_frame(firmware: Firmware) -> Telemetry:
+    messages = FrameReader(Telemetry, JOINTS).feed(firmware.advance(10))
+    (frame,) = [message for message in messages if isinstance(message, Telemetry)]
+    return frame
 
 
 def send(firmware: Firmware, pos=None, **command) -> None:
@@ -211,33 +201,16 @@ def send(firmware: Firmware, pos=None, **command) -> None:
             firmware.receive(framed(Command(**each), JOINTS))
 
 
-def test_it_holds_its_pose_and_sends_telemetry_in_its_own_time(still_body):
-    frames, lines = sent_by(started(still_body, telemetry_period=5), 150)
-    assert [frame.ts for frame in frames] == list(range(5, 151, 5)) and frames[0].cur is None
-    assert lines == ["LED on", "Holding"]
-    np.testing.assert_array_equal(still_body.pos, NOMINAL)
-
-
-def test_currents_follow_the_gains_that_were_sent_until_idle(still_body):
-    firmware = started(still_body, with_currents=True)
+def test_currents_follow_the_gains_that_were_sent_until_idle():
+    body = StillBody()
+    firmware = Firmware(PUPPER_V2, body, FirmwareConfig(with_currents=True))
     send(firmware, pos=NOMINAL + 0.02, kp=30.0, kd=0.5, max_current=2.0)
-    ((frame,), _) = sent_by(firmware, 10)
+    frame = next_frame(firmware)
     assert frame.cur is not None and firmware.mode == POSITION
     np.testing.assert_allclose(frame.cur, 30.0 * (NOMINAL + 0.02 - frame.pos) - 0.5 * frame.vel, atol=1e-5)
     send(firmware, pos=NOMINAL + 3.0)
-    ((frame,), _) = sent_by(firmware, 10)
+    frame = next_frame(firmware)
     assert frame.cur is not None and np.abs(frame.cur).max() == 2.0
     send(firmware, idle=True)
-    sent_by(firmware, 10)
-    assert firmware.mode == "idle" and not still_body.drive.kp.any() and not still_body.drive.kd.any()
-
-
-@pytest.mark.parametrize("value", ["offset", "extra_current"])
-def test_beyond_its_limits_it_removes_the_current_and_reports_every_millisecond(still_body, value: str):
-    firmware = started(still_body)
-    setattr(still_body, value, 11.0)
-    sent_by(firmware, 10)
-    assert firmware.mode == ERROR and sent_by(firmware, 100)[1].count("ERROR") >= 90
-    assert not still_body.drive.kp.any()
-    send(firmware, pos=NOMINAL)
-    assert firmware.mode == ERROR, "until it is switched off"
+    next_frame(firmware)
+    assert firmware.mode == "idle" and not body.drive.kp.any() and not body.drive.kd.any()

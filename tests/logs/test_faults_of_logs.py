@@ -39,16 +39,6 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     assert without_gaps(clean) == (clean, [])
 
 
-def test_single_velocities_are_no_other_unit():
-    log = moving((0.5,))
-    assert log.joint_vel is not None
-    speed = log.joint_vel.copy()
-    speed[[100, 800]] = 620.0
-    report = check_log(replace(log, joint_vel=speed))
-    (found,) = report.of("failed_reads")
-    assert "2 single readings of up to 620 rad/s" in found.message and not report.of("units") and report.usable
-
-
 def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):
     angle = np.cumsum(np.full(400, 0.05))
     ticks = np.rint(np.stack([angle + 0.05, angle], axis=1) * 4096 / (2 * np.pi)) % 4096

@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 import numpy as np
 
 from motorprior.report.page import Picture, Section, Table, page, picture
-from motorprior.report.plots_walk import learning_curves
+from motorprior.report.plots import learning_curves
 
 VOID = {"meta", "img", "br"}
 

@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 from swinging_load import swinging_load
 
 from motorprior.identification.evaluation.free_runs import Trace
-from motorprior.report.plots_motor import draw_traces, errors_by_joint, excitation_and_response
+from motorprior.report.plots import draw_traces, errors_by_joint, excitation_and_response, learning_curves
 from motorprior.report.plots_style import png_bytes
-from motorprior.report.plots_walk import learning_curves
 
 TIME = np.arange(0.0, 1.0, 0.01)
 ANGLE = np.sin(6.0 * TIME)

@@ -26,7 +26,7 @@ UNITS = {
     f"kd_over_kp{PER_LOGGED}": f"s per unit {_PER_UNIT}", **{each.name: each.unit for each in CONSTANTS.values()},
 }  # fmt: skip
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
-_PICTURES = "motorprior.report.plots_motor"  # of a layer above, imported when a picture is drawn
+_PICTURES = "motorprior.report.plots"  # of a layer above, imported when a picture is drawn
 
 
 class Constant(NamedTuple):
@@ -97,5 +97,5 @@ def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.nda
 
 
 def draw_response(motors: Any, title: str, period: float) -> Any:
-    """A figure of the responses of motors to a step; see `report.plots_motor.step_responses`."""
+    """A figure of the responses of motors to a step; see `report.plots.step_responses`."""
     return import_module(_PICTURES).step_responses(motors, title, period)

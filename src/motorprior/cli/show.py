@@ -42,7 +42,6 @@ from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
-from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import FIGURES, PAGE
@@ -78,7 +77,7 @@ def logs_check(config: LogsCheck) -> None:
         log = read_log(path, given, config.columns)
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
         rows = [
-            [found.severity, found.check, "" if found.row is None else str(found.row), found.message, found.remedy]
+            [found.severity, found.check, str(found.row), found.message, found.remedy]
             for found in grouped(report.findings)
         ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
@@ -126,12 +125,8 @@ def _adapted(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: 
 
 
 def validate(config: Validate) -> None:
-    """See `run_validate`."""
-    _fidelity(run_validate(config, TERMINAL))
-
-
-def _fidelity(results: Results) -> None:
-    """Medians on training motors; on held-out motors and of the distribution, where measured."""
+    """See `run_validate`; the tables of held-out motors and of the distribution only where they were measured."""
+    results = run_validate(config, TERMINAL)
     titles = {
         "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor",
         "held_out": "The same on held-out motors, adapted to 10 s of log each",
@@ -236,11 +231,8 @@ def transfer(config: TransferCommand) -> None:
             raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
     if not config.walks:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
-    _transferred(run_transfer(Transfer(**settings), TERMINAL))
-
-
-def _transferred(results: Results) -> None:
-    table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", *tables.transfer_table(results))
+    rows = tables.transfer_table(run_transfer(Transfer(**settings), TERMINAL))
+    table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", *rows)
 
 
 @dataclass(frozen=True)
@@ -255,7 +247,7 @@ class Report:
 
 def report(config: Report) -> None:
     """Write the page and print its path."""
-    from motorprior.report.trainings import write_training_page  # here: it imports matplotlib
+    from motorprior.report.chapters import write_training_page  # here: it imports matplotlib
 
     command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
     print(write_training_page(config.run, config.robot, command))

@@ -31,12 +31,7 @@ class Adapt:
 def run_adapt(
     config: Adapt, progress: Progress = SILENT, show: Show = lambda log, found, outliers, constants: None
 ) -> None:
-    """Adapt, unless the folder already contains this posterior.
-
-    Args:
-        config: settings.
-        progress: where to report to.
-        show: called with the results before outliers are rejected, see `adapt`.
+    """Adapt, unless the folder already contains this posterior; ``show`` as in `adapt`.
 
     Raises:
         LogError: the log does not fit, or has outliers and ``anyway`` is not set.

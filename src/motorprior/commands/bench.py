@@ -41,11 +41,7 @@ class Bench:
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
-    """Record, unless the stage is finished.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a fleet or folder that cannot be used.
-    """
+    """Record, unless the stage is finished; errors for a setting, fleet or folder that cannot be used."""
     require_count("motors", config.motors)
     require_count("steps", config.steps, 2)
     require_seed(config.seed)

@@ -50,11 +50,7 @@ class Calibrate:
 
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
-    """Calibrate, or read the results of the finished stage.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: a log, fleet or setting that cannot be used.
-    """
+    """Calibrate, or read the results of the finished stage; errors for a log, fleet or setting that cannot be used."""
     for name in ("starts", "iterations", "draws"):
         require_count(name, getattr(config, name))
     require_seed(config.seed)
@@ -81,7 +77,7 @@ def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
     """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws a joint of each log."""
-    from motorprior.report.plots_motor import draw_traces  # here: they import matplotlib
+    from motorprior.report.plots import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
     rng, traces, covered = np.random.default_rng(config.seed), [], []

@@ -24,9 +24,8 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import WalkConfig
-from motorprior.studies.compare import TrainedPolicy, run_walks
+from motorprior.studies.compare import TrainedPolicy, robustness_map, run_walks
 from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
-from motorprior.studies.robustness import robustness_map
 from motorprior.studies.summary import WalkRow, scores, summarise
 
 if TYPE_CHECKING:
@@ -85,18 +84,11 @@ class Demo:
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
-    Args:
-        config: settings.
-        progress: reports to the user.
-        command: command line that makes the same page, to print on it.
-
-    Returns:
-        All measurements, also in results.json and, by name, in figures.json; ``seconds`` is the time of this run.
-
-    Raises:
-        MotorPriorError: a stage cannot run; finished stages remain.
+    The page names the ``command`` that makes it. Returns all measurements, also in results.json and, by name, in
+    figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a stage cannot run; finished ones stay.
     """
-    from motorprior.report import chapters, demo_page  # here: they import matplotlib
+    from motorprior.report import chapters  # here: they import matplotlib
+    from motorprior.report import study as study_page
     from motorprior.report.page import page
 
     if config.logs is None and (config.suspended or config.columns is not None):
@@ -130,9 +122,9 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         film = _film(bench, walks, progress)
         (out / FILM).write_bytes(film.data)
         sections = [
-            demo_page.answer(found, study.commanded, film),
-            demo_page.robustness(_maps(bench, progress)),
-            demo_page.own_simulations(found),
+            study_page.answer(found, study.commanded, film),
+            study_page.robustness(_maps(bench, progress)),
+            study_page.own_simulations(found),
             motors,
             chapters.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
@@ -140,7 +132,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         results += Results.of([Result("seconds", "s", time.monotonic() - started)])
         stage.write_results(out, results)
         write_page(sections, complete=True)
-        progress.note(demo_page.headline(found))
+        progress.note(study_page.headline(found))
         return results
 
 

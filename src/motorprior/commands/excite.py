@@ -57,11 +57,7 @@ class Excite:
 
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
-    """Fit, plan, write.
-
-    Raises:
-        ConfigError, LogError, ArtifactError: settings out of range, or files that cannot be used.
-    """
+    """Fit, plan, write; errors for a setting or file that cannot be used."""
     require_number("csv", config.csv)
     for name in ("max_speed", "max_torque"):
         if getattr(config, name) is not None:

@@ -38,12 +38,10 @@ class Export:
 
 
 def run_export(config: Export, progress: Progress = SILENT) -> Exported:
-    """Write the files, and report the loss.
-
-    Raises:
-        ArtifactError, ConfigError, LogError: as `export`.
-    """
-    source = _source(config)
+    """Write the files, and report the loss; errors as `export`."""
+    source = MotorPrior.load(config.motors_of if config.prior is None else config.prior)
+    if config.prior is not None:
+        source = MotorPosterior.load(config.motors_of, source)
     found = export(
         source, config.format, config.out, motors=config.motors, seed=config.seed, model=config.model,
         joints=config.joints, log=None if config.log is None else read_parquet(config.log),
@@ -55,9 +53,3 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
         lost = ", ".join(f"{name} (median {value:.3g})" for name, value in found.not_expressed.items())
         progress.note(f"not expressed by the format: {lost}")
     return found
-
-
-def _source(config: Export) -> MotorPrior | MotorPosterior:
-    if config.prior is None:
-        return MotorPrior.load(config.motors_of)
-    return MotorPosterior.load(config.motors_of, MotorPrior.load(config.prior))

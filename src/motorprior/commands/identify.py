@@ -41,11 +41,7 @@ class Identify:
 
 
 def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
-    """Train, unless the folder already contains this prior, and return it.
-
-    Raises:
-        LogError, ConfigError: the log does not fit the recipe.
-    """
+    """Train, unless the folder already contains this prior, and return it; errors as `fit_recipe`, `training_log`."""
     require_seed(config.seed)
     recipe = identification_preset(config.preset, config.steps)
     log, provenance = training_log(config.bench)

@@ -29,10 +29,8 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Logs in any format of docs/logs.md: recordings of `motorprior record` or `deploy` (.csv), logs of
-    jietan/puppersim (.csv, .csv.gz, .txt), Rhoban/bam (.json, .json.gz), folders of isaac-sim2real/sage and of LeRobot
-    datasets, ROS 2 bags (.mcap, or its folder), or, with ``columns``, any table (.csv, .csv.gz, .parquet), any topics
-    of a bag and arrays (.npz, .npy, .mat, .pkl, .pt)."""
+    """Logs in any format of docs/logs.md; with ``columns`` any table (.csv, .csv.gz, .parquet), any topics of a ROS 2
+    bag (.mcap) and arrays (.npz, .npy, .mat, .pkl, .pt)."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
@@ -68,9 +66,7 @@ class LogsImport:
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     """Write one .parquet per log, named after it, and report its content.
 
-    Raises:
-        ConfigError: two logs with one name, a log that would overwrite a recording, or as `load_log`.
-        LogError, ArtifactError: as `load_log`, or a folder that cannot be written or is in use.
+    Errors as `load_log` and `_targets`, or for a folder that cannot be written or is in use.
     """
     if config.fit_load and (config.suspended or config.robot or not config.columns or config.period != PERIOD):
         problem, remedy = "fit_load needs columns and the default period, and no robot", "give these, or suspended"

@@ -62,10 +62,7 @@ class Play:
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
-    """Simulate the walks, measure them, write the film, and open the viewer if requested.
-
-    Returns:
-        Path of the film, and measures of the walks.
+    """Path of the film, and measures of the walks; opens the viewer if requested.
 
     Raises:
         SimulationFault: a walk diverged.
@@ -114,11 +111,7 @@ def _names(policies: Iterable[Path]) -> dict[str, Path]:
 
 
 def _commands(config: Play, robot: Robot) -> Commands | Timetable:
-    """Commands of the walk.
-
-    Raises:
-        ConfigError, LogError: a command outside the robot's range, a schedule that cannot be read, or both given.
-    """
+    """Commands of the walk; errors for one outside the robot's range, an unreadable schedule, or both given."""
     size = robot.require_legs()
     if config.schedule is None:
         forward = size.forward[1] if config.forward is None else config.forward

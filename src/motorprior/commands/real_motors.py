@@ -34,26 +34,16 @@ TEST_SECONDS = 120.0
 class RealMotors:
     """Fit models to the motors of real logs, and evaluate them on held-out logs."""
 
-    logs: Path
-    """A log, or a folder of logs of the same joints, in any format of docs/logs.md."""
-    out: Path
-    """Folder for figures.json and the traces of the report."""
-    columns: str | None = None
-    """Column map of tables: a shipped one by name, or your .toml file."""
-    suspended: bool = False
-    """The robot has a free base and was suspended in the air with its body level."""
-    seed: int = 0
-    """Seed of the fits and samples."""
-    robot: str = DEFAULT_ROBOT
-    """Robot of the logs: a shipped one by name, or a .toml file; not used for logs with other joints."""
+    logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
+    out: Path  # folder for figures.json and the traces of the report
+    columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
+    suspended: bool = False  # the robot has a free base and was suspended in the air with its body level
+    seed: int = 0  # of the fits and samples
+    robot: str = DEFAULT_ROBOT  # name or .toml file of the robot of the logs; not used for logs with other joints
 
 
 def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
-    """Fit and evaluate, or read the results if the folder holds them already.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: a log, column map or robot that cannot be used.
-    """
+    """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot, folder = load_robot(config.robot), read_logs_of(config)
     maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []
@@ -112,8 +102,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
     """The logs with a new segment after each gap, and lines about what was omitted or assumed.
 
-    Raises:
-        LogError: no log has a steady clock.
+    Raises LogError if no log has a steady clock.
     """
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):

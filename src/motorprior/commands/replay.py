@@ -49,11 +49,7 @@ class Replay:
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
-    """Check and replay, or read the results of the finished stage.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: a log, prior, fleet or setting that cannot be used.
-    """
+    """Check and replay, or read the results of the finished stage; errors for an input that cannot be used."""
     require_count("draws", config.draws)
     require_seed(config.seed)
     robot = load_robot(config.robot)
@@ -82,11 +78,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
 
 
 def read_logs(path: Path, robot: Robot) -> LogFolder:
-    """A log, or all logs of a folder.
-
-    Raises:
-        LogError: a log that cannot be read.
-    """
+    """A log, or all logs of a folder; raises LogError as `read_log_folder`, without options for columns."""
     try:
         return read_log_folder(path, robot)
     except LogError as error:

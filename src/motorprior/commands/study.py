@@ -151,25 +151,19 @@ def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, p
 def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:
     """The policy's file."""
     bench, name = condition.bench, condition.folder
+    # a robot that stands earns a little; with the default, weak robots earn less by stumbling on than by falling early,
+    # and their search ends there
+    task = TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
+    seed, top = SEEDS_APART * bench.seed + condition.seed, max(1, bench.directions // 2)
+    search = ArsConfig(bench.directions, top, _STEP_SIZE, _DELTA_STD, seed)
     walk = Walk(
         out=bench.out / "walk" / name, motors=condition.motors, randomization=condition.randomization,
-        commands=bench.commands, task=_task(bench), episode_steps=_EPISODE_STEPS, iterations=bench.iterations,
-        search=_search(bench, condition.seed), validation=bench.validation_fleet(robot), robot=bench.robot,
+        commands=bench.commands, task=task, episode_steps=_EPISODE_STEPS, iterations=bench.iterations,
+        search=search, validation=bench.validation_fleet(robot), robot=bench.robot,
         workers=bench.episodes_at_a_time, executor=bench.executor, ray_address=bench.ray_address,
     )  # fmt: skip
     run_walk(walk, progress, f"bench {bench.seed}, {name}")
     return walk.out / POLICY
-
-
-def _task(bench: Study) -> TaskWeights:
-    # a robot that stands earns a little; with the default, weak robots earn less by stumbling on than by falling early,
-    # and their search ends there
-    return TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
-
-
-def _search(bench: Study, seed: int) -> ArsConfig:
-    seed, top = SEEDS_APART * bench.seed + seed, max(1, bench.directions // 2)
-    return ArsConfig(bench.directions, top, _STEP_SIZE, _DELTA_STD, seed)
 
 
 def _evaluate(trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...]) -> list[WalkRow]:

@@ -46,27 +46,16 @@ FITS = "fits.json"
 
 @dataclass(frozen=True)
 class Condition:
-    """A policy to train and to evaluate.
+    """A policy to train and to evaluate."""
 
-    Attributes:
-        bench: settings of its bench, see `Study.of_benches`.
-        name: of the training condition, in tables.
-        seed: of the training.
-        motors: of the training episodes.
-        randomization: of the training episodes, in addition to the motors.
-        population: OUT_OF_FAMILY for conditions trained for out-of-family motors.
-        environments: in which it is evaluated.
-        robot: number of the only robot that it walks on; all if not given.
-    """
-
-    bench: Study
-    name: str
-    seed: int
-    motors: str
-    randomization: Randomization = TRAINING
-    population: str = IN_FAMILY
-    environments: tuple[str, ...] = tuple(ENVIRONMENTS)
-    robot: int | None = None
+    bench: Study  # settings of its bench, see `Study.of_benches`
+    name: str  # of the training condition, in tables
+    seed: int  # of the training
+    motors: str  # of the training episodes
+    randomization: Randomization = TRAINING  # of the training episodes, in addition to the motors
+    population: str = IN_FAMILY  # OUT_OF_FAMILY for conditions trained for out-of-family motors
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)  # in which it is evaluated
+    robot: int | None = None  # number of the only robot that it walks on; all if None
 
     @property
     def folder(self) -> str:

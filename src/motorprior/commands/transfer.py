@@ -46,11 +46,7 @@ class Transfer:
 
 
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
-    """Evaluate, or read the finished evaluation.
-
-    Raises:
-        ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used.
-    """
+    """Evaluate, or read the finished evaluation; errors for a policy, motors or a fleet that cannot be used."""
     robot = load_robot(config.robot)
     robot.require_legs()
     fleet = load_robot_fleet(robot, config.fleet)

@@ -54,11 +54,7 @@ class Validate:
 
 
 def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
-    """Measure, or read the results if the folder holds them already.
-
-    Raises:
-        ArtifactError, ConfigError: a prior or a setting that cannot be used.
-    """
+    """Measure, or read the results of the finished stage; errors for a prior or setting that cannot be used."""
     require_seed(config.seed)
     for seconds in config.adapt_seconds:
         require_number("adapt_seconds", seconds, 1.0, 600.0)

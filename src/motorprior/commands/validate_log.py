@@ -39,11 +39,7 @@ class ValidateLog:
 
 
 def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Results:
-    """See `validate`; reads the results if the folder holds them already.
-
-    Raises:
-        LogError, ArtifactError, ConfigError: as `validate`, or a file that cannot be read.
-    """
+    """See `validate`; reads the results of the finished stage. Errors as `validate`, or for an unreadable file."""
     log, *fitted_on = (replace(read_parquet(path), source=str(path)) for path in (config.log, *config.fitted_on))
     prior = load_prior(config.prior, log)
     wanted = description("validate-log", asdict(config), [config.prior, config.log, *config.fitted_on])

@@ -44,20 +44,15 @@ class VirtualRobotSettings:
 
 
 def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, SimulatedRobot]:
-    """A virtual robot and its body, not yet running.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or an unknown fleet.
-    """
+    """A virtual robot and its body, not yet running; errors for settings out of range, or an unknown fleet."""
     require_robot_extra()
     from motorprior.hardware.virtual_robot import FirmwareConfig, VirtualRobot
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
     if settings.rate not in (100, 200):
-        raise ConfigError(
-            f"robot.rate {settings.rate} is not a rate of the firmware", remedy="give 100 or 200", argument="robot.rate"
-        )
+        problem = f"robot.rate {settings.rate} is not a rate of the firmware"
+        raise ConfigError(problem, remedy="give 100 or 200", argument="robot.rate")
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu)
@@ -66,12 +61,7 @@ def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[Vi
 
 @contextmanager
 def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> Iterator[str]:
-    """Run a virtual robot in another process; yields its port.
-
-    Raises:
-        ConfigError, ArtifactError: see `make_virtual_robot`.
-        RobotFault: it did not start.
-    """
+    """Run a virtual robot in another process; yields its port. Errors of `make_virtual_robot`, or RobotFault."""
     context = get_context("spawn")
     connection, other_end = context.Pipe()
     process = context.Process(target=_run, args=(robot_name, settings, other_end), daemon=True)

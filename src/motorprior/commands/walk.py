@@ -97,8 +97,8 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     Raises:
         ConfigError, ArtifactError, SimulationFault, KeyboardInterrupt: see `run_walk`.
     """
+    from motorprior.report.plots import learning_curves, read_curves
     from motorprior.report.plots_style import png_bytes  # here, since they import matplotlib
-    from motorprior.report.plots_walk import learning_curves, read_curves
 
     require_count("seeds", seeds)
     require_count("workers", config.workers)

@@ -11,7 +11,7 @@ import numpy as np
 from motorprior.bounds import require_number, require_range
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import MAX_COMMAND
-from motorprior.logs.tables import read_number_table
+from motorprior.logs.tables import table_columns
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
@@ -88,7 +88,8 @@ class Timetable:
         """
         size, before = robot.require_legs(), -inf
         bounds = (0.0, inf), size.forward, (-size.yaw_rate, size.yaw_rate)
-        rows = [(float(time), float(forward), float(turn)) for time, forward, turn in read_number_table(path, COLUMNS)]
+        columns = [column.tolist() for column in table_columns(path, COLUMNS).values()]
+        rows = list(zip(*columns, strict=True))
         for number, row in enumerate(rows):
             for name, value, (low, high) in zip(COLUMNS, row, bounds, strict=True):
                 if not low <= value <= high or (name == COLUMNS[0] and value <= before):

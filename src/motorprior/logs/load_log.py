@@ -79,7 +79,7 @@ def load_log(
     on_grid = None if period is None or columns else reader.on_grid
     log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
     log = _of_robot(log, robot, tuple(as_joint), path)
-    log = with_settings(log, kp, kd, firmware, conditions, robot, progress)
+    log = _with_settings(log, kp, kd, firmware, conditions, robot, progress)
     if robot is not None and set(log.joint_names) <= set(robot.joint_names):
         classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
         log = replace(log, stated_classes=tuple(classes[name] for name in log.joint_names))
@@ -130,16 +130,15 @@ def without_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str
     return log, lines + ([gaps] if gaps else [])
 
 
-def with_settings(
+def _with_settings(
     log: MotorLog,
-    kp: float | Sequence[float] = (),
-    kd: float | Sequence[float] = (),
-    firmware: Mapping[str, float] | None = None,
-    conditions: Mapping[str, float] | None = None,
-    robot: Robot | None = None,
-    progress: Progress = WARNED,
+    kp: float | Sequence[float],
+    kd: float | Sequence[float],
+    firmware: Mapping[str, float] | None,
+    conditions: Mapping[str, float] | None,
+    robot: Robot | None,
+    progress: Progress,
 ) -> MotorLog:
-    """The log with these gains, registers and conditions; arguments and errors as in `load_log`."""
     values: dict[str, Any] = {}
     for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
         if given.size not in (0, 1, log.num_joints):

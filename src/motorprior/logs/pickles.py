@@ -1,18 +1,23 @@
-"""Pickles of third parties: plain containers and numbers come through, no code runs."""
+"""Pickles of third parties, also in the zips of torch.save: numbers come through, no code runs, without PyTorch."""
 
 from __future__ import annotations
 
 import codecs
+import collections
 import io
 import pickle
 import re
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable
+from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from motorprior.artifacts import require_size
 from motorprior.exceptions import LogError
+from motorprior.logs.tables import unreadable
 
 
 class _NumberType:
@@ -43,42 +48,53 @@ def _array(raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal
     return np.frombuffer(raw, kind.dtype).reshape(shape, order=order)
 
 
-_NUMPY: dict[tuple[str, str], Any] = {  # arrays and scalars of plain numbers, by all versions of numpy and Python
+def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
+    """A tensor; offset and stride count numbers. as_strided reads any memory, so it must lie within its numbers."""
+    numbers = np.ravel(numbers)  # a forged array may have less memory than its length
+    last = offset + sum((length - 1) * step for length, step in zip(size, stride, strict=True))
+    if min((offset, *size, *stride)) < 0 or prod(size) > len(numbers) or last >= len(numbers):
+        raise LogError(f"a tensor of size {size}, stride {stride} does not fit {numbers.nbytes} bytes", remedy=_SAVE)
+    steps = [numbers.itemsize * step for step in stride]
+    return np.lib.stride_tricks.as_strided(numbers[offset:], size, steps, writeable=False)
+
+
+_SAVE = "save a dict of tensors by torch.save"
+_STORAGES = {
+    "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8", "IntStorage": "i4",
+    "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1", "BoolStorage": "b1",
+}  # fmt: skip
+# (module, name) -> substitute; arrays and scalars of plain numbers by all versions of numpy and Python, and tensors
+_ALLOWED: dict[tuple[str, str], Any] = {
     ("_codecs", "encode"): codecs.encode,
     **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), bytes),
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): _NumberType,
+    ("torch._utils", "_rebuild_tensor_v2"): _view,
+    ("collections", "OrderedDict"): collections.OrderedDict,
+    **{("torch", name): code for name, code in _STORAGES.items()},
 }
 for _core in ("numpy.core", "numpy._core"):
-    _NUMPY[f"{_core}.multiarray", "_reconstruct"] = lambda *_: _NumberArray(0)
-    _NUMPY[f"{_core}.multiarray", "scalar"] = _scalar
-    _NUMPY[f"{_core}.numeric", "_frombuffer"] = _array
+    _ALLOWED[f"{_core}.multiarray", "_reconstruct"] = lambda *_: _NumberArray(0)
+    _ALLOWED[f"{_core}.multiarray", "scalar"] = _scalar
+    _ALLOWED[f"{_core}.numeric", "_frombuffer"] = _array
 
 
-def load_pickle(
-    data: bytes,
-    allowed: Mapping[tuple[str, str], Any] | None = None,
-    persistent: Callable[[Any], Any] | None = None,
-    where: Path | None = None,
-) -> Any:
-    """Unpickle plain containers, arrays and scalars of numpy, and ``allowed`` names, (module, name) -> substitute.
+def load_pickle(data: bytes, where: Path | None = None, persistent: Callable[[Any], Any] = lambda pid: pid) -> Any:
+    """Unpickle plain containers, arrays and scalars of numpy, and tensors; text of Python 2 is latin1.
 
-    Text of Python 2 is latin1; ``persistent`` resolves persistent ids.
+    ``persistent`` resolves persistent ids.
 
     Raises:
         LogError: a name that is not allowed, or a damaged pickle; names the file ``where``.
     """
-    known = _NUMPY | dict(allowed or {})
 
     class Restricted(pickle.Unpickler):
         def find_class(self, module: str, name: str) -> Any:
-            if (module, name) not in known:
+            if (module, name) not in _ALLOWED:
                 raise LogError(f"the pickle imports {module[:80]}.{name[:80]}, which is not allowed")
-            return known[module, name]
+            return _ALLOWED[module, name]
 
         def persistent_load(self, pid: Any) -> Any:
-            if persistent is None:
-                raise LogError("the pickle refers to external data")
             return persistent(pid)
 
     remedy = "copy it again from its original source; convert others to CSV where they were made"
@@ -89,3 +105,27 @@ def load_pickle(
     except Exception as error:  # a damaged pickle can raise any exception
         problem = f"not a complete pickle ({type(error).__name__}: {error})"
         raise LogError(problem, where=where, remedy=remedy) from error
+
+
+def torch_content(path: Path) -> dict[Any, Any]:
+    """The dictionary of the file's pickle, with arrays for tensors; raises LogError for a damaged file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            require_size(sum(each.file_size for each in archive.infolist()), path, LogError)
+            found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
+            if len(found) != 1:
+                raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
+            folder = found[0].removesuffix("data.pkl")
+
+            def storage(reference: Any) -> np.ndarray:
+                """The numbers of a persistent id ("storage", type, key, device, count)."""
+                return np.frombuffer(archive.read(f"{folder}data/{reference[2]}"), dtype=reference[1])
+
+            content = load_pickle(archive.read(found[0]), path, storage)
+    except LogError:
+        raise
+    except Exception as error:  # damaged zip files raise many types
+        raise unreadable(path, error) from error
+    if not isinstance(content, dict):
+        raise LogError(f"it holds a {type(content).__name__}", where=path, remedy=_SAVE)
+    return content

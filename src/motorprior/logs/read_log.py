@@ -18,13 +18,9 @@ from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-
-def find_readers() -> tuple[LogReader, ...]:
-    """The READER of every module in `logs.readers`."""
-    return tuple(import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__))
-
-
-READERS = find_readers()
+READERS: tuple[LogReader, ...] = tuple(
+    import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__)
+)
 
 
 def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:

@@ -68,19 +68,12 @@ def _smooth(readings, dt, noise, density, out):
         out[0, back], out[1, back] = x[0], x[1]
 
 
-@njit(cache=True, nogil=True)
-def _likelihoods(readings, dt, noises, densities, out):
-    """Fill out (noises, densities) with the log-likelihood of (steps,) readings."""
-    for i in range(noises.shape[0]):
-        for j in range(densities.shape[0]):
-            out[i, j] += _filter(readings, dt, noises[i], densities[j])[0]
-
-
 def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
     """Most likely noise r [rad] of one motor's (R,) readings, and density d of its motion; see `smoothed`."""
     likelihood = np.zeros((len(NOISES), len(DENSITIES)))
     for block in _blocks(readings, parts):
-        _likelihoods(np.ascontiguousarray(readings[block], np.float64), dt, NOISES, DENSITIES, likelihood)
+        rows = np.ascontiguousarray(readings[block], np.float64)
+        likelihood += [[_filter(rows, dt, noise, density)[0] for density in DENSITIES] for noise in NOISES]
     rounding = quantum(readings) / np.sqrt(12.0)
     first = min(int(np.searchsorted(NOISES, rounding)), len(NOISES) - 1)
     best = np.unravel_index(likelihood[first:].argmax(), likelihood[first:].shape)

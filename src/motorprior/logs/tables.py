@@ -8,9 +8,7 @@ first row.
 from __future__ import annotations
 
 import csv
-import gzip
 import re
-import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from datetime import datetime
@@ -61,19 +59,9 @@ def table_columns(
     return found
 
 
-def read_number_table(path: Path, columns: Sequence[str], may_be_cut: bool = False) -> np.ndarray:
-    """(rows, columns) float64 of these columns; NaN and infinity are allowed. Raises as `table_columns`."""
-    return np.column_stack(list(table_columns(path, columns, may_be_cut=may_be_cut).values()))
-
-
 def csv_names(path: Path) -> list[str]:
     """The column names of a CSV file; LogError for a damaged file, or a first line that is empty or not UTF-8."""
-    require_file(path, LogError)
-    try:
-        with gzip.open(path) if path.suffix == ".gz" else open(path, "rb") as file:
-            return _head(file.readline(1_000_000), path)[0]
-    except (OSError, EOFError, zlib.error) as error:
-        raise unreadable(path, error) from error
+    return _head(read_bytes(path, LogError).partition(b"\n")[0], path)[0]
 
 
 def _head(line: bytes, path: Path) -> tuple[list[str], str]:

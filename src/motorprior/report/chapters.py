@@ -1,26 +1,30 @@
-"""Sections of the pages, from the files of their stages."""
+"""Sections of the pages, from the files of their stages, and the page of trained policies."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOADS, class_behaviours
 from motorprior.bench.families import FAMILIES
+from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation import log_tables
 from motorprior.identification.evaluation.free_runs import read_traces
-from motorprior.report.film import film, gif_bytes
-from motorprior.report.page import Picture, Section, Table, picture
-from motorprior.report.plots_motor import draw_class_behaviours, draw_traces, errors_by_joint, excitation_and_response
+from motorprior.report import plots
+from motorprior.report.film import comparison_gif
+from motorprior.report.page import Picture, Section, Table, page, picture
 from motorprior.report.plots_style import model_label
-from motorprior.report.plots_walk import learning_curves, read_curves
+from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
-from motorprior.stage import read_results
+from motorprior.simulation.scene import Episode, WalkConfig
+from motorprior.stage import PAGE, read_results
+from motorprior.studies.compare import DURATION_STEPS, POLICY, TrainedPolicy, run_walks, straight_ahead
 
 
 def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
@@ -39,7 +43,7 @@ def validated_log(folder: Path) -> Section:
 
 def samples(prior: MotorPrior) -> Section:
     """Behaviour of samples of each class of joints, and where their spread comes from."""
-    figure = draw_class_behaviours(class_behaviours(prior))
+    figure = plots.draw_class_behaviours(class_behaviours(prior))
     caption = f"Responses on a load of {LOADS[1]:g} times the armature, and friction; a row per class of joints."
     text = " ".join(f"{line[0].upper()}{line[1:]}." for line in prior.spread_notes())
     return _section("Samples of the prior", text, figure, caption)
@@ -53,8 +57,8 @@ def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     for row in results.where(quantity="whole_run_coverage90"):
         lines.append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
-        picture(errors_by_joint(log_tables.errors_by_joint(results, quantity)), "Errors by joint."),
-        picture(draw_traces(traces), "The joints with the median and maximum error."),
+        picture(plots.errors_by_joint(log_tables.errors_by_joint(results, quantity)), "Errors by joint."),
+        picture(plots.draw_traces(traces), "The joints with the median and maximum error."),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."
     return Section(title, (text, *lines), pictures, tuple(tables))
@@ -69,13 +73,13 @@ def bench(folder: Path) -> Section:
         f"{settings.motors} physical motors of fleet {settings.fleet.name} on a virtual dynamometer, {settings.steps} "
         f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ."
     )
-    figure = excitation_and_response(part, "Preset rollout, first motor")
+    figure = plots.excitation_and_response(part, "Preset rollout, first motor")
     return _section("Bench: excitation and response", text, figure, "Excitation and response of one motor.")
 
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     """Learning curves of trainings: name -> a folder with curve.json per seed."""
-    figure = learning_curves({name: read_curves(seeds) for name, seeds in folders.items()})
+    figure = plots.learning_curves({name: plots.read_curves(seeds) for name, seeds in folders.items()})
     text = (
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
         "different motors are not comparable."
@@ -83,17 +87,44 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     return _section("Learning to walk", text, figure, "Mean return of the perturbed policies per iteration.")
 
 
-def gaits(robot: Robot, traces: Mapping[str, np.ndarray]) -> Section:
-    """Films of policies in their training simulation: name -> (steps, 7 + joints) of a walk."""
-    films = (_gait_film(robot, trace, name, "in its training simulation") for name, trace in traces.items())
+def gaits(robot: Robot, walks: Mapping[str, Episode]) -> Section:
+    """Films of the first 2.5 s of a walk of each policy in its training simulation, 10 pictures per second."""
+    steps, films = round(2.5 / robot.control_dt), []
+    for label, walk in ((model_label(name), walk) for name, walk in walks.items()):
+        film = comparison_gif(robot, {label: walk}, steps, lambda _: None, rate=10.0)
+        films.append(Picture(f"Trained on {label}, in its training simulation.", film, "gif"))
     return Section("Gaits", (f"Robot {robot.name} in the training simulation of each policy.",), tuple(films))
 
 
-def _gait_film(robot: Robot, trace: np.ndarray, name: str, where: str) -> Picture:
-    """The first 2.5 s, or less if the robot falls before, at 10 pictures per second."""
-    stride = max(1, round(0.1 / robot.control_dt))
-    walk = trace[: round(2.5 / robot.control_dt) : stride]
-    seconds = stride * robot.control_dt
-    notes = [f"{step * seconds:.1f} s    {x:z.2f} m" for step, x in enumerate(walk[:, 0] - walk[0, 0])]
-    pictures = film(robot, [walk], [model_label(name)], [notes])
-    return Picture(f"Trained on {model_label(name)}, {where}.", gif_bytes(pictures, seconds), "gif")
+def write_training_page(run: Path, robot_name: str, command: str) -> Path:
+    """Write report.html on the policies in ``run`` or one folder below it; returns its path.
+
+    Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
+    a film of the first seed. ``command`` makes the same page.
+
+    Raises:
+        ConfigError, ArtifactError: no policy there, or one that cannot be read or whose motors cannot be found.
+    """
+    trainings: dict[str, list[Path]] = {}
+    for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):
+        trainings.setdefault(_training(run, policy.parent), []).append(policy.parent)
+    if not trainings:
+        remedy = "give a folder that `motorprior walk` wrote"
+        raise ConfigError(f"no {POLICY} in it or one folder below", where=run, remedy=remedy)
+    robot, walks, learned = load_robot(robot_name), {}, {}
+    for name, seeds in trainings.items():
+        trained = TrainedPolicy.load(seeds[0] / POLICY, robot)
+        walk = WalkConfig(DURATION_STEPS, randomization=trained.randomization, commands=straight_ahead(trained.robot))
+        (walks[name],) = run_walks(trained.scene(walk), trained.policy.arrays, [0])
+        if with_curve := [folder for folder in seeds if (folder / "curve.json").is_file()]:
+            learned[name] = with_curve
+    sections = [*([learning(learned)] if learned else []), gaits(robot, walks)]
+    settings = {"robot": robot_name, "policies": sum(map(len, trainings.values()))}
+    write_text(run / PAGE, page(f"Policies of robot {robot.name}", sections, settings, command))
+    return run / PAGE
+
+
+def _training(run: Path, folder: Path) -> str:
+    """Name of the training: its folder without the number of a seed."""
+    stem = re.sub(r"_\d+$", "", folder.name)
+    return run.resolve().name if folder == run or stem == "seed" else stem

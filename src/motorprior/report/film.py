@@ -30,16 +30,11 @@ def film(
     walks: Sequence[np.ndarray],
     titles: Sequence[str],
     notes: Sequence[Sequence[str]],
-    note: Callable[[str], None] = lambda text: None,
+    note: Callable[[str], None],
 ) -> Iterator[Image.Image]:
-    """The pictures of a film.
+    """The pictures of a film of walks (F, 7 + joints): base position, quaternion, joint angles.
 
-    Args:
-        robot: of the walks.
-        walks: (F, 7 + joints) base position, quaternion and joint angles of each.
-        titles: of each, in every picture.
-        notes: F of each.
-        note: called with the reason if stick figures are drawn for lack of OpenGL.
+    Each walk has a title, and F notes; ``note`` gets the reason if stick figures are drawn for lack of OpenGL.
     """
     with _drawing(robot, note) as draw:
         for frame in range(len(walks[0])):
@@ -54,14 +49,9 @@ def film(
 def write_film(
     folder: Path, robot: Robot, walks: Mapping[str, Episode], commanded: np.ndarray, progress: Progress
 ) -> Path:
-    """Write play.mp4, or play.gif where the encoder is not installed; returns its path.
+    """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path.
 
-    Args:
-        folder: for the file.
-        robot: of the walks.
-        walks: by title, with their traces.
-        commanded: (steps, 2) speed [m/s] and yaw rate [rad/s], of all walks.
-        progress: where to report to.
+    ``commanded`` are the (steps, 2) speeds [m/s] and yaw rates [rad/s] of all walks.
     """
     as_mp4 = can_write_mp4()
     path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
@@ -80,10 +70,12 @@ def write_film(
     return path
 
 
-def comparison_gif(robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None]) -> bytes:
-    """A GIF of ``steps`` control steps of walks by title, 5 pictures per second; a robot that falls stays there."""
-    stride = max(1, round(0.2 / robot.control_dt))
-    traces = [until_end(episode.trace, steps)[::stride] for episode in walks.values()]
+def comparison_gif(
+    robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None], rate: float = 5.0
+) -> bytes:
+    """A GIF of the first control steps of walks by title, at a rate [Hz]; a robot that falls stays there."""
+    stride = max(1, round(1.0 / (rate * robot.control_dt)))
+    traces = [until_end(episode.trace[:steps], steps)[::stride] for episode in walks.values()]
     notes = [
         [
             f"{step * robot.control_dt:.1f} s    {x:z.2f} m    {'fell' if step >= episode.steps else ''}"

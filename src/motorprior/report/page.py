@@ -58,12 +58,7 @@ def page(
 ) -> str:
     """The page as HTML, with all pictures inside.
 
-    Args:
-        title: of the page.
-        sections: in reading order.
-        settings: of the run; nested dictionaries are allowed.
-        command: command line that makes the same page.
-        complete: whether all stages of the run are finished.
+    ``settings`` may be nested; ``command`` makes the same page; ``complete``: all stages of the run are finished.
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")

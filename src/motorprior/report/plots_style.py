@@ -65,9 +65,9 @@ def model_label(model: str) -> str:
     return ((_STYLES[key][1] or key) + model[len(key) :] if key else model).replace("_", " ")
 
 
-def new_figure(height: float, width: float = 6.6) -> Figure:
-    """An empty figure [in] with a constrained layout."""
-    return Figure(figsize=(width, height), layout="constrained")
+def new_figure(height: float) -> Figure:
+    """An empty figure of this height [in] with a constrained layout."""
+    return Figure(figsize=(6.6, height), layout="constrained")
 
 
 def panels(
@@ -138,7 +138,7 @@ def fit_y(axes: Axes, reference: list[np.ndarray], others: list[np.ndarray], mar
 
 def span(arrays: list[np.ndarray]) -> tuple[float, float]:
     """Lowest and highest finite value, (0, 1) without any."""
-    values = np.concatenate([np.ravel(array) for array in arrays]) if arrays else np.empty(0)
+    values = np.concatenate([np.ravel(array) for array in arrays])
     values = values[np.isfinite(values)]
     return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
 

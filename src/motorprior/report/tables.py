@@ -12,14 +12,11 @@ MODELS = (  # actuator models, in the order of every table
     "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network",
     "per_motor", "rollout", "physical",
 )  # fmt: skip
-TRAINING_CONDITIONS = ("ideal_pd", "tuned_pd", "paper", "rollout", "oracle")  # actuator models of trainings
 ColumnsAndRows = tuple[list[str], list[list[str]]]
 
 
-def conditions_in(results: Results) -> list[str]:
-    """Conditions of a transfer table, in the usual order."""
-    found = results.where(quantity="speed", motors="twin").distinct("model")
-    return [name for name in TRAINING_CONDITIONS if name in found] + sorted(set(found) - set(TRAINING_CONDITIONS))
+def _place(model: str) -> int:
+    return MODELS.index(model) if model in MODELS else len(MODELS)
 
 
 def transfer_table(results: Results) -> ColumnsAndRows:
@@ -27,7 +24,7 @@ def transfer_table(results: Results) -> ColumnsAndRows:
     columns = ["trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]"]
     columns += ["twin: speed [m/s]", "upright", "drift in 5 s [m]"]
     rows = []
-    for name in conditions_in(results):
+    for name in sorted(results.where(quantity="speed", motors="twin").distinct("model"), key=_place):
         cells = [name, str(len(results.where(quantity="speed", motors="twin", model=name)))]
         for motors in ("own", "twin"):
             found = results.where(motors=motors, model=name)
@@ -63,7 +60,7 @@ def fidelity_table(results: Results, columns: Sequence[str], motors: str = "trai
     found = results.where(motors=motors, statistic="median")
     columns = [column for column in columns if found.where(quantity=column)]
     models = found.where(quantity=columns[0]).distinct("model") if columns else []
-    models.sort(key=lambda name: MODELS.index(name) if name in MODELS else len(MODELS))
+    models.sort(key=_place)
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
     return ["model", *titles], [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
 

@@ -67,34 +67,22 @@ def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iter
 
 @dataclass(frozen=True)
 class Calibration:
-    """A fitted fleet.
+    """A fitted fleet."""
 
-    Attributes:
-        center: (unknowns,) best centre of all searches.
-        error: (unknowns,) its standard error: the larger of Laplace's and, for several logs, the jackknife's.
-        offsets: (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`.
-        spread: constant -> standard deviation between motors; empty if the fleet has no spread.
-        left_out: log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log.
-    """
-
-    center: np.ndarray
-    error: np.ndarray
-    offsets: np.ndarray
-    spread: dict[str, float]
+    center: np.ndarray  # (unknowns,) best centre of all searches
+    error: np.ndarray  # (unknowns,) its standard error: the larger of Laplace's and, for several logs, the jackknife's
+    offsets: np.ndarray  # (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`
+    spread: dict[str, float]  # constant -> standard deviation between motors; empty if the fleet has no spread
+    # log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log
     left_out: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 def calibrate(
     problem: FleetProblem, starts: int, iterations: int, seed: int, progress: Progress = SILENT
 ) -> Calibration:
-    """Fit a fleet.
+    """Fit a fleet, by ``starts`` searches of at most this many iterations.
 
-    Args:
-        problem: fleet and logs.
-        starts: number of searches; the first starts at the fleet's centre, the others at samples of the prior.
-        iterations: maximum of each search.
-        seed: of the samples.
-        progress: reports to the user.
+    The first starts at the fleet's centre, the others at samples of the prior.
     """
     names, mean = list(problem.replayers), problem.mean
     samples = problem.prior_std * np.random.default_rng(seed).standard_normal((starts - 1, len(mean)))
@@ -137,15 +125,10 @@ def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:
 def single_motors(
     problem: FleetProblem, center: np.ndarray, left_out: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, dict[str, float], dict[str, np.ndarray]]:
-    """Fit offsets of single motors, linearly about the centre.
+    """Fit offsets of single motors, linearly about the (unknowns,) centre of all logs.
 
-    Args:
-        problem: fleet and logs.
-        center: (unknowns,) fitted to all logs.
-        left_out: log name -> (unknowns,) centre fitted without this log; empty for a single log.
-
-    Returns:
-        Offsets and spread, see `Calibration`; log name -> offsets without this log.
+    ``left_out``: log name -> (unknowns,) centre fitted without this log; empty for a single log. Returns offsets and
+    spread, see `Calibration`; log name -> offsets without this log.
     """
     differing, names = [problem.unknowns[i] for i in problem.differing], list(problem.replayers)
     spread = np.tile([each.spread for each in differing], len(problem.joints))

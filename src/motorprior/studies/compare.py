@@ -24,7 +24,7 @@ from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks
-from motorprior.studies.environments import ENCODER_NOISE, twin_scene
+from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import share_upright
 
 POLICY = "policy.safetensors"  # in the folder of a training
@@ -48,7 +48,7 @@ def run_walks(
     motors: Callable[[int], Actuator] | None = None,
     executor: Callable[[Callable[[], Any]], Executor] = ONE_AT_A_TIME,
 ) -> list[Episode]:
-    """Walk with a policy, once per number in ``draws``.
+    """Episodes, with their traces, of a policy, one per number in ``draws``.
 
     Args:
         scene: robot, engine, motors and episode.
@@ -57,9 +57,6 @@ def run_walks(
         seed_of: number -> seed of motors, sensors, ground and pushes.
         motors: number -> motors, instead of those that the scene draws.
         executor: runs the walks; for Ray, all arguments must be picklable.
-
-    Returns:
-        Episodes with their traces, in the order of ``draws``.
     """
     walks = executor(partial(_Walks, scene, seed_of, motors))
     try:
@@ -88,21 +85,11 @@ class _Walks:
 def evaluate(
     policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int
 ) -> tuple[list[Result], dict[str, np.ndarray]]:
-    """Walk DRAWS times with a policy in every scene.
+    """Walk DRAWS times with a policy of a training condition ``model`` in every scene, of DURATION_STEPS.
 
-    Args:
-        policy: to evaluate.
-        scenes: environment -> simulation with episodes of DURATION_STEPS.
-        model: name of the training condition.
-        seed: of the training.
-
-    Returns:
-        Rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright (share
-        of the time before a fall) and drift (|final lateral displacement| [m]); and "ENVIRONMENT/MODEL" -> (steps,
-        7 + joints) trace of the walk with the median distance.
-
-    Raises:
-        SimulationFault: a walk diverged.
+    Returns rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright
+    (share of the time before a fall) and drift (|final lateral displacement| [m]); and "ENVIRONMENT/MODEL" -> (steps,
+    7 + joints) trace of the walk with the median distance. Raises SimulationFault if a walk diverged.
     """
     rows, traces = [], {}
     for name, scene in scenes.items():
@@ -121,22 +108,15 @@ def evaluate(
 
 @dataclass(frozen=True)
 class TrainedPolicy:
-    """A trained policy and the simulation in which it was trained, from the record in its file.
+    """A trained policy and the simulation in which it was trained, from the record in its file."""
 
-    Attributes: path of the policy's file; robot with the policy's speed range; policy.
-    """
-
-    path: Path
-    robot: Robot
+    path: Path  # of the policy's file
+    robot: Robot  # with the policy's speed range
     policy: Policy
 
     @classmethod
     def load(cls, path: Path, robot: Robot) -> TrainedPolicy:
-        """Read a policy of this robot.
-
-        Raises:
-            ArtifactError, ConfigError: a damaged policy, of another robot or another control period.
-        """
+        """Read a policy; ArtifactError or ConfigError for a damaged one, or another robot or control period."""
         policy = Policy.load(path)
         policy.require_robot(robot, path)
         return cls(path, robot.with_speed_range(policy.forward), policy)
@@ -157,14 +137,9 @@ class TrainedPolicy:
         return Randomization(**self.policy.provenance.get("randomization", {}))
 
     def scene(self, walk: WalkConfig, engine: Engine | None = None) -> Scene:
-        """The simulation of its training.
+        """The simulation of its training, with the episode ``walk`` and, if it is given, in another engine.
 
-        Args:
-            walk: the episode; it gets the policy's gait.
-            engine: instead of that of the training.
-
-        Raises:
-            ArtifactError, ConfigError: missing motors, or an engine that is not installed.
+        Raises ArtifactError or ConfigError for missing motors, or an engine that is not installed.
         """
         motors, engine = self.motors, engine or self.policy.provenance.get("engine", "mujoco")
         walk = replace(walk, gait=self.policy.gait, engine=engine)
@@ -236,3 +211,25 @@ def compare(
                 rows += evaluate(policy, scenes, model, seed)[0]
                 task.advance(len(twins))
     return Results.of(rows)
+
+
+PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
+FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
+
+
+def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int) -> np.ndarray:
+    """(pushes, frictions) mean time upright [-] of policies in walks of 5 s, each on the same robots of a fleet.
+
+    ``study`` is the seed of the study, which numbers the robots, see `motors_of_robot`.
+    """
+    found = np.zeros((len(PUSHES), len(FRICTIONS)))
+    for trained in policies:
+        walk = WalkConfig(DURATION_STEPS, commands=commands, gait=trained.policy.gait)
+        motors = partial(motors_of_walk, trained.robot, fleet, study, None)
+        for row, push in enumerate(PUSHES):
+            for column, friction in enumerate(FRICTIONS):
+                around = replace(NOISY, push=push, friction=(friction, friction))
+                scene = twin_scene(trained.robot, fleet, replace(walk, randomization=around))
+                episodes = run_walks(scene, trained.policy.arrays, range(4), partial(walk_seed, study), motors)
+                found[row, column] += np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])
+    return found / len(policies)

@@ -48,11 +48,11 @@ HARD = replace(
 
 @dataclass(frozen=True)
 class Environment:
-    """Attributes: population of its motors; engine; randomization between walks."""
+    """A test environment."""
 
-    population: str
+    population: str  # of its motors
     engine: Engine
-    randomization: Randomization
+    randomization: Randomization  # between walks
 
 
 ENVIRONMENTS = {

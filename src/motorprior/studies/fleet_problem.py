@@ -30,25 +30,15 @@ _PRIOR_SCALE = 2.0  # on the fleet's centre uncertainty, which may stem from sim
 
 @dataclass(frozen=True)
 class Unknown:
-    """One constant of the central motor.
+    """One constant of the central motor."""
 
-    Attributes:
-        name: in the fleet's file.
-        unit: of the constant.
-        is_log: whether the unknown is the constant's logarithm.
-        mean: prior mean of the unknown.
-        deviation: prior standard deviation of the unknown.
-        spread: standard deviation between motors in the starting fleet.
-        minimum: of the constant.
-    """
-
-    name: str
-    unit: str
-    is_log: bool
-    mean: float
-    deviation: float
-    spread: float
-    minimum: float
+    name: str  # in the fleet's file
+    unit: str  # of the constant
+    is_log: bool  # whether the unknown is the constant's logarithm
+    mean: float  # prior mean of the unknown
+    deviation: float  # prior standard deviation of the unknown
+    spread: float  # standard deviation between motors in the starting fleet
+    minimum: float  # of the constant
 
     @classmethod
     def of(cls, name: str, unit: str, distribution: Distribution) -> Unknown:
@@ -75,26 +65,13 @@ class Unknown:
 class FleetProblem:
     """Residuals of logs as a function of the centre, and of offsets of single motors.
 
-    Args:
-        fleet: start of the fit; constants that are not fitted stay.
-        robot: of the logs.
-        replayers: by log name.
-        deviation: standard deviation of the replay error of a joint [rad].
-
-    Attributes:
-        logged: constants in all logs, which are not fitted.
-        unknowns: constants that are fitted.
-        differing: indices of the unknowns that differ between motors.
-        mean: (unknowns,) prior mean of the centre.
-        prior_std: (unknowns,) its standard deviation.
-        joints: indices of the excited joints of all logs.
-
-    Raises:
-        ConfigError: the fleet has no uncertain constant.
+    ``deviation`` is the standard deviation of the replay error of a joint [rad]. Raises ConfigError if the fleet has no
+    uncertain constant.
     """
 
     def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
         self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
+        # constants in all logs, which are not fitted
         self.logged = frozenset.intersection(*(logged_constants(each.log) for each in replayers.values()))
         names, units = [name for name in FITTED if name not in self.logged], FAMILIES[fleet.family].units
         found = [Unknown.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
@@ -105,18 +82,16 @@ class FleetProblem:
                 remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
                 "(docs/calibrate.md)",
             )  # fmt: skip
-        self.mean = np.array([each.mean for each in self.unknowns])
+        self.mean = np.array([each.mean for each in self.unknowns])  # of the prior of the centre
         self.prior_std = np.array([each.deviation for each in self.unknowns])
+        # indices of the unknowns that differ between motors, and of the excited joints of all logs
         self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 
     def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
-        """One motor per joint of the robot, with the gains of a log if it states them.
+        """One motor per joint of the robot, with the logged gains of the log ``name``, if it has any.
 
-        Args:
-            name: of the log.
-            x: (unknowns,) the centre.
-            offsets: of single motors from it, flat (excited joints · differing unknowns).
+        ``x`` is the (unknowns,) centre. Offsets of single motors are flat (excited joints · differing unknowns).
         """
         count = self.robot.num_joints
         values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}

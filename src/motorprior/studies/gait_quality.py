@@ -60,12 +60,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     the body's x and y axes [rad/s]; roll_deg, pitch_deg: RMS [°]; torque: 99.9th percentile over time of the maximum
     |torque| over the joints [N·m]; transport: mean of Σ |torque · joint velocity| over weight · |speed|.
 
-    Args:
-        robot: of the episode.
-        episode: with its trace.
-        forward: commanded speed [m/s].
-        yaw_rate: commanded yaw rate [rad/s].
-        steps: control steps of an episode without a fall.
+    ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has this many control steps.
     """
     dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
     upright = float(completed(episode, steps))
@@ -80,7 +75,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
     roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
     time = dt * (len(qpos) - 1)
-    along = distance_along_heading(qpos[:, :2], heading[begin:])
+    along = float(np.sum(steps_along_heading(qpos[:, :2], heading[begin:])))
     speed = along / time
     defined = walks and abs(along) >= _MIN_DISTANCE
     distance, pace = (abs(along), abs(speed)) if defined else (math.nan, math.nan)
@@ -142,13 +137,8 @@ def headings(qpos: np.ndarray) -> np.ndarray:
     return np.unwrap([roll_pitch_yaw(quat)[2] for quat in qpos[:, 3:7]])
 
 
-def distance_along_heading(position: np.ndarray, yaw: np.ndarray) -> float:
-    """Distance of the base along its own heading [m], from (F, 2) positions [m] and (F,) headings [rad]."""
-    return float(np.sum(steps_along_heading(position, yaw)))
-
-
 def steps_along_heading(position: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """(F - 1,) summands of `distance_along_heading` [m], backward below 0."""
+    """(F - 1,) distances along the heading [m], backward below 0, at (F, 2) positions [m] and (F,) headings [rad]."""
     step = np.diff(position, axis=0)
     return np.cos(yaw[:-1]) * step[:, 0] + np.sin(yaw[:-1]) * step[:, 1]
 

@@ -67,11 +67,6 @@ class Replayer:
 
     A log without postures counts as standing. The rows of a segment after a fall are not compared.
 
-    Attributes:
-        log: the rows to compare with: all but repeated measurements. The commands of all rows are replayed.
-        compared: (rows,) mask of the compared rows of ``log``.
-        excited: indices of the compared joints.
-
     Raises:
         LogError: not the joints of this robot, no excited joint, gains that change, a segment with two postures, or one
             that starts with a fallen robot.
@@ -85,13 +80,14 @@ class Replayer:
         if gains and np.ptp(np.array(gains), axis=0).any():
             remedy = "split it into a log per set of gains"
             raise LogError("its segments have different gains", where=log.source, remedy=remedy)
+        # The rows without repeated measurements, to compare with, and the indices of the compared joints
         self.log, self.excited = drop_repeats(log), excited_joints(log)
         if not self.excited.size:
             raise LogError("no joint is excited", where=log.source, remedy="record with a moving command")
         self._robot, self._worlds = robot, dict[tuple[float, bool], World]()
         self._grids, self._segments = list(resample(log, COMMAND_PERIOD).segments()), list(self.log.segments())
         self._suspended = [_is_suspended(segment, robot) for segment in self._segments]
-        self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])
+        self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])  # (rows,) mask
 
     def joint_pos(self, actuator: Actuator) -> np.ndarray:
         """(rows, joints) simulated angles [rad] at the times of the log, within ±2π if the simulation diverges.
@@ -161,13 +157,8 @@ def replayers_of(
 ) -> dict[str, Replayer]:
     """Every log with its posture, ready to replay; notes state posture and logged gains.
 
-    Args:
-        logs: by name.
-        robot: of the logs.
-        fleet: its central motor is replayed to find an unknown posture.
-        posture: of every log; ``auto`` for the logged one, or if there is none, the one with the lower replay error by
-            a margin, or standing.
-        note: called with the notes.
+    The posture ``auto`` is the logged one. If there is none, it is the one in which the fleet's central motor has the
+    lower replay error by a margin, or standing.
 
     Raises:
         ConfigError: a posture for a robot with a fixed base.

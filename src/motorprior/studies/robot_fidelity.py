@@ -42,7 +42,7 @@ ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspe
 FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
 DIVERGED = 1e3  # torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is MAX_ERROR
 DRAWS = 12  # samples of one motor per joint
-ROBOT_STREAM, TROT_STREAM = 19, 43  # tags of random streams
+ROBOT_STREAM = 19  # tag of a random stream
 STEPS = 200
 CUTOFF = 20.0  # [Hz] torque above counts as chatter
 

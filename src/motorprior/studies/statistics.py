@@ -24,7 +24,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Estimate:
-    """Attributes: value of a statistic; low and high ends of its 95 % interval, NaN if undefined."""
+    """Value of a statistic, and its 95 % interval, NaN if undefined."""
 
     value: float
     low: float
@@ -33,15 +33,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One condition compared with another in the same environment.
+    """One condition compared with another in the same environment."""
 
-    Attributes:
-        difference: of the statistic, one minus the other.
-        p: two-sided, see `permutation_p`.
-    """
-
-    difference: Estimate
-    p: float
+    difference: Estimate  # of the statistic, one minus the other
+    p: float  # two-sided, see `permutation_p`
 
 
 def iqms(scores: np.ndarray) -> np.ndarray:

@@ -42,22 +42,14 @@ WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
 @dataclass(frozen=True)
 class Summary:
-    """Statistics of a table of walks.
+    """Statistics of a table of walks, by (environment, condition, measure)."""
 
-    Attributes:
-        benches: seeds of the benches.
-        estimates: (environment, condition, measure) -> mean over benches of the interquartile mean, of ``upright`` of
-            the mean, with 95 % interval.
-        by_bench: (environment, condition, measure) -> (benches,) the statistics of the benches, of COMPARED measures.
-        upright: (environment, condition) -> (benches, policies) mean time upright of every policy.
-        differences: (environment, condition, measure) -> condition compared with the sampled prior; p is corrected for
-            all of these comparisons.
-    """
-
-    benches: tuple[int, ...]
+    benches: tuple[int, ...]  # seeds of the benches
+    # mean over benches of the interquartile mean, of ``upright`` of the mean, with 95 % interval
     estimates: dict[tuple[str, str, str], statistics.Estimate]
-    by_bench: dict[tuple[str, str, str], np.ndarray]
-    upright: dict[tuple[str, str], np.ndarray]
+    by_bench: dict[tuple[str, str, str], np.ndarray]  # (benches,) the statistics of the benches, of COMPARED measures
+    upright: dict[tuple[str, str], np.ndarray]  # (environment, condition) -> (benches, policies) mean time upright
+    # condition compared with the sampled prior; p is corrected for all of these comparisons
     differences: dict[tuple[str, str, str], statistics.Comparison]
 
     def as_results(self) -> Results:

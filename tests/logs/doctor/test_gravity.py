@@ -1,4 +1,4 @@
-"""The log doctor tells by a model's gravity that a joint's sign is not the model's, and is silent where it cannot."""
+"""The log doctor finds joint signs that contradict the gravity of a model, and none where gravity has no effect."""
 
 from dataclasses import replace
 from pathlib import Path

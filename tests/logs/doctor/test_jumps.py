@@ -1,4 +1,4 @@
-"""Angles that jump are found and told apart; fast motion, noise, coarse encoders and steps of the command are none."""
+"""Angles that jump are found and classified; fast motion, noise, coarse encoders and steps of the command are none."""
 
 from collections.abc import Callable
 

@@ -1,15 +1,12 @@
 """Lag and sign of an angle against its command, and end stops, in chirps, sines and real logs."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import read_log
 
 Change = Callable[[np.ndarray], np.ndarray]
 TIME = 0.01 * np.arange(2400)
@@ -74,22 +71,6 @@ def test_reversals_dead_bands_and_weights_are_no_end_stop():
         dead_bands += [(triangle, held_back(triangle, band)) for band in (0.06, 0.1)]
     for command, angle in [(chirp(), chirp(0.1)), *dead_bands, sagging()]:
         assert not check_log(of(command, angle)).of("saturation")
-
-
-@pytest.mark.parametrize(
-    ("robot", "name", "columns"),
-    [
-        ("go2", "traj_0", "go2_identification"),
-        ("so101", "chirp_sweep", "so101_sage"),
-        ("so101", "multisine", "so101_sage"),
-    ],
-)
-def test_what_was_done_to_a_real_log_is_found(shared_data: Path, robot: str, name: str, columns: str):
-    log = replace(read_log(shared_data / robot / f"{name}.csv.gz", columns=columns), joint_vel=None)
-    report = check_log(log)
-    assert not report.of("saturation") and not report.of("copied")
-    assert check_log(replace(log, joint_pos=stopped(0.5)(log.joint_pos))).of("saturation")
-    assert len(check_log(replace(log, joint_pos=log.position_target.copy())).of("copied")) == log.num_joints
 
 
 def sines(rates: tuple[float, ...], lag: float, sign: float = 1.0) -> MotorLog:

@@ -35,10 +35,8 @@ def test_round_trip_is_exact(written, full_log):
         assert getattr(log, name) == getattr(full_log, name)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_a_truncated_file_is_refused(written, share):
-    content = written.read_bytes()
-    written.write_bytes(content[: int(share * len(content))])
+def test_a_truncated_file_is_refused(written):
+    written.write_bytes(written.read_bytes()[:-50])
     with pytest.raises(LogError, match=r"log\.parquet: not a complete Parquet file .* -> "):
         read_parquet(written)
 

@@ -57,22 +57,6 @@ def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, variant: st
 
 
 @pytest.mark.parametrize(
-    ("row", "column", "cell", "problem"),
-    [
-        (4, 13, "nan", r"row 4, joint_pos/FR_abduction \(column q_0\) is nan"),
-        (7, 14, "0.1.2", r"row 7, q_1 is '0\.1\.2', not a number"),
-        (9, 0, "0.0", r"row 9, time runs backwards: 0\.0 s after"),
-    ],
-)
-def test_a_bad_cell_is_named(tmp_path: Path, row: int, column: int, cell: str, problem: str):
-    cells = LINES[1 + row].split(",")
-    cells[column] = cell
-    path = write_csv(tmp_path / "env_real_x_log.csv", [*LINES[: 1 + row], ",".join(cells), *LINES[2 + row :]])
-    with pytest.raises(LogError, match=rf"env_real_x_log\.csv: {problem}.* -> "):
-        read_log(path, PUPPER_V2)
-
-
-@pytest.mark.parametrize(
     ("change", "problem"),
     [
         (lambda c: c.pop("IMU"), "not lists t, action, MotorAngle, IMU"),

@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.logs.doctor import excitation, readings, response, signs
+from motorprior.logs.doctor import readings, response, signs
 from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import excited_joints
 from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 # The checks of jumps and motion need a correct clock and correct units; those of motion need angles without jumps.
 READINGS = (readings.rate, readings.gaps, readings.repeats, readings.speeds, readings.ranges)
-MOTION = (excitation.excitation, excitation.dead, response.copied, response.velocity)
+MOTION = (response.excitation, response.dead, response.copied, response.velocity)
 PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)  # where a joint's command travels farthest
 
 
@@ -44,11 +45,11 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 def _each_joint(log: MotorLog) -> Iterator[Finding]:
     """Findings of PER_JOINT, with their rows in the log."""
     windows, found = {}, {}
-    for column in excitation.excited_joints(log).tolist():
-        window, joint = excitation.excited_window(log, column), log.joint_names[column]
+    for column in excited_joints(log).tolist():
+        window, joint = response.excited_window(log, column), log.joint_names[column]
         if window is None:
             message = f"{joint} moves in no window long enough to check its response"
-            remedy = f"record at least {excitation.MIN_ROWS} rows of motion without a gap"
+            remedy = f"record at least {response.MIN_ROWS} rows of motion without a gap"
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
         windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]

@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from motorprior.logs.doctor.excitation import MIN_REVERSALS, reversals
 from motorprior.logs.doctor.findings import IN_MAP, Finding
+from motorprior.logs.doctor.response import MIN_REVERSALS, reversals
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot

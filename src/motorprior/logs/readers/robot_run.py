@@ -13,12 +13,12 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader, require_robot
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.tables import csv_names, read_number_table
+from motorprior.logs.operations import MIN_ROWS
+from motorprior.logs.tables import csv_names, table_columns
 from motorprior.logs.validity import checked, require_finite, require_increasing
 from motorprior.robots.robot import Robot
 
 _GAP = 0.055  # a pause longer than this [s] starts a new segment; single lost frames do not
-_MIN_ROWS = 4  # of a segment
 _SERIES = ("position_target", "joint_pos", "joint_vel", "joint_current")
 _BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
@@ -53,13 +53,13 @@ def read_robot_run(
             increase, or numbers that are not finite.
     """
     columns = run_columns(robot.joint_names, any(name.startswith("joint_current/") for name in csv_names(path)))
-    table = read_number_table(path, columns, may_be_cut=True)
+    table = np.column_stack(list(table_columns(path, columns, may_be_cut=True).values()))
     require_finite(table, list(columns), path)
     require_increasing(table[:, 0], path)
     breaks = np.diff(table[:, 0], prepend=-np.inf) > _GAP
     breaks |= np.diff(table[:, 1], prepend=0.0) != 0.0
     segment = np.cumsum(breaks)
-    rows = np.isin(table[:, 1], modes) & (np.bincount(segment)[segment] >= _MIN_ROWS)
+    rows = np.isin(table[:, 1], modes) & (np.bincount(segment)[segment] >= MIN_ROWS)
     if not rows.any():
         wanted = " or ".join(mode.name.lower() for mode in modes)
         raise LogError(f"no row of mode {wanted}", where=path, remedy="give a recording of at least a second of it")

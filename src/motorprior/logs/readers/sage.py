@@ -28,11 +28,7 @@ MICROSECOND = 1e-6
 
 
 def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read the folder of one motion; ``robot`` gives the order of the joints if it has these joints.
-
-    Raises:
-        LogError: a missing, damaged or wrong file; names file, row and value.
-    """
+    """Read the folder of one motion; ``robot`` gives the order of the joints if it has these joints."""
     names, columns = read_text(path / "joint_list.txt", LogError).split(), load_column_map("so101_sage")
     if set(names) != {joint.column for joint in columns.joints}:  # another robot
         joints = tuple(MappedJoint(name, name) for name in names)

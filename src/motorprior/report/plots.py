@@ -1,8 +1,9 @@
-"""Pictures of motors: commands and response, simulated and recorded angles, errors by joint."""
+"""Pictures: commands and response of motors, simulated and recorded angles, errors by joint, learning curves."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.artifacts import read_json
 from motorprior.bench.class_behaviour import ClassBehaviour
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.evaluation.free_runs import Trace
@@ -21,15 +23,17 @@ from motorprior.report.plots_style import (
     fit_y,
     legend_below,
     model_color,
+    model_key,
+    model_label,
     model_line,
     new_figure,
     panels,
-    style,
     target_line,
 )
 from motorprior.signals import rmse
 
 LOAD = 2e-3  # of the joints in `step_responses` [kg·m²]
+Curve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
 SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
 
 
@@ -66,7 +70,7 @@ def step_responses(motors: Actuator, title: str, period: float) -> Figure:
     angles = run(motors, Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)).joint_pos
     low, median, high = np.percentile(angles, [5, 50, 95], axis=1)
     figure = new_figure(3.2)
-    axes = panels(figure, 1, 1)[0, 0]
+    axes = panels(figure, 1)[0, 0]
     target_line(axes, time, target)
     axes.plot(time, angles[:, :10], color=INK, lw=0.4, alpha=0.5)
     axes.fill_between(time, low, high, color=INK, alpha=0.15, label="5-95 % of the motors")
@@ -123,15 +127,10 @@ def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
 
 
 def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
-    """A line per joint with a marker per model.
-
-    Args:
-        errors: model -> joint -> RMSE [rad].
-    """
+    """A line per joint with a marker per model, from model -> joint -> RMSE [rad]."""
     joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
     figure = new_figure(1.1 + 0.23 * len(joints))
-    axes = figure.add_subplot()
-    style(axes)
+    axes = panels(figure, 1)[0, 0]
     for number, (model, values) in enumerate(errors.items()):
         rows, milli = [joints.index(joint) for joint in values], [1e3 * value for value in values.values()]
         axes.plot(milli, rows, "osDx|^v*"[number % 8], color=model_color(model), label=model, markersize=5)
@@ -144,3 +143,36 @@ def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     describe(axes, x="RMSE of the simulated angle [mrad]")
     legend_below(figure, axes, columns=3)
     return figure
+
+
+def read_curves(folders: Iterable[Path]) -> list[Curve]:
+    """Learning curves of trainings, from curve.json in their folders."""
+    points = [read_json(folder / "curve.json") for folder in folders]
+    return [
+        (np.array([each["iteration"] for each in curve]), np.array([each["mean_return"] for each in curve]))
+        for curve in points
+    ]
+
+
+def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
+    """Median over the seeds of each training, and every seed as a thin line."""
+    figure = new_figure(3.5)
+    axes = panels(figure, 1)[0, 0]
+    for number, (name, seeds) in enumerate(curves.items()):
+        color = model_color(name) if model_key(name) else f"C{number}"
+        for iteration, mean_return in seeds:
+            axes.plot(iteration, mean_return, color=color, lw=0.6, alpha=0.4)
+        label = f"{model_label(name)}, {len(seeds)} seed" + "s" * (len(seeds) != 1)
+        model_line(axes, *_median(seeds), name, label, color).set_linewidth(2.0)
+    describe(axes, x="ARS iteration [-]", y="mean return [m]")
+    legend_below(figure, axes, columns=3)
+    return figure
+
+
+def _median(seeds: Sequence[Curve]) -> Curve:
+    """Median over the seeds where all of them have values."""
+    start = max(iteration[0] for iteration, _ in seeds)
+    stop = min(iteration[-1] for iteration, _ in seeds)
+    grid = np.unique(np.concatenate([iteration for iteration, _ in seeds]))
+    grid = grid[(grid >= start) & (grid <= stop)]
+    return grid, np.median([np.interp(grid, *seed) for seed in seeds], axis=0)
