@@ -7,8 +7,8 @@ All quantities are at the output shaft. A step h takes positions from t to t + h
 t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except for EXTRA_DAMPING the step is
 second-order accurate. It is linearly implicit in the rotor's new velocity v'; the velocity at t is v̄ = (v + v')/2:
 
-    gear      s = twist ∓ backlash/2,  twist = rotor_pos - joint_pos, in contact where twist + h/2·(v - dq) is beyond
-              the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
+    gear      s = twist ∓ backlash/2, or 0 within the backlash,  twist = rotor_pos - joint_pos, in contact where
+              twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
               τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
     law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos + h/2·(v̄ - v) +
@@ -186,7 +186,9 @@ def step(
     twist = r - q
     twist_at_t = twist + half_h * (v - dq)
     above, below = twist_at_t > p.half_backlash, twist_at_t < -p.half_backlash
-    deflection = where(above, twist - p.half_backlash, where(below, twist + p.half_backlash, 0.0))
+    # contact that begins within the step damps, but does not pull
+    beyond = arithmetic.positive_part(abs(twist) - p.half_backlash)
+    deflection = where(above | below, arithmetic.with_sign_of(beyond, twist), 0.0)
     contact = arithmetic.indicator(above | below)
     stiffness = contact * p.gear_stiffness
     damping = 0.5 * (contact * p.gear_damping + h * stiffness)

@@ -52,6 +52,9 @@ UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of
 # assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
+# factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
+# share. Chosen on four simulated arms; the 90 % intervals of eight others hold 88 % (benchmarks/simulated_arms.py)
+MODEL_ERROR = 4.0
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
@@ -246,13 +249,14 @@ class MotorPrior(Described):
     def intervals(self, level: float = 90.0) -> dict[str, np.ndarray]:
         """(2, M) lower and upper ends of the central intervals [%] of each training motor's constants, by name.
 
-        They are those of its posterior given its log; a constant that the log does not identify has that of its class.
-        Empty for a network.
+        They are those of its posterior given its log, with MODEL_ERROR; a constant that the log does not identify has
+        that of its class. Empty for a network.
         """
         if not isinstance(self.model, GreyBox):
             return {}
         noise = np.random.default_rng(0).standard_normal((DRAWS, *self.mean.shape))
-        z = (self.mean + np.exp(0.5 * self.log_var) * noise).reshape(-1, self.mean.shape[1])
+        likelihood = np.maximum(np.exp(-self.log_var) - 1.0, 0.0) / MODEL_ERROR**2
+        z = (self.mean + noise / np.sqrt(1.0 + likelihood)).reshape(-1, self.mean.shape[1])
         ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
         values = self.model.constants(z)
         return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
