@@ -1,11 +1,11 @@
-"""Servos of better-actuator-models (BAM): law, friction m1 to m6, and integration of its simulator.
+"""Servos of better-actuator-models (BAM): law, friction m1, m2 and m5, and integration of its simulator.
 
 After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E that of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
     friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic,  s = exp(-|dq/dtheta_stribeck|^alpha)
-              G = load_friction_base·|E - M| (m3, m4), |load_friction_external·E - load_friction_motor·M| (m5, m6)
+              G = |load_friction_external·E - load_friction_motor·M| (m5)
     encoder   reads q - q_offset, where q is the angle of the joint
     joint     stopped by at most F + friction_viscous·|dq|, inertia J + armature
 
@@ -51,20 +51,23 @@ class BamMotor:
     vin: float  # supply voltage [V]
 
     @classmethod
-    def of(cls, table: Mapping[str, Any], kp: float | None = None, vin: float | None = None) -> BamMotor:
+    def of(
+        cls, table: Mapping[str, Any], kp: float | None = None, vin: float | None = None, where: Path | None = None
+    ) -> BamMotor:
         """The servo of a table of parameters; kp and vin of the table, or BAM's own, if not given.
 
         Raises:
-            ArtifactError: an unknown model or actuator, or a value that is not a number.
+            ArtifactError: an unknown model or actuator, or a value that is not a number; names the file ``where``.
         """
         model, actuator = table.get("model"), table.get("actuator")
         if model not in _MODELS or (actuator not in VOLTAGE and actuator != TORQUE):
             known = f"models {', '.join(_MODELS)}, actuators {', '.join((*VOLTAGE, TORQUE))}"
-            raise ArtifactError(f"model {quoted(model)}, actuator {quoted(actuator)}", remedy=f"known are {known}")
+            problem = f"model {quoted(model)}, actuator {quoted(actuator)}"
+            raise ArtifactError(problem, where=where, remedy=f"known are {known}")
         numbers = {name: value for name, value in table.items() if name not in ("model", "actuator", "motorprior")}
         for name, value in numbers.items():
             if not is_number(value):
-                raise ArtifactError(f"{name} {quoted(value)} is not a number", remedy=_REMEDY)
+                raise ArtifactError(f"{name} {quoted(value)} is not a number", where=where, remedy=_REMEDY)
         supply, _, _, usual = VOLTAGE.get(str(actuator), (0.0, 0.0, 0.0, 0.0))
         gain = kp if kp is not None else float(numbers.get("kp", usual))
         return cls(numbers, str(actuator), gain, float(numbers.get("vin", supply)) if vin is None else vin)
@@ -85,16 +88,9 @@ class BamMotor:
         """Dry friction [N·m] at these torques [N·m] and this velocity [rad/s]."""
         v = self
         slow = math.exp(-(abs(dq / v["dtheta_stribeck"]) ** v["alpha"])) if v["dtheta_stribeck"] else 0.0
-        both = abs(load - motor)
-        found = v["friction_base"] + slow * v["friction_stribeck"]
-        found += (v["load_friction_base"] + slow * v["load_friction_stribeck"]) * both
-        found += abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
-        found += slow * abs(load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"])
-        if load * motor < 0.0:
-            driving = abs(load) < abs(motor)
-            name, torque = ("load_friction_external_quad", load) if driving else ("load_friction_motor_quad", motor)
-            found += slow * v[name] * torque * torque
-        return found
+        own = abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
+        slow_own = abs(load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"])
+        return v["friction_base"] + slow * v["friction_stribeck"] + own + slow * slow_own
 
     def simulate(self, given: Trial, motor: int, load: Callable[[float], float] | None = None) -> np.ndarray:
         """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial.
@@ -108,8 +104,7 @@ class BamMotor:
         steps = np.arange(len(given.position_target)) - late
         targets = np.interp(steps, np.arange(len(steps)), given.position_target[:, motor])
         out = np.zeros(len(steps))
-        q = given.position_target[0, motor] if given.joint_pos is None else given.joint_pos[motor]
-        dq = 0.0
+        q, dq = given.position_target[0, motor] if given.joint_pos is None else given.joint_pos[motor], 0.0
         for step in range(len(steps)):
             out[step] = q
             push = kp * (targets[step] - q + offset) - within * kd * dq
@@ -153,10 +148,7 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
     table = read_json(path)
     if not isinstance(table, dict):
         raise ArtifactError("not a table", where=path, remedy=_REMEDY)
-    try:
-        servo = BamMotor.of(table, kp, vin)
-    except ArtifactError as error:
-        raise ArtifactError(error.problem, where=path, remedy=error.remedy) from error
+    servo = BamMotor.of(table, kp, vin, path)
     stiff, damping, limit, within = servo.law()
     armature = servo["armature"]
     if not (stiff > 0.0 and limit > 0.0 and armature > 0.0):
