@@ -40,11 +40,6 @@ class MotorSample:
         """The prior of the motors."""
         return self.source.prior if isinstance(self.source, MotorPosterior) else self.source
 
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """Optional terms of the motors."""
-        return self.robots[0].model.motor.terms
-
     def constants(self) -> dict[str, np.ndarray]:
         """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp."""
         each = [with_kd(robot.constants()) for robot in self.robots]

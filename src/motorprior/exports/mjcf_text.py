@@ -93,37 +93,35 @@ class MjcfText:
         if element is not None:
             text = f"<{element}" + text[1 + len(tag.element) :]
             if close == ">":
-                self._edit(tag.end, tag.end + len(f"</{tag.element}"), f"</{element}")
-        self._edit(tag.start, found.end(), text)
+                self._edit(tag.end, f"</{element}", tag.end + len(f"</{tag.element}"))
+        self._edit(tag.start, text, found.end())
 
     def set_option(self, name: str, value: str) -> None:
         """Set an attribute of the root's <option>, which is added if there is none."""
         if own := self._sections("option"):
             self.set(own[-1], {name: value})
         else:
-            self._insert(self.tags[0].end, f'  <option {name}="{value}"/>\n')
+            self._edit(self.tags[0].end, f'  <option {name}="{value}"/>\n')
 
     def insert_in(self, section: str, line: str, apart: bool = False) -> None:
         """Insert an element at the end of a section of the root; in one more section if there is none, or ``apart``."""
         own = [tag for tag in self._sections(section) if tag.end != tag.start]
         if own and not apart:
-            self._insert(own[0].end, f"  {line}\n  ")
+            self._edit(own[0].end, f"  {line}\n  ")
         else:
-            self._insert(self.tags[0].end, f"  <{section}>\n    {line}\n  </{section}>\n")
+            self._edit(self.tags[0].end, f"  <{section}>\n    {line}\n  </{section}>\n")
 
     def insert_before_body_of(self, joint: Tag, line: str) -> None:
         """Insert an element in front of the body that a joint moves."""
         body = next(tag for tag in reversed(joint.parents) if tag.element == "body")
-        self._insert(body.start, f"{line}\n")
+        self._edit(body.start, f"{line}\n")
 
     def _sections(self, name: str) -> list[Tag]:
         return [tag for tag in self.tags if tag.element == name and len(tag.parents) == 1]
 
-    def _insert(self, at: int, text: str) -> None:
-        self._edit(at, at, text)
-
-    def _edit(self, start: int, stop: int, text: str) -> None:
-        if (edit := (start, stop, text.encode())) not in self._edits:  # options are set once per joint
+    def _edit(self, start: int, text: str, stop: int | None = None) -> None:
+        edit = start, start if stop is None else stop, text.encode()
+        if edit not in self._edits:  # options are set once per joint
             self._edits.append(edit)
 
     def text(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -88,13 +88,13 @@ def export(
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
-    values, period = sample.constants(), sample.prior.model.period
+    values, period, terms = sample.constants(), sample.prior.model.period, sample.robots[0].model.motor.terms
     step = min(MAX_STEP, period)
-    flat = motors_of({name: value.ravel() for name, value in values.items()}, sample.terms, period)
+    flat = motors_of({name: value.ravel() for name, value in values.items()}, terms, period)
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
     found: dict[str, float] = {}
     if exporter.replay is not None:
-        lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(sample.terms)}
+        lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(terms)}
         recorded = None if log is None else log_trial(log, sample.joint_names, motors, step)
         found = losses(exporter.replay, flat, step, recorded)
     values["carried"] = carried(flat, step).reshape(motors, -1)
