@@ -4,8 +4,8 @@
 
 The errors are due to the step of 2 ms, the sample of 32 motors of a fleet, and contact. Figures:
     two_sample_auc                         256 grey boxes against 256 other motors of the fleet on the standard bench
-    two_sample_auc/SAMPLER/N               the same for 256 samples of a distribution fitted to the constants of N
-                                           motors, a gaussian or the copula of a prior; median of SETS sets of motors
+    two_sample_auc/copula/N                the same for 256 samples of the copula of a prior, fitted to the constants of
+                                           N motors; median of SETS sets of motors
     displacement_m/DAMPING_RATIO           distance between trotting robots after 2 s, grey boxes at 2 ms with this
                                            damping ratio of the foot contacts, physical motors at 1 ms and ratio 1
     rmse_rad/…, torque_hf_ratio/…          of the joints; torque above 20 Hz over that of the physical motors
@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
+from figures import report
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
-from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
@@ -52,12 +52,6 @@ def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
     return GreyBoxActuator(box, raw - raw.mean(axis=0))
 
 
-def gaussian(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
-    """Samples of a Gaussian with mean and covariance of the given motors."""
-    z = rng.multivariate_normal(given.z.mean(axis=0), np.cov(given.z.T), POPULATION)
-    return GreyBoxActuator(given.model, z)
-
-
 def copula(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
     """Samples of the copula that a prior fits to the given motors."""
     box, _ = standardised(given.model, given.z)
@@ -76,9 +70,8 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
     figures = {"two_sample_auc": auc(true_grey_box(require_geared(fleet.sample(POPULATION, rng))))}
     for count in NUM_FITTED:
         given = [true_grey_box(require_geared(fleet.sample(count, rng))) for _ in range(SETS)]
-        for sampler in (gaussian, copula):
-            areas = [auc(sampler(motors, rng)) for motors in given]
-            figures[f"two_sample_auc/{sampler.__name__}/{count}"] = float(np.median(areas))
+        areas = [auc(copula(motors, rng)) for motors in given]
+        figures[f"two_sample_auc/copula/{count}"] = float(np.median(areas))
     return figures
 
 
@@ -110,10 +103,7 @@ def main() -> None:
     for suspended, ratio, name in cases:
         error, hf, apart = robot_floor(arguments.fleet, suspended, ratio)
         figures |= {f"rmse_rad/{name}": error, f"torque_hf_ratio/{name}": hf, f"displacement_m/{name}": apart}
-    for name, value in figures.items():
-        print(f"{name:28s} {value:.4f}")
-    if arguments.json:
-        write_json(arguments.json, figures)
+    report(figures, arguments.json)
 
 
 if __name__ == "__main__":

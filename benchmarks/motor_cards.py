@@ -11,7 +11,6 @@ logs of a standing robot. Licences are those of the logs.
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -121,7 +120,6 @@ def _without_paths(prior: MotorPrior, arguments: Arguments) -> MotorPrior:
 def main() -> None:
     """Make the cards."""
     arguments = tyro.cli(Arguments, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     for name in arguments.cards:
         prior, about = card_of_fleet(arguments) if name == "pupper_v2" else card_of_logs(name, arguments)
         for path in write_card(_without_paths(prior, arguments), arguments.out / name, about):

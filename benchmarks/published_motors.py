@@ -15,11 +15,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import motorprior as mp
+from figures import report
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.artifacts import write_json
 from motorprior.exports.bam_law import rigid_gear
 from motorprior.exports.exporter import motors_of
 from motorprior.identification.adapt import adapt_to
@@ -73,8 +74,6 @@ def candidates(count: int, folder: Path) -> dict[str, list[GreyBoxActuator]]:
 
 def draw(errors: dict[str, list[float]], path: Path) -> None:
     """A bar per model [mrad], and a dot per log."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(6.0, 0.4 * len(errors) + 0.8), layout="constrained")
     axes = figure.subplots()
     models = sorted(errors, key=lambda model: -np.mean(errors[model]))
@@ -91,9 +90,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=Path("runs/published"))
-    parser.add_argument("--card", default="so101", help="shipped card, or folder of a card")
     arguments = parser.parse_args()
-    settings, prior = Settings(arguments.data, arguments.out), mp.from_pretrained(arguments.card)
+    settings, prior = Settings(arguments.data, arguments.out), mp.from_pretrained("so101")
     paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
     logs = [read_parquet(path) for path in paths if any(word in path.name for word in HELD_OUT["so101"])]
     models, errors, shares = candidates(logs[0].num_joints, arguments.out), {}, []
@@ -115,9 +113,7 @@ def main() -> None:
     draw(best, arguments.out / "published.png")
     figures = {f"published/{model}": float(np.mean(values)) for model, values in best.items()}
     figures["published/coverage90"] = float(np.mean(shares))
-    for name, value in figures.items():
-        print(f"{name:28s} {value:.4f}")
-    write_json(arguments.out / "figures.json", figures)
+    report(figures, arguments.out / "figures.json")
 
 
 if __name__ == "__main__":
