@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from figures import markdown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet, load_robot_fleet
@@ -42,7 +43,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
 from motorprior.studies.compare import EVALUATION_SEED
 from motorprior.studies.environments import HARD, NOISY, twin_scene
@@ -82,8 +83,6 @@ class Settings:
     iterations: int = 150  # of training
     draws: int = 24  # walks per environment and speed
     seconds: float = 20.0  # of a walk [s]
-    hidden_units: int = 0  # of the policies; 0: linear
-    robust: bool = True  # randomise ground, masses, sensors and pushes in training; otherwise motors and commands only
     workers: int = 2  # threads
 
 
@@ -219,9 +218,7 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     run_walk(
         Walk(
             out=folder, motors=f"prior:{prior}", iterations=settings.iterations, search=ArsConfig(seed=seed),
-            workers=settings.workers,
-            robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
-            hidden_units=settings.hidden_units,
+            workers=settings.workers, robot=settings.robot, randomization=ROBUST,
         ),
         PROGRESS, f"seed {seed}",
     )  # fmt: skip
@@ -241,18 +238,8 @@ def measure(settings: Settings) -> Results:
         for place in PLACES:
             evaluated = environments.evaluate(place, policy, settings).having(seed=seed)
             found += evaluated.rows
-            for speed in evaluated.distinct("part"):
-                values = ", ".join(f"{row.quantity} {row.value:.3g}" for row in evaluated.where(part=speed))
-                PROGRESS.note(f"seed {seed}, {place}, commanded {speed} m/s: {values}")
             found += environments.turns(place, policy, settings, seed).rows
     return Results.of(found)
-
-
-def write(settings: Settings, results: Results) -> None:
-    """Write results.json, figures.json and tables.md."""
-    results.save(settings.out / "results.json")
-    write_json(settings.out / "figures.json", figures_of(results))
-    write_text(settings.out / "tables.md", tables(results) + "\n")
 
 
 def figures_of(results: Results) -> dict[str, float]:
@@ -279,23 +266,25 @@ def table(results: Results, places: tuple[str, ...]) -> str:
     """Markdown: one row per quantity; means over the seeds by command, with the range of the seeds in brackets."""
     walked = results.where(motors=places)
     columns = [(place, speed) for place in places for speed in walked.distinct("part")]
-    heads = [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
-    lines = ["| measure | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
+    head, rows = ["measure"], []
+    head += [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
     for quantity in walked.distinct("quantity"):
         cells = []
         for place, speed in columns:
             values = [row.value for row in walked.where(quantity=quantity, motors=place, part=speed)]
             cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})" if values else "")
         unit = walked.where(quantity=quantity).rows[0].unit
-        lines.append(f"| {quantity}{'' if unit == '1' else f' [{unit}]'} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append([f"{quantity}{'' if unit == '1' else f' [{unit}]'}", *cells])
+    return markdown(head, rows)
 
 
 def main() -> None:
-    """Measure, write, print the tables."""
+    """Measure; write results.json, figures.json and tables.md; print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
     results = measure(settings)
-    write(settings, results)
+    results.save(settings.out / "results.json")
+    write_json(settings.out / "figures.json", figures_of(results))
+    write_text(settings.out / "tables.md", tables(results) + "\n")
     print(tables(results))
 
 
