@@ -6,12 +6,12 @@
 import mujoco
 import numpy as np
 import pytest
+from drawn_motors import draw_pd
 from policies import random_policy
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, step_actuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.backend import BackendState
@@ -41,11 +41,6 @@ def pd_network():
         log_armature=np.array(np.log(0.003)), armature_slope=np.array([0.2, 0.0, 0.0]), taps=(0, 2), period=0.002,
         error_scale=0.1, velocity_scale=2.0, torque_scale=9.0, torque_limit=1.26, has_armature=True,
     )  # fmt: skip
-
-
-def draw_pd(rng):
-    kp = rng.uniform(8.0, 10.0, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
 
 
 def draw_physical(rng):
@@ -134,12 +129,15 @@ def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
 
 
 EVERY = Randomization(
-    sensor_delay=(0.004, 0.025), command_delay=(0.001, 0.018), gyro_bias=0.05, rate_noise=0.05, gravity_tilt=0.05
-)
+    armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
+    encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
+    command_delay=(0.001, 0.018), push=0.02, push_interval=0.2, gyro_bias=0.05, sensor_jitter=0.008, dropped=0.1,
+    command_jitter=0.006, strength=(0.9, 1.1), kp=(0.9, 1.1), kd=(0.9, 1.1), torque_limit=(0.9, 1.1),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("gait", GAITS)
-def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
+def test_gaits_commands_randomization_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
     walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2), gait)
     policy, scene = random_policy(0.05, seed=4, units=6), Scene(PUPPER_V2, draw_pd, walk)
     compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)
