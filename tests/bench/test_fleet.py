@@ -28,16 +28,6 @@ KP = 'unit = "N·m/rad"\nsource = "test"\n'
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_number_of_a_shipped_fleet_has_a_source(name):
-    tables = fleet_path(name).read_text(encoding="utf-8").split("\n[")[1:]
-    fleet = load_fleet(name)
-    assert len(tables) == len(fleet.parameters) and (len(tables) == 17 or fleet.family == "foreign")
-    for table in tables:
-        sources = [line for line in table.splitlines() if line.startswith("source = ")]
-        assert len(sources) == 1 and len(sources[0].split('"')[1].strip()) > 3, table
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_samples_have_the_median_and_spread_of_the_file(name):
     fleet, count = load_fleet(name), 20000
     motors = fleet.sample(count, np.random.default_rng(0))

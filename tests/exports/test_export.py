@@ -206,7 +206,7 @@ def test_a_published_servo_moves_here_as_in_its_own_simulation(tmp_path: Path):
     own = BamMotor.of(SERVO, kp=16.0).simulate(given, 0)
     ours = run(read_motor(path, kp=16.0), given).joint_pos[:, 0]
     assert np.ptp(own) > 1.0 and float(rms(ours - own)) < 5e-3
-    assert BamMotor.of(SERVO, kp=16.0).law()[0] == pytest.approx(16 * 0.166 * 7.4 * 1.2 / 2.7)
+    assert BamMotor.of(SERVO, kp=16.0).kp == pytest.approx(16 * 0.166 * 7.4 * 1.2 / 2.7)
 
 
 DIRECTIONAL = {
