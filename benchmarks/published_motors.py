@@ -23,14 +23,12 @@ from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.exports.bam_law import rigid_gear
 from motorprior.exports.exporter import motors_of
-from motorprior.identification.adapt import adapt_to
 from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.logs.splits import first_and_rest
-from real_logs import ADAPTATION_SECONDS, Settings, expected_motors, imported, robot_file
+from real_logs import Settings, adapted_to_start, expected_motors, imported, robot_file
 
 # armature [kg·m²], dry friction [N·m], kp [N·m/rad], damping [N·m·s/rad], torque limit [N·m]; None: not published
 PUBLISHED = {
@@ -100,8 +98,7 @@ def main() -> None:
         flat = {f"{name}/{index}": one for name, several in models.items() for index, one in enumerate(several)}
         for name, values in free_run_errors(runs, flat | {"prior/0": expected_motors(prior, log)}).items():
             errors.setdefault(name, []).append(float(values.mean()))
-        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-        posterior = adapt_to(prior, first)
+        posterior, rest = adapted_to_start(prior, log)
         tail = whole_runs(rest, recipe_of(prior))
         found = free_run_errors(tail, {"adapted": prior.model.motors(posterior.mean)})
         errors.setdefault("adapted/0", []).append(float(found["adapted"].mean()))

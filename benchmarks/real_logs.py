@@ -128,14 +128,24 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     found: list[Figures] = []
     for path in fold.test:
         log = read_parquet(path)
-        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-        posterior = adapt_to(prior, first)
+        posterior, rest = adapted_to_start(prior, log)
         adapted = {"adapted": prior.model.motors(posterior.mean)}
         found.append({
             "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
             **_coverages(prior, posterior, rest),
         })  # fmt: skip
     return _means(found)
+
+
+def start_and_rest(log: MotorLog) -> tuple[MotorLog, MotorLog]:
+    """The first ADAPTATION_SECONDS of a log, at most half of it, and the rest."""
+    return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
+
+
+def adapted_to_start(prior: MotorPrior, log: MotorLog) -> tuple[Posterior, MotorLog]:
+    """The motors of the start of a log, and its rest."""
+    first, rest = start_and_rest(log)
+    return adapt_to(prior, first), rest
 
 
 def _coverages(prior: MotorPrior, posterior: Posterior, rest: MotorLog) -> Figures:
@@ -208,11 +218,12 @@ def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int
 def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: Sequence[int], folder: Path) -> Figures:
     """Models of the joints in the group, tested on the rest of a log: fitted to the other joints, or to its start."""
     others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
-    first, rest = first_and_rest(log.with_joints(group), min(ADAPTATION_SECONDS, log.duration / 2))
+    own = log.with_joints(group)
+    first, rest = start_and_rest(own)
     alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
     prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
     per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
-    posterior = adapt_to(prior, first)
+    posterior, _ = adapted_to_start(prior, own)
     models: dict[str, MotorModel] = {
         "per_motor": per_motor.model.motors(per_motor.mean),
         "prior": expected_motors(prior, rest),

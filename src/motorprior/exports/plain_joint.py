@@ -45,7 +45,7 @@ def dry_friction(values: Mapping[str, Any]) -> Any:
 
 
 def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, str]:
-    """Attributes of an actuator with the force clip(kp·(target - q - encoder_zero) - kv·dq, ±torque_limit).
+    """Attributes of an actuator with the force clip(kp·(target - q - encoder_zero) - kv·dq, ±torque_limit), delayed.
 
     A ``position`` actuator is the same without the encoder zero.
     """
@@ -53,18 +53,11 @@ def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, 
     bias = " ".join(map(number, (-kp * values["encoder_zero"], -kp, -kv)))
     law = {"gaintype": "fixed", "gainprm": number(kp), "biastype": "affine", "biasprm": bias}
     bounded = {"forcelimited": "true", "forcerange": f"{number(-limit)} {number(limit)}"}
-    return law | (bounded if math.isfinite(limit) else {}) | delayed(values["delay"], timestep)
-
-
-def delayed(delay: float, timestep: float) -> dict[str, str]:
-    """Attributes of an actuator whose target is late by ``delay`` [s].
-
-    Our targets are means from half a step before to half a step after now, so half a step is added; the least delay of
-    MuJoCo is one step.
-    """
-    late = max(delay + 0.5 * timestep, timestep)
-    samples = math.ceil(late / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
-    return {"nsample": str(samples), "interp": "linear", "delay": number(late)}
+    # our targets are means from half a step before to half a step after now; MuJoCo's minimum delay is one step
+    delay = max(values["delay"] + 0.5 * timestep, timestep)
+    samples = math.ceil(delay / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
+    delayed = {"nsample": str(samples), "interp": "linear", "delay": number(delay)}
+    return law | (bounded if math.isfinite(limit) else {}) | delayed
 
 
 def number(value: float) -> str:

@@ -95,7 +95,11 @@ def replay_mjcf(text: str, given: Trial, motor: int) -> np.ndarray:
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[:] = given.position_target[0, motor]
-    fill_history(model, data, given.position_target[0, motor])
+    for actuator in range(model.nu):  # fill the delay lines with a control that has never changed
+        samples = int(model.actuator_history[actuator, 0])
+        if samples:
+            times, start = model.opt.timestep * np.arange(-samples, 0.0), given.position_target[0, motor]
+            mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, start))
     joint, out = data.joint("joint"), np.zeros(len(given.position_target))
     for step in range(len(out)):
         out[step] = joint.qpos[0]
@@ -103,15 +107,6 @@ def replay_mjcf(text: str, given: Trial, motor: int) -> np.ndarray:
         joint.qfrc_applied[0] = given.external_torque[step, motor] + given.load_stiffness[step, motor] * out[step]
         mujoco.mj_step(model, data)
     return out
-
-
-def fill_history(model: mujoco.MjModel, data: mujoco.MjData, ctrl: float) -> None:
-    """Fill the delay lines of the actuators with a control that has never changed."""
-    for actuator in range(model.nu):
-        samples = int(model.actuator_history[actuator, 0])
-        if samples:
-            times = model.opt.timestep * np.arange(-samples, 0.0)
-            mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, ctrl))
 
 
 def as_mrad(found: Mapping[str, float]) -> str:
