@@ -1,4 +1,4 @@
-"""A fleet file means what it says, or is refused by name."""
+"""Samples of a fleet have the distributions in its file; a bad file is rejected by name."""
 
 from pathlib import Path
 

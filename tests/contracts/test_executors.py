@@ -125,7 +125,7 @@ def cluster(ray):
 
 
 def remember(simulator, shared, task):
-    """Leave a mark that says where the task runs; end nowhere but on the nodes that stay."""
+    """Leave a mark with the node of the task; end only on the nodes that stay."""
     import ray as there
 
     folder, doomed_id = shared

@@ -1,4 +1,4 @@
-"""Exports of motors: what each format says, what it loses, and that the user's file is otherwise untouched."""
+"""Exports of motors: what each format contains and loses, and that the user's file is otherwise untouched."""
 
 # pyright: reportAttributeAccessIssue=false, reportMissingImports=false
 import json
@@ -248,7 +248,7 @@ def test_a_card_is_a_folder_that_loads(prior: MotorPrior, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", shipped_cards())
-def test_shipped_cards_sample_motors_and_say_their_licence(name: str):
+def test_shipped_cards_sample_motors_and_state_their_licence(name: str):
     motors = mp.from_pretrained(name).sample(12, seed=0)
     assert motors.num_motors == 12 and np.isfinite(motors.arrays(0.002).parameters).all()
     folder = Path(mp.__file__).parent / "exports" / "library" / name

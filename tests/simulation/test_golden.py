@@ -83,7 +83,7 @@ def test_the_bytes_are_those_of_the_golden_run(motors):
 
 
 def test_the_digests_are_of_the_libraries_that_the_project_installs():
-    """Or the test above would skip for ever after an upgrade, and nobody would know."""
+    """Otherwise the test above would be skipped unnoticed after an upgrade."""
     lock = (Path(__file__).parents[2] / "requirements.lock").read_text(encoding="utf-8")
     pinned = dict(re.findall(r"^([a-z]+)==(\S+)", lock, flags=re.MULTILINE))
     libraries = ("mujoco", "numba", "llvmlite", "numpy")

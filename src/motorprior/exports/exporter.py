@@ -1,4 +1,4 @@
-"""What a format of exported motors is: the interface of a format, and the sample of motors that is exported."""
+"""The interface of an export format, and the sample of motors that it writes."""
 
 from __future__ import annotations
 

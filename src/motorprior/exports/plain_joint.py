@@ -40,7 +40,7 @@ def plain(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def dry_friction(values: Mapping[str, Any]) -> Any:
-    """Dry friction [N·m] at the mean torque on a leg, which stands for that of the load."""
+    """Dry friction [N·m] with its load-dependent part at the mean torque on a leg."""
     return values["coulomb"] + values["load_friction"] * values["carried"]
 
 
