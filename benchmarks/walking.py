@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -98,10 +98,15 @@ def prior_of(settings: Settings) -> Path:
 class Environments:
     """The three environments in which policies are evaluated (PLACES)."""
 
+    settings: Settings
     robot: Robot
     fleet: Fleet
     prior: Path
-    workers: int
+
+    @property
+    def steps(self) -> int:
+        """Control steps of a walk."""
+        return round(self.settings.seconds / self.robot.control_dt)
 
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
         """Simulator of one environment."""
@@ -111,40 +116,35 @@ class Environments:
         walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
         return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
 
-    def episodes(
-        self, place: str, policy: PolicyArrays, commands: Commands | Timetable, draws: int, steps: int
-    ) -> list[Episode]:
+    def episodes(self, place: str, policy: PolicyArrays, commands: Commands | Timetable) -> list[Episode]:
         """One episode per sample, with the same commands."""
-        walk = WalkConfig(steps, commands=commands)
-        executor = make_executor(partial(self.simulator, place, walk), self.workers)
-        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(draws)])
+        walk = WalkConfig(self.steps, commands=commands)
+        executor = make_executor(partial(self.simulator, place, walk), self.settings.workers)
+        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(self.settings.draws)])
         executor.close()
         return episodes
 
-    def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
-        """Gait quality of every sample at one commanded speed."""
-        steps = round(seconds / self.robot.control_dt)
-        episodes = self.episodes(place, policy, Commands.steady(forward), draws, steps)
-        qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
-        return Results.of(row for each in qualities for row in quality_results(each, "walk", place))
-
-    def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
+    def turns(self, place: str, policy: PolicyArrays, seed: int) -> list[Result]:
         """How a policy follows COMMANDS and STOP_AND_GO."""
-        steps, rows = round(settings.seconds / self.robot.control_dt), []
-        for name, commands in command_cases(self.robot, settings.seconds).items():
-            episodes = self.episodes(place, policy, commands, settings.draws, steps)
-            rows += command_results(place, name, seed, command_errors(self.robot, episodes, steps))
-        return Results.of(rows)
+        rows = []
+        for name, commands in command_cases(self.robot, self.settings.seconds).items():
+            found = command_errors(self.robot, self.episodes(place, policy, commands), self.steps)
+            for quantity, value in found.items():
+                rows.append(Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed))
+        return rows
 
-    def evaluate(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:
+    def evaluate(self, place: str, policy: PolicyArrays) -> Results:
         """Means of all quantities over the samples, by commanded speed [m/s].
 
         A fall within two seconds counts as zero distance and full error, and is excluded from the other means.
         """
-        fastest, found = self.robot.require_legs().forward[1], []
-        for share in settings.speeds:
-            walks = self.walks(place, policy, share * fastest, settings.draws, settings.seconds)
-            found += means(walks, f"{share * fastest:.3g}")
+        found = []
+        for share in self.settings.speeds:
+            forward = share * self.robot.require_legs().forward[1]
+            episodes = self.episodes(place, policy, Commands.steady(forward))
+            qualities = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
+            walks = Results.of(row for each in qualities for row in quality_results(each, "walk", place))
+            found += means(walks, f"{forward:.3g}")
         return Results.of(found)
 
 
@@ -190,12 +190,6 @@ def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
     return distance_along_heading(qpos[:, :2], yaw) / time, float(yaw[-1] - yaw[0]) / time
 
 
-def command_results(place: str, name: str, seed: int, found: dict[str, float]) -> Iterator[Result]:
-    """The quantities of `command_errors` for one policy and one of the `command_cases`."""
-    for quantity, value in found.items():
-        yield Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed)
-
-
 def means(walks: Results, speed: str) -> list[Result]:
     """Means over walks at one speed, which is their ``part``; a quantity of a leg gets the name of the leg."""
     rows = []
@@ -229,16 +223,15 @@ def measure(settings: Settings) -> Results:
     """All results."""
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
-    environments = Environments(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
+    environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
     found, gait = [], zero_policy(robot.num_joints)
     for place in PLACES:
-        found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
+        found += environments.evaluate(place, gait).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):
         policy = Policy.load(trained(settings, prior, seed)).arrays
         for place in PLACES:
-            evaluated = environments.evaluate(place, policy, settings).having(seed=seed)
-            found += evaluated.rows
-            found += environments.turns(place, policy, settings, seed).rows
+            found += environments.evaluate(place, policy).having(seed=seed).rows
+            found += environments.turns(place, policy, seed)
     return Results.of(found)
 
 

@@ -5,8 +5,8 @@
 
 A drive cannot pass a damping to the solver, so the joint gets torque - damping·velocity as an effort, which is stable
 for 2·k·h²/I + D·h/I < 4 with gear stiffness k, gear damping D, link inertia I and step h. Give the joints no armature,
-damping and friction of their own. Rotor and delay line are arrays of the drive, not of Newton's states, of which there are two; a
-state holds the motors that a reset restarts, at the angles of their next step.
+damping and friction of their own. Rotor and delay line are arrays of the drive; Newton's states hold the motors that a
+reset restarts, at the angles of their next step.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
