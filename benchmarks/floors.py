@@ -4,8 +4,8 @@
 
 The errors are due to the step of 2 ms, the sample of 32 motors of a fleet, and contact. Figures:
     two_sample_auc                         256 grey boxes against 256 other motors of the fleet on the standard bench
-    two_sample_auc/copula/N                the same for 256 samples of the copula of a prior, fitted to the constants of
-                                           N motors; median of SETS sets of motors
+    two_sample_auc/SAMPLER/N               the same for 256 samples of a distribution fitted to the constants of N
+                                           motors, a gaussian or the copula of a prior; median of SETS sets of motors
     displacement_m/DAMPING_RATIO           distance between trotting robots after 2 s, grey boxes at 2 ms with this
                                            damping ratio of the foot contacts, physical motors at 1 ms and ratio 1
     rmse_rad/…, torque_hf_ratio/…          of the joints; torque above 20 Hz over that of the physical motors
@@ -52,6 +52,12 @@ def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
     return GreyBoxActuator(box, raw - raw.mean(axis=0))
 
 
+def gaussian(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
+    """Samples of a Gaussian with mean and covariance of the given motors."""
+    z = rng.multivariate_normal(given.z.mean(axis=0), np.cov(given.z.T), POPULATION)
+    return GreyBoxActuator(given.model, z)
+
+
 def copula(given: GreyBoxActuator, rng: np.random.Generator) -> GreyBoxActuator:
     """Samples of the copula that a prior fits to the given motors."""
     box, _ = standardised(given.model, given.z)
@@ -70,8 +76,9 @@ def bench_aucs(fleet_name: str) -> dict[str, float]:
     figures = {"two_sample_auc": auc(true_grey_box(require_geared(fleet.sample(POPULATION, rng))))}
     for count in NUM_FITTED:
         given = [true_grey_box(require_geared(fleet.sample(count, rng))) for _ in range(SETS)]
-        areas = [auc(copula(motors, rng)) for motors in given]
-        figures[f"two_sample_auc/copula/{count}"] = float(np.median(areas))
+        for sampler in (gaussian, copula):
+            areas = [auc(sampler(motors, rng)) for motors in given]
+            figures[f"two_sample_auc/{sampler.__name__}/{count}"] = float(np.median(areas))
     return figures
 
 
