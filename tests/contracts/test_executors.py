@@ -108,7 +108,8 @@ def ray(patient_ray):
 
     import ray.cloudpickle
 
-    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    for name in (__name__, draw_pd.__module__):
+        ray.cloudpickle.register_pickle_by_value(sys.modules[name])
     return module
 
 
