@@ -16,23 +16,26 @@ figures_SPEED_WEAR.json: for each pair of robot and seed the median path length 
 the median displacement from the start [m], and the fraction of walks that end with a fault; medians over the pairs
 (means of the fraction), median, quartiles and sign of the gain over the control; and the number of robots with an
 outlier. With several kinds of wear also the figures of each, as WEAR/…. Finished trainings are reused: for other
-`--iterations` or `--further`, give another `--out`.
+`--iterations` or `--further`, give another `--out`. The factors of WEAR are assumptions.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 import numpy as np
+import tyro
 
+from figures import report
 from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.physical import MotorParameters
 from motorprior.actuator.registry import motor_text
+from motorprior.artifacts import write_json
 from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.commands.walk import POLICY, Walk, run_walk
@@ -47,12 +50,57 @@ from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from simulated_port import SimulatedPort, on_its_clock
-from worn_motors import WEAR
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 SECONDS = 10.0
 EPISODE_STEPS, HOLD = 500, 1.25  # of training: control steps per episode, duration of a command [s]
 CONTROL = "longer"
+PROGRESS = Lines(sys.stderr)
+_STREAM = 0x3EA
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the benchmark."""
+
+    prior: Path  # prior of the robots' fleet
+    out: Path  # folder for everything
+    robots: int = 8  # virtual Puppers per kind of wear
+    seeds: int = 3  # seeds of the training
+    recorded: float = 60.0  # length of the recording [s]
+    walks: int = 5  # walks of each policy on each robot
+    iterations: int = 200  # iterations of the first training
+    further: int = 100  # additional iterations
+    max_speed: float = 0.5  # maximum commanded speed [m/s]
+    current: bool = False  # also train with torque limits that follow the gains
+    wear: tuple[Literal["none", "weak", "worn", "damaged"], ...] = ("none",)  # wear of the motors
+
+
+def _with_strength(motors: MotorParameters, strength: np.ndarray) -> MotorParameters:
+    return motors.scaled(dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), strength))
+
+
+def weak(motors: MotorParameters, number: int) -> MotorParameters:
+    """A smaller torque constant, as with hot or aged magnets."""
+    return _with_strength(motors, np.full(len(motors), 0.75))
+
+
+def worn(motors: MotorParameters, number: int) -> MotorParameters:
+    """Gears with more backlash and friction."""
+    return motors.scaled({"backlash": 3.0, "coulomb": 1.5, "load_friction": 1.5})
+
+
+def damaged(motors: MotorParameters, number: int) -> MotorParameters:
+    """One random motor per robot with much less torque."""
+    strength = np.ones(len(motors))
+    strength[np.random.default_rng([_STREAM, number]).integers(len(motors))] = 0.4
+    return _with_strength(motors, strength)
+
+
+# functions of the motors of a virtual robot and its number
+WEAR: dict[str, Callable[[MotorParameters, int], MotorParameters]] = {
+    "none": lambda motors, number: motors, "weak": weak, "worn": worn, "damaged": damaged,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -69,21 +117,19 @@ class RobotCase:
     """A virtual robot."""
 
     number: int
-    wear: str = "none"  # a name in `WEAR`
+    wear: str  # a name in `WEAR`
+    folder: Path  # of its recordings and policies
+    posterior: Path  # of its motors
+    is_outlier: bool  # whether `adapt` reports an outlying motor
 
-    def folder(self, out: Path) -> Path:
-        """Folder of its recordings and policies."""
-        return out / (f"robot_{self.number}" if self.wear == "none" else f"robot_{self.number}_{self.wear}")
 
-
-def record(robot: RobotCase, folder: Path, seconds: float, excitation: str) -> Path:
+def record(folder: Path, number: int, wear: str, seconds: float) -> Path:
     """Recording of the suspended robot, as a motor log."""
-    log = folder / f"log_{excitation}_{seconds:g}" / "run.parquet"
+    log = folder / f"log_{seconds:g}" / "run.parquet"
     if not log.is_file():
-        port = SimulatedPort(ROBOT, robot.number, suspended=True, period=5, wear=WEAR[robot.wear])
+        port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=WEAR[wear])
         with on_its_clock(port):
-            out = folder / f"recorded_{excitation}_{seconds:g}"
-            settings = RecordSettings(out, excitation=excitation, seconds=seconds, yes=True)
+            settings = RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True)
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
         import_logs(LogsImport((recorded,), log.parent, suspended=True))
     return log
@@ -102,47 +148,42 @@ def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> Out
     return Outcome(port.path, float(np.hypot(*(port.body.position() - start))), fault)
 
 
-@dataclass(frozen=True)
-class Training:
-    """Settings of the training."""
-
-    prior: Path
-    seed: int
-    iterations: int  # of the first training
-    further: int  # additional iterations
-    max_speed: float  # maximum commanded speed [m/s]
-
-    def policy(
-        self, folder: Path, kind: str, posterior: Path | None = None, start: Path | None = None, current: bool = False
-    ) -> Path:
-        """File of a policy in ``folder``, trained on the prior or a posterior, from scratch or from ``start``."""
-        out = folder / f"{kind}_{self.max_speed:g}_{self.seed}"
-        motors = motor_text("prior", file=self.prior)
-        if posterior is not None:
-            motors = motor_text("posterior", file=posterior, prior=self.prior, limit_follows_gain=current)
-        iterations = self.iterations if start is None else self.further
-        speeds, search = Commands(forward=(0.0, self.max_speed), hold=HOLD), ArsConfig(seed=self.seed)
-        walk = Walk(
-            out=out, motors=motors, start=start, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
-            search=search,
-        )  # fmt: skip
-        run_walk(walk, Lines(sys.stderr), out.name)
-        return out / POLICY
+def train(
+    settings: Settings,
+    seed: int,
+    folder: Path,
+    kind: str,
+    start: Path | None = None,
+    posterior: Path | None = None,
+    current: bool = False,
+) -> Path:
+    """File of a policy in ``folder``, trained on the prior or a posterior, from scratch or from ``start``."""
+    out = folder / f"{kind}_{settings.max_speed:g}_{seed}"
+    motors = motor_text("prior", file=settings.prior)
+    if posterior is not None:
+        motors = motor_text("posterior", file=posterior, prior=settings.prior, limit_follows_gain=current)
+    iterations = settings.iterations if start is None else settings.further
+    speeds, search = Commands(forward=(0.0, settings.max_speed), hold=HOLD), ArsConfig(seed=seed)
+    walk = Walk(
+        out=out, motors=motors, start=start, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
+        search=search,
+    )  # fmt: skip
+    run_walk(walk, PROGRESS, out.name)
+    return out / POLICY
 
 
-def posterior_of(
-    robot: RobotCase, folder: Path, prior: Path, seconds: float, excitation: str = "varied"
-) -> tuple[Path, bool]:
-    """The posterior of the robot's motors from a recording, and whether a motor is an outlier."""
-    posterior = folder / f"posterior_{excitation}_{seconds:g}" / POSTERIOR
-    log = record(robot, folder, seconds, excitation)
+def adapted_robot(settings: Settings, number: int, wear: str) -> RobotCase:
+    """Record a robot, and adapt the prior to its motors."""
+    folder = settings.out / f"robot_{number}_{wear}"
+    log, adapted = record(folder, number, wear, settings.recorded), folder / f"posterior_{settings.recorded:g}"
+    is_outlier = False
     try:
-        run_adapt(Adapt(prior, log, posterior.parent), Lines(sys.stderr))
+        run_adapt(Adapt(settings.prior, log, adapted), PROGRESS)
     except LogError as error:
-        print(f"{folder.name}: {error}")
-        run_adapt(Adapt(prior, log, posterior.parent, anyway=True), Lines(sys.stderr))
-        return posterior, True
-    return posterior, False
+        PROGRESS.note(f"{folder.name}: {error}")
+        run_adapt(Adapt(settings.prior, log, adapted, anyway=True), PROGRESS)
+        is_outlier = True
+    return RobotCase(number, wear, folder, adapted / POSTERIOR, is_outlier)
 
 
 def has_weak_motors(prior: Path, posterior: Path) -> bool:
@@ -161,11 +202,12 @@ def summary(walks: list[Outcome]) -> dict[str, float]:
     }
 
 
-def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
+def compared(pairs: Sequence[tuple[RobotCase, Mapping[str, list[Outcome]]]]) -> dict[str, float]:
     """Figures of every policy over pairs of robot and seed, and its gain over the control on the same pair."""
-    figures: dict[str, float] = {"pairs": float(len(pairs))}
-    for name in pairs[0]:
-        of_name, of_control = ([summary(pair[which]) for pair in pairs] for which in (name, CONTROL))
+    outliers = {robot for robot, _ in pairs if robot.is_outlier}
+    figures = {"pairs": float(len(pairs)), "robots_unlike_the_prior": float(len(outliers))}
+    for name in pairs[0][1]:
+        of_name, of_control = ([summary(walks[which]) for _, walks in pairs] for which in (name, CONTROL))
         figures[f"{name}/fault_share"] = float(np.mean([one["fault_share"] for one in of_name]))
         for key in ("path_m", "displacement_m"):
             figures[f"{name}/{key}"] = float(np.median([one[key] for one in of_name]))
@@ -177,72 +219,35 @@ def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
     return figures
 
 
-def by_wear(
-    pairs: Sequence[tuple[RobotCase, Mapping[str, list[Outcome]]]], outliers: Mapping[RobotCase, bool]
-) -> dict[str, float]:
-    """Figures of all pairs, and of each kind of wear as WEAR/… if there are several."""
-
-    def figures(kinds: Sequence[str]) -> dict[str, float]:
-        found = compared([walks for robot, walks in pairs if robot.wear in kinds])
-        return found | {
-            "robots_unlike_the_prior": float(sum(outliers[robot] for robot in outliers if robot.wear in kinds))
-        }
-
-    kinds = list(dict.fromkeys(robot.wear for robot in outliers))
-    every = figures(kinds)
-    if len(kinds) > 1:
-        every |= {f"{wear}/{key}": value for wear in kinds for key, value in figures([wear]).items()}
-    return every
-
-
 def main() -> None:
     """Run all robots and seeds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--prior", type=Path, required=True, help="prior of the robots' fleet")
-    parser.add_argument("--out", type=Path, required=True, help="folder for everything")
-    parser.add_argument("--robots", type=int, default=8, help="virtual Puppers per kind of wear")
-    parser.add_argument("--seeds", type=int, default=3, help="seeds of the training")
-    parser.add_argument("--recorded", type=float, default=60.0, help="length of the recording [s]")
-    parser.add_argument("--walks", type=int, default=5, help="walks of each policy on each robot")
-    parser.add_argument("--iterations", type=int, default=200, help="iterations of the first training")
-    parser.add_argument("--further", type=int, default=100, help="additional iterations")
-    parser.add_argument("--max-speed", type=float, default=0.5, help="maximum commanded speed [m/s]")
-    parser.add_argument("--current", action="store_true", help="also train with torque limits that follow the gains")
-    parser.add_argument("--wear", nargs="+", choices=WEAR, default=["none"], help="wear of the motors")
-    given = parser.parse_args()
-    kinds = list(dict.fromkeys(given.wear))
-    robots = [RobotCase(number, wear) for wear in kinds for number in range(given.robots)]
-    posteriors = {each: posterior_of(each, each.folder(given.out), given.prior, given.recorded) for each in robots}
-    weak = [each for each in robots if given.current and has_weak_motors(given.prior, posteriors[each][0])]
+    given = tyro.cli(Settings, description=__doc__)
+    robots = [adapted_robot(given, number, wear) for wear in given.wear for number in range(given.robots)]
     pairs, rows = [], []
     for seed in range(given.seeds):
-        training = Training(given.prior, seed, given.iterations, given.further, given.max_speed)
-        before = training.policy(given.out, "before")
-        longer = training.policy(given.out, CONTROL, start=before)
+        before = train(given, seed, given.out, "before")
+        longer = train(given, seed, given.out, CONTROL, before)
         for robot in robots:
-            folder, posterior = robot.folder(given.out), posteriors[robot][0]
             policies = {"before": before, CONTROL: longer}
-            policies["adapted"] = training.policy(folder, "adapted", posterior, before)
+            policies["adapted"] = train(given, seed, robot.folder, "adapted", before, robot.posterior)
             if given.current:
-                policies["current"] = training.policy(folder, "current", posterior, before, current=True)
+                policies["current"] = train(given, seed, robot.folder, "current", before, robot.posterior, current=True)
             found = {
                 name: [deploy(robot, policy, noise_seed, given.max_speed) for noise_seed in range(given.walks)]
                 for name, policy in policies.items()
             }
             if given.current:
-                found["advised"] = found["current" if robot in weak else "adapted"]
+                found["advised"] = found["current" if has_weak_motors(given.prior, robot.posterior) else "adapted"]
             pairs.append((robot, found))
-            for name, walks in found.items():
-                values = (f"{key} {value:.2f}" for key, value in summary(walks).items())
-                print(f"{folder.name} seed {seed} {name:8}", *values, flush=True)
-                pair = {"robot": robot.number, "wear": robot.wear, "unlike": posteriors[robot][1], "seed": seed}
-                rows.append(pair | {"policy": name, "walks": [asdict(walk) for walk in walks]})
-    figures = by_wear(pairs, {robot: outlier for robot, (_, outlier) in posteriors.items()})
-    text = json.dumps({"figures": figures, "pairs": rows}, indent=1)
-    name = "_".join([f"{given.max_speed:g}", *([] if kinds == ["none"] else kinds)])
-    (given.out / f"figures_{name}.json").write_text(text + "\n")
-    for key, value in figures.items():
-        print(f"{key:40} {value:8.3f}")
+            pair = {"robot": robot.number, "wear": robot.wear, "unlike": robot.is_outlier, "seed": seed}
+            rows += [pair | {"policy": name, "walks": list(map(asdict, walks))} for name, walks in found.items()]
+    figures = compared(pairs)
+    for wear in given.wear if len(given.wear) > 1 else ():
+        own = compared([(robot, walks) for robot, walks in pairs if robot.wear == wear])
+        figures |= {f"{wear}/{key}": value for key, value in own.items()}
+    name = "_".join([f"{given.max_speed:g}", *(() if given.wear == ("none",) else given.wear)])
+    write_json(given.out / f"figures_{name}.json", {"figures": figures, "pairs": rows})
+    report(figures, None)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.studies.robot_fidelity import trot_targets
 
-DRAWS, STEPS = 12, 200
+TROTS, STEPS = 12, 200
 KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
 # (control steps, 12) joint angles [rad] and (control steps, 3) base positions [m], before each control step
 Motion = tuple[np.ndarray, np.ndarray]
@@ -69,13 +69,13 @@ def main() -> None:
     prior = MotorPrior.load(options.prior)
     figures: dict[str, float] = {}
     motions: dict[str, tuple[Motion, Motion]] = {}
-    print("motors, place: joint RMSE [mrad], base distance after 2 s [m], seconds MuJoCo / PyBullet")
+    print("motors, environment: joint RMSE [mrad], base distance after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
         for suspended in (True, False):
             mujoco, bullet = World(PUPPER_V2, 0.001, suspended), BulletWorld(PUPPER_V2, suspended)
             rows, seconds = [], np.zeros(2)
-            for draw in range(DRAWS):
-                rng = np.random.default_rng([draw, 77])
+            for trot in range(TROTS):
+                rng = np.random.default_rng([trot, 77])
                 motors, targets = motors_of(kind, prior, rng), trot_targets(PUPPER_V2, rng, STEPS)
                 marks = [time.perf_counter()]
                 one = in_mujoco(mujoco, motors, targets)

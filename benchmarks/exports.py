@@ -7,7 +7,7 @@ MOTORS motors [rad] (`exports.replay`), for bam, mjcf, mjcf_detailed and table; 
 largest difference of joint angles [rad] between the Warp kernel in float32 and the compiled motors, each in its own
 closed loop, over 64 motors and 2000 steps of 2 ms. kernel/warp_us and kernel/numba_us are times per step of these 64
 motors on this CPU [µs]. Without the extras mjlab and newton the last are left out. The motors have the true constants
-of the fleet pupper_v2, or are samples of a prior.
+of the fleet pupper_v2.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
@@ -16,20 +16,23 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from figures import report
 from floors import true_grey_box
+from motorprior.actuator import kernels
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.motors import Motors
-from motorprior.artifacts import write_json
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.exports.registry import find_exporters, is_supported
+from motorprior.exports.exporter import sampled
+from motorprior.exports.registry import MAX_STEP, find_exporters, is_supported
 from motorprior.exports.replay import losses
 
 DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
@@ -111,15 +114,13 @@ def newton(motors: GreyBoxActuator) -> Step:
 
 def explicit(motors: GreyBoxActuator) -> Step:
     """Our own motors for an engine that does not damp, as `kernels.make_explicit`."""
-    from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
-
     arrays, zero = motors.arrays(DT), np.zeros(motors.num_motors)
-    reset_actuator(arrays, zero, zero)
+    kernels.reset_actuator(arrays, zero, zero)
 
     def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         torque = np.zeros(motors.num_motors)
-        step_actuator(arrays, DT, target, q, dq, torque)
-        make_explicit(arrays, dq, torque)
+        kernels.step_actuator(arrays, DT, target, q, dq, torque)
+        kernels.make_explicit(arrays, dq, torque)
         return torque, arrays.damping.copy()
 
     return step
@@ -162,10 +163,6 @@ def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np
 
 def mjlab_parity(prior: MotorPrior, count: int, steps: int) -> float:
     """Largest difference between mjlab's worlds and the same motors here [rad]."""
-    from dataclasses import replace
-
-    from motorprior.exports.exporter import sampled
-
     found, chosen, _ = mjlab_run(prior, count, steps)
     bank = sampled(prior, count, 0, ("joint",), None).bank()
     return largest(found, free_run(compiled(replace(bank, z=bank.z[chosen])), count, steps))
@@ -189,8 +186,6 @@ def microseconds(step: Step, count: int, steps: int = 200) -> float:
 
 def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
     """A prior around the median of these motors, with a standard deviation of SPREAD."""
-    from dataclasses import replace
-
     decoder = motors.model.motor
     center, slope = decoder.center + np.median(motors.z, axis=0), SPREAD * np.eye(motors.z.shape[1])
     model = replace(motors.model, motor=replace(decoder, center=center, slope=slope))
@@ -201,24 +196,17 @@ def main() -> None:
     """Measure, print and write; see the module docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("runs/exports"))
-    parser.add_argument("--prior", type=Path, help="motors of a prior instead of the fleet's")
     arguments = parser.parse_args()
-    if arguments.prior:
-        prior = MotorPrior.load(arguments.prior)
-        every = prior.sample(COUNT, seed=0)
-        assert isinstance(every, GreyBoxActuator)
-        few = prior.sample(MOTORS, seed=0)
-    else:
-        rng, fleet = np.random.default_rng(0), load_fleet("pupper_v2")
-        few, every = (true_grey_box(require_geared(fleet.sample(n, rng))) for n in (MOTORS, COUNT))
-        prior = fleet_prior(every)
-    assert isinstance(few, GreyBoxActuator)
+    rng, fleet = np.random.default_rng(0), load_fleet("pupper_v2")
+    few, every = (true_grey_box(require_geared(fleet.sample(n, rng))) for n in (MOTORS, COUNT))
     figures: dict[str, float] = {}
     for name, exporter in find_exporters().items():
         if not is_supported(exporter):
             print(f"{name} left out: it needs MuJoCo {exporter.mujoco}")
             continue
-        figures |= {f"{name.replace('-', '_')}/{load}": value for load, value in losses(exporter, few).items()}
+        if exporter.replay is not None:
+            found = losses(exporter.replay, few, MAX_STEP)
+            figures |= {f"{name.replace('-', '_')}/{load}": value for load, value in found.items()}
     if find_spec("warp"):
         ours = free_run(compiled(every), COUNT, STEPS)
         figures["kernel/parity"] = largest(free_run(kernel(every), COUNT, STEPS), ours)
@@ -228,13 +216,11 @@ def main() -> None:
         own = free_run(explicit(every), COUNT, STEPS)
         figures["newton/parity"] = largest(free_run(newton(every), COUNT, STEPS), own)
     if find_spec("mjlab"):
-        figures["mjlab/parity"] = mjlab_parity(prior, COUNT, STEPS)
+        figures["mjlab/parity"] = mjlab_parity(fleet_prior(every), COUNT, STEPS)
     for extra in ("newton", "mjlab"):
         if f"{extra}/parity" not in figures:
             print(f"{extra}/parity left out: install the extra {extra}")
-    for name, value in figures.items():
-        print(f"{name:26s} {value:.6f}")
-    write_json(arguments.out / "figures.json", figures)
+    report(figures, arguments.out / "figures.json")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ Finished stages are reused. Twenty minutes per fleet on two cores.
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import tyro
 
 import simulated_arms
+from figures import markdown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.bench import Bench, run_bench
@@ -38,6 +38,10 @@ PROGRESS = Lines(sys.stderr)
 MEMBERS = 3  # networks of the ensemble, of different seeds; it predicts the mean of their trajectories
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "suspended_rmse")
 TORQUE = ("standing_torque_hf", "suspended_torque_hf")
+HEAD = (
+    "model", "gait + impacts [mrad]", "chirp [mrad]", "standing [mrad]", "suspended [mrad]",
+    "torque > 20 Hz over the physical motors': standing", "suspended", "s",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,20 +103,14 @@ def ensemble(settings: Settings) -> Results:
 
 def table(results: Results, motors: str) -> str:
     """Markdown: one row per model; RMSE [mrad] and torque above 20 Hz, medians, and means in brackets."""
-    here = results.where(motors=motors)
+    here, rows = results.where(motors=motors), []
     errors = here.where(quantity="bench_impact_rmse", statistic="median")
-    lines = [
-        "| model | gait + impacts [mrad] | chirp [mrad] | standing [mrad] | suspended [mrad] | torque > 20 Hz over the "
-        "physical motors': standing | suspended | s |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
     for model in sorted(errors.distinct("model"), key=lambda model: -errors.value(model=model)):
         cells = [cell(here, quantity, model, ".1f", 1e3) for quantity in RMSE]
         cells += [cell(here, quantity, model, ".2f", 1.0, over="physical") for quantity in TORQUE]
         seconds = results.where(quantity="identify_seconds", model=model)
-        cells.append("".join(f"{row.value:.0f}" for row in seconds))
-        lines.append(f"| {model} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append([model, *cells, "".join(f"{row.value:.0f}" for row in seconds)])
+    return markdown(HEAD, rows)
 
 
 def cell(results: Results, quantity: str, model: str, form: str, factor: float, over: str | None = None) -> str:
@@ -127,7 +125,6 @@ def cell(results: Results, quantity: str, model: str, form: str, factor: float, 
 def main() -> None:
     """Measure, write results.json, figures.json and tables.md, print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     results = measure(settings)
     write_results(settings.out, results)
     arms = simulated_arms.figures(simulated_arms.Settings(settings.out / "arms", settings.arms, seed=settings.seed))

@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
+from figures import report
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
-from motorprior.artifacts import write_json
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
@@ -110,10 +110,7 @@ def main() -> None:
     for suspended, ratio, name in cases:
         error, hf, apart = robot_floor(arguments.fleet, suspended, ratio)
         figures |= {f"rmse_rad/{name}": error, f"torque_hf_ratio/{name}": hf, f"displacement_m/{name}": apart}
-    for name, value in figures.items():
-        print(f"{name:28s} {value:.4f}")
-    if arguments.json:
-        write_json(arguments.json, figures)
+    report(figures, arguments.json)
 
 
 if __name__ == "__main__":

@@ -6,15 +6,12 @@ For each out-of-family fleet: a bench, three models of its motors, and their err
 motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new). References are
 ``floor``, the true motors with an initial error of 4 mrad; ``floor_warmth``, the true motors after 10 s of operation,
 regardless of their actual warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad]
-as FAMILY/EXCITATION/MODEL/SET, with --seeds the range of the rollout prior's errors over seeds, divided by their mean,
-as FAMILY/EXCITATION/rollout/SET/seed_range, and for samples of the rollout prior FAMILY/coverage90 and
-FAMILY/two_sample_auc.
+as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and FAMILY/two_sample_auc.
 Finished stages are reused.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,28 +19,34 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from figures import markdown, measured
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
-from motorprior.identification.evaluation.bench_truth import HELD_OUT, MAX_WORK, ModelOfMotors, bench_errors
+from motorprior.identification.evaluation.bench_truth import (
+    HELD_OUT,
+    MAX_WORK,
+    ModelOfMotors,
+    bench_coverage,
+    bench_errors,
+)
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.held_out import adapt_all, adapted_models, distribution, held_out_motors
 from motorprior.identification.presets import network_steps
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import FIGURES, description, is_finished, working
+from motorprior.stage import FIGURES, description
 
 PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = ("gait", "impacts", "chirp")
 SETS = ("train", "new")
 MODELS = (*PRESETS, "tuned_pd", "floor_warmth", "floor")
-AGAIN = "rollout_"  # and a number: the rollout prior of another seed
 PROGRESS = Lines(sys.stderr)
 
 
@@ -56,7 +59,6 @@ class Settings:
     steps: int = 10_000  # samples per motor
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of bench, training and held-out excitation
-    seeds: int = 1  # number of searches of the rollout prior on the same bench, with consecutive seeds
     families: tuple[str, ...] = ("foreign_direct", "foreign_servo")  # fleets
 
 
@@ -64,32 +66,25 @@ def identify(settings: Settings, family: str) -> dict[str, Path]:
     """The priors of a fleet; recorded and trained if their files do not exist."""
     bench, priors = settings.out / family / "bench", settings.out / family / "priors"
     run_bench(Bench(bench, family, "rollout", settings.motors, settings.steps, settings.seed), PROGRESS)
-    searches = {preset: (preset, settings.seed) for preset in PRESETS}
-    searches |= {f"{AGAIN}{other}": ("rollout", settings.seed + other) for other in range(1, settings.seeds)}
-    for name, (preset, seed) in searches.items():
+    for preset in PRESETS:
         steps = network_steps(preset, settings.adam_steps)
-        run_identify(Identify(bench, priors / name, preset, seed, steps), PROGRESS)
-    return {name: priors / name / PRIOR for name in searches}
+        run_identify(Identify(bench, priors / preset, preset, settings.seed, steps), PROGRESS)
+    return {preset: priors / preset / PRIOR for preset in PRESETS}
 
 
 def measure(settings: Settings, family: str) -> dict[str, float]:
-    """The figures of one fleet; measured if the file does not exist."""
+    """The figures of one fleet."""
     paths, folder = identify(settings, family), settings.out / family / "measured"
     wanted = description("validate", asdict(settings) | {"families": [family]}, list(paths.values()))
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            write_json(folder / FIGURES, figures(settings, family, paths))
-    return read_json(folder / FIGURES)
+    return measured(folder, wanted, lambda: figures(settings, family, paths))
 
 
 def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
-    from motorprior.identification.evaluation.bench_truth import bench_coverage
-
     robot, priors = load_robot(DEFAULT_ROBOT), {name: MotorPrior.load(path) for name, path in paths.items()}
     bench = read_bench(settings.out / family / "bench")[1]
     pd = tuned_pd(settings, family)
-    with PROGRESS.start(f"{family}: train, new, coverage, draws", 4) as task:
+    with PROGRESS.start(f"{family}: train, new, coverage, samples", 4) as task:
         train: dict[str, ModelOfMotors] = {name: prior.training_motors for name, prior in priors.items()}
         found = errors(settings, family, "train", bench.physical_motors(), train | pd)
         task.advance()
@@ -101,8 +96,8 @@ def figures(settings: Settings, family: str, paths: dict[str, Path]) -> dict[str
         covered = bench_coverage(prior, known["rollout"], new, settings.seed, preset)
         found[f"{family}/coverage90"] = covered.value(quantity="coverage90", part=None)
         task.advance()
-        drawn = distribution(prior, bench)
-        found[f"{family}/two_sample_auc"] = drawn.value(quantity="two_sample_auc", statistic="median")
+        auc = distribution(prior, bench).value(quantity="two_sample_auc", statistic="median")
+        found[f"{family}/two_sample_auc"] = auc
         task.advance()
     return found
 
@@ -129,37 +124,24 @@ def errors(
     }
 
 
-def with_seed_ranges(settings: Settings, figures: dict[str, float]) -> dict[str, float]:
-    """Figures of all models of MODELS; ranges over seeds of the errors of rollout, divided by their mean."""
-    kept = {key: value for key, value in figures.items() if f"/{AGAIN}" not in key}
-    for key in [key for key in kept if "/rollout/" in key and settings.seeds > 1]:
-        others = [figures[key.replace("rollout", f"{AGAIN}{other}")] for other in range(1, settings.seeds)]
-        kept[f"{key}/seed_range"] = float(np.ptp([kept[key], *others]) / np.mean([kept[key], *others]))
-    return kept
-
-
 def table(figures: dict[str, float], family: str) -> str:
     """Markdown: one row per model, medians over motors [mrad]."""
     columns = [(kind, which) for kind in EXCITATIONS for which in SETS]
-    lines = [
-        f"| {family} [mrad] | {' | '.join(f'{kind}, {which}' for kind, which in columns)} |",
-        "|---" * (1 + len(columns)) + "|",
+    rows = [
+        [model, *(f"{1e3 * figures[f'{family}/{kind}/{model}/{which}']:.2f}" for kind, which in columns)]
+        for model in MODELS
     ]
-    for model in MODELS:
-        cells = [f"{1e3 * figures[f'{family}/{kind}/{model}/{which}']:.2f}" for kind, which in columns]
-        lines.append(f"| {model} | {' | '.join(cells)} |")
-    drawn = (f"{name} {figures[f'{family}/{name}']:.2f}" for name in ("coverage90", "two_sample_auc"))
-    return "\n".join(lines) + f"\n\nSamples of the rollout prior: {', '.join(drawn)}."
+    head = [f"{family} [mrad]", *(f"{kind}, {which}" for kind, which in columns)]
+    sampled = (f"{name} {figures[f'{family}/{name}']:.2f}" for name in ("coverage90", "two_sample_auc"))
+    return markdown(head, rows) + f"\n\nSamples of the rollout prior: {', '.join(sampled)}."
 
 
 def main() -> None:
     """Measure, write figures.json and tables.md, print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     found: dict[str, float] = {}
     for family in settings.families:
         found |= measure(settings, family)
-    found = with_seed_ranges(settings, found)
     write_json(settings.out / FIGURES, found)
     text = "\n\n".join(table(found, family) for family in settings.families)
     write_text(settings.out / "tables.md", text + "\n")

@@ -28,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
+from figures import report
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing, clock_figures, real_time
@@ -158,9 +159,7 @@ def main() -> None:
         figures |= {f"interpreted_ms/{name}": value for name, value in inference_interpreted(path).items()}
         took = [kill_to_idle(folder, path) for _ in range(NUM_KILLS)]
         figures |= {"kill_to_idle_ms/median": float(np.median(took)), "kill_to_idle_ms/max": max(took)}
-    arguments.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
-    for key, value in figures.items():
-        print(f"{key:32} {value:10.4f}")
+    report(figures, arguments.json)
 
 
 if __name__ == "__main__":

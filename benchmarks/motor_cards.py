@@ -11,7 +11,6 @@ logs of a standing robot. Licences are those of the logs.
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,19 +20,17 @@ import tyro
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.recording import record_bench
 from motorprior.exports.cards import write_card
-from motorprior.identification.adapt import adapt_to
 from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.fit_prior import fit_prior
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.logs.splits import first_and_rest
 from real_logs import (
-    ADAPTATION_SECONDS,
     FACTOR,
     PROGRESS,
     Settings,
+    adapted_to_start,
     expected_motors,
     imported,
     robot_file,
@@ -83,8 +80,8 @@ def card_of_logs(name: str, arguments: Arguments) -> tuple[MotorPrior, dict[str,
         log = read_parquet(path)
         runs = whole_runs(log, recipe_of(prior))
         errors.append(free_run_errors(runs, {"prior": expected_motors(prior, log)})["prior"].mean())
-        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-        shares.append(log_coverage(prior, adapt_to(prior, first), whole_runs(rest, recipe_of(prior)))[90])
+        posterior, rest = adapted_to_start(prior, log)
+        shares.append(log_coverage(prior, posterior, whole_runs(rest, recipe_of(prior)))[90])
     return prior, {
         "licence": licence, "source": source, "held_out_logs": ", ".join(path.stem for path in test),
         "held_out_rmse_rad": float(np.mean(errors)), "held_out_coverage_90": float(np.mean(shares)),
@@ -121,7 +118,6 @@ def _without_paths(prior: MotorPrior, arguments: Arguments) -> MotorPrior:
 def main() -> None:
     """Make the cards."""
     arguments = tyro.cli(Arguments, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     for name in arguments.cards:
         prior, about = card_of_fleet(arguments) if name == "pupper_v2" else card_of_logs(name, arguments)
         for path in write_card(_without_paths(prior, arguments), arguments.out / name, about):

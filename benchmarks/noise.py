@@ -16,7 +16,6 @@ frames:
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from collections import Counter
@@ -29,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
+from figures import report
 from hardware import SPEED, trot_policy
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
@@ -107,9 +107,7 @@ def main() -> None:
             long = list(pool.map(partial(noisy_walk, policy, share, seconds), range(count)))
             short = list(pool.map(partial(noisy_walk, policy, share, SHORT), seeds))
             found |= {f"{share:g}/{name}": value for name, value in figures(long, short).items()}
-            arguments.json.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
-    for key, value in found.items():
-        print(f"{key:32} {value:10.4f}")
+    report(found, arguments.json)
 
 
 if __name__ == "__main__":

@@ -9,13 +9,13 @@ MOTORS motors of the fleet, unchanged and with one constant changed, each adapte
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import tyro
 
+from figures import markdown
 from motorprior.artifacts import write_json
 from motorprior.bench.recording import bench_preset, record
 from motorprior.commands.validate import load_priors
@@ -71,14 +71,12 @@ def measure(path: Path) -> Results:
 def main() -> None:
     """Measure, print a table, write."""
     settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    results = measure(settings.prior)
-    print(f"| changed constant | {' | '.join(f'detected, {s:g} s | error [mrad]' for s in SECONDS)} |")
-    print("|---" * (1 + 2 * len(SECONDS)) + "|")
+    results, rows = measure(settings.prior), []
     for name in CHANGES:
         found = [results.where(part=name, seconds=seconds) for seconds in SECONDS]
-        cells = [f"{one.value(quantity='noticed'):.2f} | {one.value(quantity='rmse_mrad'):.1f}" for one in found]
-        print(f"| {name} | {' | '.join(cells)} |")
+        cells = [f"{one.value(quantity='noticed'):.2f}, {one.value(quantity='rmse_mrad'):.1f}" for one in found]
+        rows.append([name, *cells])
+    print(markdown(["changed constant", *(f"detected, error [mrad] in {s:g} s" for s in SECONDS)], rows))
     if settings.json is not None:
         write_json(settings.json, results.to_figures())
 

@@ -15,21 +15,20 @@ import json
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import motorprior as mp
+from figures import report
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.artifacts import write_json
 from motorprior.exports.bam_law import rigid_gear
 from motorprior.exports.exporter import motors_of
-from motorprior.identification.adapt import adapt_to
 from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.logs.splits import first_and_rest
-from real_logs import ADAPTATION_SECONDS, Settings, expected_motors, imported, robot_file
+from real_logs import Settings, adapted_to_start, expected_motors, imported, robot_file
 
 # armature [kg·m²], dry friction [N·m], kp [N·m/rad], damping [N·m·s/rad], torque limit [N·m]; None: not published
 PUBLISHED = {
@@ -73,8 +72,6 @@ def candidates(count: int, folder: Path) -> dict[str, list[GreyBoxActuator]]:
 
 def draw(errors: dict[str, list[float]], path: Path) -> None:
     """A bar per model [mrad], and a dot per log."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(6.0, 0.4 * len(errors) + 0.8), layout="constrained")
     axes = figure.subplots()
     models = sorted(errors, key=lambda model: -np.mean(errors[model]))
@@ -91,9 +88,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=Path("runs/published"))
-    parser.add_argument("--card", default="so101", help="shipped card, or folder of a card")
     arguments = parser.parse_args()
-    settings, prior = Settings(arguments.data, arguments.out), mp.from_pretrained(arguments.card)
+    settings, prior = Settings(arguments.data, arguments.out), mp.from_pretrained("so101")
     paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
     logs = [read_parquet(path) for path in paths if any(word in path.name for word in HELD_OUT["so101"])]
     models, errors, shares = candidates(logs[0].num_joints, arguments.out), {}, []
@@ -102,8 +98,7 @@ def main() -> None:
         flat = {f"{name}/{index}": one for name, several in models.items() for index, one in enumerate(several)}
         for name, values in free_run_errors(runs, flat | {"prior/0": expected_motors(prior, log)}).items():
             errors.setdefault(name, []).append(float(values.mean()))
-        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-        posterior = adapt_to(prior, first)
+        posterior, rest = adapted_to_start(prior, log)
         tail = whole_runs(rest, recipe_of(prior))
         found = free_run_errors(tail, {"adapted": prior.model.motors(posterior.mean)})
         errors.setdefault("adapted/0", []).append(float(found["adapted"].mean()))
@@ -115,9 +110,7 @@ def main() -> None:
     draw(best, arguments.out / "published.png")
     figures = {f"published/{model}": float(np.mean(values)) for model, values in best.items()}
     figures["published/coverage90"] = float(np.mean(shares))
-    for name, value in figures.items():
-        print(f"{name:28s} {value:.4f}")
-    write_json(arguments.out / "figures.json", figures)
+    report(figures, arguments.out / "figures.json")
 
 
 if __name__ == "__main__":

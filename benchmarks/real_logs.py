@@ -8,9 +8,8 @@ only the joint names and gains recorded in the test log: the motor of the same j
 is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of the joints) are
 those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
 [rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the adapted prior as
-ROBOT/coverage90 and ROBOT/coverage50, inside those of the prior without the log as ROBOT/unseen/coverage90, and with
---seeds the range of the prior's errors over seeds, divided by their mean, as ROBOT/TEST/prior/seed_range. tables.md
-also has all models on the rest of the logs. Finished stages are reused.
+ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the log as ROBOT/unseen/coverage90.
+tables.md also has all models on the rest of the logs. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
@@ -21,7 +20,6 @@ of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,8 +30,9 @@ from typing import TypeAlias
 import numpy as np
 import tyro
 
+from figures import markdown, measured
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.artifacts import write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.identification.adapt import adapt_to
@@ -60,7 +59,6 @@ MODELS = (
     "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",
     "physical", "prior", "adapted", "tuned_pd",
 )  # fmt: skip
-AGAIN = "prior_"  # and a number: the prior of another seed
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
 RECIPE = PRESETS["rollout"]
 UNSEEN = "unseen_gains"  # name of a test
@@ -86,7 +84,6 @@ class Settings:
     folds: int | None = None  # number of folds; all if not given
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of trainings and searches
-    seeds: int = 1  # number of searches of the prior, with consecutive seeds
 
 
 @dataclass(frozen=True)
@@ -104,19 +101,15 @@ def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[F
 
 
 def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
-    """Figures of one fold; measured if the file does not exist."""
+    """Figures of one fold."""
     folder = settings.out / robot / fold.name
     wanted = description("validate", _fold_settings(settings), [*fold.train, *fold.test])
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            write_json(folder / FIGURES, _figures(settings, robot, fold, folder))
-    return read_json(folder / FIGURES)
+    return measured(folder, wanted, lambda: _figures(settings, robot, fold, folder))
 
 
 def _fold_settings(settings: Settings) -> dict[str, object]:
     """The settings on which a fold depends."""
-    names = ("seconds", "adam_steps", "seed", "seeds")
-    return {name: value for name, value in asdict(settings).items() if name in names}
+    return {name: value for name, value in asdict(settings).items() if name in ("seconds", "adam_steps", "seed")}
 
 
 def spread_windows(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
@@ -127,26 +120,32 @@ def spread_windows(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
 def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.test)} left out")
     train = spread_windows([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
-    steps, seed = settings.adam_steps, settings.seed
-    prior = fit_prior(train, IDENTIFIED, seed, out=folder / "prior", progress=PROGRESS)
+    prior = fit_prior(train, IDENTIFIED, settings.seed, out=folder / "prior", progress=PROGRESS)
     preset = recipe_of(prior)
-    fitted = fitted_baselines(train, preset, folder, steps, seed, PROGRESS)
+    fitted = fitted_baselines(train, preset, folder, settings.adam_steps, settings.seed, PROGRESS)
     models = {name: motors for name, motors in fitted.items() if motors is not None}
     models["prior"] = expected_motors(prior, train)
-    for other in range(1, settings.seeds):
-        again = fit_prior(train, IDENTIFIED, seed + other, out=folder / f"prior_{other}", progress=PROGRESS)
-        models[f"{AGAIN}{other}"] = expected_motors(again, train)
     found: list[Figures] = []
     for path in fold.test:
         log = read_parquet(path)
-        first, rest = first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-        posterior = adapt_to(prior, first)
+        posterior, rest = adapted_to_start(prior, log)
         adapted = {"adapted": prior.model.motors(posterior.mean)}
         found.append({
             "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
             **_coverages(prior, posterior, rest),
         })  # fmt: skip
     return _means(found)
+
+
+def start_and_rest(log: MotorLog) -> tuple[MotorLog, MotorLog]:
+    """The first ADAPTATION_SECONDS of a log, at most half of it, and the rest."""
+    return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
+
+
+def adapted_to_start(prior: MotorPrior, log: MotorLog) -> tuple[Posterior, MotorLog]:
+    """The motors of the start of a log, and its rest."""
+    first, rest = start_and_rest(log)
+    return adapt_to(prior, first), rest
 
 
 def _coverages(prior: MotorPrior, posterior: Posterior, rest: MotorLog) -> Figures:
@@ -181,13 +180,8 @@ def _means(found: Sequence[Figures]) -> Figures:
 def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
     """Means over all folds of a robot, by their keys in figures.json."""
     means = _means(found)
-    errors = (means.get("whole") or means["rest"]) | {
-        name: value for name, value in means.get("rest", {}).items() if name == "adapted"
-    }
+    errors = means.get("rest", {}) | means.get("whole", {})  # adapted has no whole log
     keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model in MODELS}
-    seeds = [value for model, value in errors.items() if model == "prior" or model.startswith(AGAIN)]
-    if len(seeds) > 1:
-        keys[f"{robot}/{test}/prior/seed_range"] = float(np.ptp(seeds) / np.mean(seeds))
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
     keys |= {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
     return keys | {f"{place}/unseen/coverage{level}": share for level, share in means.get("unseen", {}).items()}
@@ -209,25 +203,27 @@ def go2(settings: Settings) -> Iterator[Test]:
 
 
 def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
-    """The motors of one leg left out, tested on one of the logs; measured if the file does not exist."""
+    """The motors of one leg left out, tested on one of the logs."""
     robot, test = load_robot(str(file)), paths[fold % len(paths)]
     folder = settings.out / robot.name / MOTORS_OUT / str(fold)
     wanted = description("validate", _fold_settings(settings), [*paths, test, *robot.files])
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            train, log = spread_windows([read_parquet(path) for path in paths], settings.seconds), read_parquet(test)
-            write_json(folder / FIGURES, leave_motors_out(settings, train, log, group, folder))
-    return read_json(folder / FIGURES)
+
+    def compute() -> Figures:
+        train = spread_windows([read_parquet(path) for path in paths], settings.seconds)
+        return leave_motors_out(settings, train, read_parquet(test), group, folder)
+
+    return measured(folder, wanted, compute)
 
 
 def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: Sequence[int], folder: Path) -> Figures:
     """Models of the joints in the group, tested on the rest of a log: fitted to the other joints, or to its start."""
     others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
-    first, rest = first_and_rest(log.with_joints(group), min(ADAPTATION_SECONDS, log.duration / 2))
+    own = log.with_joints(group)
+    first, rest = start_and_rest(own)
     alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
     prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
     per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
-    posterior = adapt_to(prior, first)
+    posterior, _ = adapted_to_start(prior, own)
     models: dict[str, MotorModel] = {
         "per_motor": per_motor.model.motors(per_motor.mean),
         "prior": expected_motors(prior, rest),
@@ -296,11 +292,12 @@ def pupper(settings: Settings) -> Iterator[Test]:
 def _responses(settings: Settings, name: str, train: Sequence[MotorLog], test: MotorLog) -> Figures:
     folder, log = settings.out / "pupper" / name, spread_windows(train, settings.seconds)
     wanted = description("validate", _fold_settings(settings), []) | {"inputs": [log_digest(log), log_digest(test)]}
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            models = fitted_responses(log, RECIPE, settings.seed, PROGRESS)
-            write_json(folder / FIGURES, {"whole": _errors(test, RECIPE, models, excited_joints(test))})
-    return read_json(folder / FIGURES)
+
+    def compute() -> Figures:
+        models = fitted_responses(log, RECIPE, settings.seed, PROGRESS)
+        return {"whole": _errors(test, RECIPE, models, excited_joints(test))}
+
+    return measured(folder, wanted, compute)
 
 
 # folder of each robot's logs, and its tests
@@ -335,21 +332,21 @@ def imported(settings: Settings, name: str, columns: str | None, robot: Path | N
 def table(robot: str, test: str, found: Sequence[Figures]) -> str:
     """Markdown: one row per model, means over joints and logs [mrad]."""
     means = _means(found)
-    lines = [f"| {robot}, {test} [mrad] | whole logs | after the first {ADAPTATION_SECONDS:g} s |", "|---|---|---|"]
+    rows = []
     for model in MODELS:
         cells = [means.get(span, {}).get(model) for span in ("whole", "rest")]
         if any(cell is not None for cell in cells):
-            lines.append(f"| {model} | {' | '.join('' if cell is None else f'{1e3 * cell:.2f}' for cell in cells)} |")
+            rows.append([model, *("" if cell is None else f"{1e3 * cell:.2f}" for cell in cells)])
+    head = (f"{robot}, {test} [mrad]", "whole logs", f"after the first {ADAPTATION_SECONDS:g} s")
     shares = [f"{100 * share:.0f} % inside the {level} % bands" for level, share in means.get("coverage", {}).items()]
     unseen = [f"{100 * share:.0f} %" for share in means.get("unseen", {}).values()]
     text = f"\n\nAdapted prior: {', '.join(shares)}; without the log {', '.join(unseen)}." if shares else ""
-    return "\n".join(lines) + text
+    return markdown(head, rows) + text
 
 
 def main() -> None:
     """Measure, write figures.json and tables.md, print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     figures: dict[str, float] = {}
     texts: list[str] = []
     for name in settings.robots:

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from figures import report
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.artifacts import write_json
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import Executor, chunk_size, make_executor
@@ -109,7 +109,7 @@ def message_sizes(walker: WalkSimulator, directions: int, workers: int) -> dict[
 def main() -> None:
     """Measure, predict, print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json")
+    parser.add_argument("--json", type=Path)
     path = parser.parse_args().json
     walker, shared = make_walker(), PolicySearch(ArsConfig(), SHAPE)
     figures: dict[str, float] = {
@@ -127,10 +127,7 @@ def main() -> None:
         measure_ray(figures)
     except ConfigError as error:
         print(error)
-    for name, value in figures.items():
-        print(f"{name}: {value:.4g}")
-    if path:
-        write_json(Path(path), figures)
+    report(figures, path)
 
 
 def measure_ray(figures: dict[str, float]) -> None:

@@ -15,7 +15,6 @@ are rounded to ENCODER counts per turn, gains are logged. figures.json has
 # pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ import mujoco
 import numpy as np
 import tyro
 
-from motorprior.artifacts import write_json
+from figures import report
 from motorprior.identification.fit_prior import fit_prior
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.loads import with_loads
@@ -149,11 +148,8 @@ def figures(settings: Settings) -> dict[str, float]:
 
 def main() -> None:
     """Measure, write figures.json, print it."""
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     settings = tyro.cli(Settings, description=__doc__)
-    found = figures(settings)
-    write_json(settings.out / FIGURES, found)
-    print("\n".join(f"{name}: {value:.4g}" for name, value in found.items()))
+    report(figures(settings), settings.out / FIGURES)
 
 
 if __name__ == "__main__":

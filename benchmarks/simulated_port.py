@@ -80,7 +80,7 @@ class SimulatedPort(SerialLink):
         period: telemetry period [ms].
         drop: fraction of lost frames, in both directions.
         corrupt: fraction of damaged frames, in both directions.
-        wear: function that wears the motors, see `worn_motors.WEAR`.
+        wear: function that wears the motors, see `closing_the_loop.WEAR`.
         currents: the firmware sends currents.
     """
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from figures import report
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.fleet import load_robot_fleet, nominal_pd
@@ -96,9 +97,8 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prior", type=Path, required=True)
-    parser.add_argument("--robot", default=DEFAULT_ROBOT)
     options = parser.parse_args()
-    robot = load_robot(options.robot)
+    robot = load_robot(DEFAULT_ROBOT)
     fleet, prior = load_robot_fleet(robot), load_prior(options.prior, robot)
     actuators: dict[str, Actuator] = {
         "ideal_pd": nominal_pd(fleet, robot.num_joints),
@@ -115,7 +115,7 @@ def main() -> None:
     figures = {f"control_steps_per_s/{name}": float(np.median(1.0 / values)) for name, values in each.items()}
     figures["mj_step_share"] = float(np.median(each["mj_step"] / each["rollout"]))
     figures["learned_over_pd"] = float(np.median(each["rollout"] / each["ideal_pd"]))
-    print("\n".join(f"{name}: {value:,.3f}" for name, value in figures.items()))
+    report(figures, None)
 
 
 if __name__ == "__main__":

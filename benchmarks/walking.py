@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from figures import markdown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.fleet import Fleet, load_robot_fleet
@@ -42,7 +43,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
 from motorprior.studies.compare import EVALUATION_SEED
 from motorprior.studies.environments import HARD, NOISY, twin_scene
@@ -82,8 +83,6 @@ class Settings:
     iterations: int = 150  # of training
     draws: int = 24  # walks per environment and speed
     seconds: float = 20.0  # of a walk [s]
-    hidden_units: int = 0  # of the policies; 0: linear
-    robust: bool = True  # randomise ground, masses, sensors and pushes in training; otherwise motors and commands only
     workers: int = 2  # threads
 
 
@@ -99,10 +98,15 @@ def prior_of(settings: Settings) -> Path:
 class Environments:
     """The three environments in which policies are evaluated (PLACES)."""
 
+    settings: Settings
     robot: Robot
     fleet: Fleet
     prior: Path
-    workers: int
+
+    @property
+    def steps(self) -> int:
+        """Control steps of a walk."""
+        return round(self.settings.seconds / self.robot.control_dt)
 
     def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
         """Simulator of one environment."""
@@ -112,40 +116,35 @@ class Environments:
         walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
         return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
 
-    def episodes(
-        self, place: str, policy: PolicyArrays, commands: Commands | Timetable, draws: int, steps: int
-    ) -> list[Episode]:
+    def episodes(self, place: str, policy: PolicyArrays, commands: Commands | Timetable) -> list[Episode]:
         """One episode per sample, with the same commands."""
-        walk = WalkConfig(steps, commands=commands)
-        executor = make_executor(partial(self.simulator, place, walk), self.workers)
-        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(draws)])
+        walk = WalkConfig(self.steps, commands=commands)
+        executor = make_executor(partial(self.simulator, place, walk), self.settings.workers)
+        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(self.settings.draws)])
         executor.close()
         return episodes
 
-    def walks(self, place: str, policy: PolicyArrays, forward: float, draws: int, seconds: float) -> Results:
-        """Gait quality of every sample at one commanded speed."""
-        steps = round(seconds / self.robot.control_dt)
-        episodes = self.episodes(place, policy, Commands.steady(forward), draws, steps)
-        qualities = [gait_quality(self.robot, each, forward, 0.0, steps) for each in episodes]
-        return Results.of(row for each in qualities for row in quality_results(each, "walk", place))
-
-    def turns(self, place: str, policy: PolicyArrays, settings: Settings, seed: int) -> Results:
+    def turns(self, place: str, policy: PolicyArrays, seed: int) -> list[Result]:
         """How a policy follows COMMANDS and STOP_AND_GO."""
-        steps, rows = round(settings.seconds / self.robot.control_dt), []
-        for name, commands in command_cases(self.robot, settings.seconds).items():
-            episodes = self.episodes(place, policy, commands, settings.draws, steps)
-            rows += command_results(place, name, seed, command_errors(self.robot, episodes, steps))
-        return Results.of(rows)
+        rows = []
+        for name, commands in command_cases(self.robot, self.settings.seconds).items():
+            found = command_errors(self.robot, self.episodes(place, policy, commands), self.steps)
+            for quantity, value in found.items():
+                rows.append(Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed))
+        return rows
 
-    def evaluate(self, place: str, policy: PolicyArrays, settings: Settings) -> Results:
+    def evaluate(self, place: str, policy: PolicyArrays) -> Results:
         """Means of all quantities over the samples, by commanded speed [m/s].
 
         A fall within two seconds counts as zero distance and full error, and is excluded from the other means.
         """
-        fastest, found = self.robot.require_legs().forward[1], []
-        for share in settings.speeds:
-            walks = self.walks(place, policy, share * fastest, settings.draws, settings.seconds)
-            found += means(walks, f"{share * fastest:.3g}")
+        found = []
+        for share in self.settings.speeds:
+            forward = share * self.robot.require_legs().forward[1]
+            episodes = self.episodes(place, policy, Commands.steady(forward))
+            qualities = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
+            walks = Results.of(row for each in qualities for row in quality_results(each, "walk", place))
+            found += means(walks, f"{forward:.3g}")
         return Results.of(found)
 
 
@@ -191,12 +190,6 @@ def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
     return float(np.sum(steps_along_heading(qpos[:, :2], yaw))) / time, float(yaw[-1] - yaw[0]) / time
 
 
-def command_results(place: str, name: str, seed: int, found: dict[str, float]) -> Iterator[Result]:
-    """The quantities of `command_errors` for one policy and one of the `command_cases`."""
-    for quantity, value in found.items():
-        yield Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed)
-
-
 def means(walks: Results, speed: str) -> list[Result]:
     """Means over walks at one speed, which is their ``part``; a quantity of a leg gets the name of the leg."""
     rows = []
@@ -219,9 +212,7 @@ def trained(settings: Settings, prior: Path, seed: int) -> Path:
     run_walk(
         Walk(
             out=folder, motors=f"prior:{prior}", iterations=settings.iterations, search=ArsConfig(seed=seed),
-            workers=settings.workers,
-            robot=settings.robot, randomization=ROBUST if settings.robust else Randomization(),
-            hidden_units=settings.hidden_units,
+            workers=settings.workers, robot=settings.robot, randomization=ROBUST,
         ),
         PROGRESS, f"seed {seed}",
     )  # fmt: skip
@@ -232,27 +223,16 @@ def measure(settings: Settings) -> Results:
     """All results."""
     robot = load_robot(settings.robot)
     prior = prior_of(settings)
-    environments = Environments(robot, load_robot_fleet(robot, settings.fleet), prior, settings.workers)
+    environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
     found, gait = [], zero_policy(robot.num_joints)
     for place in PLACES:
-        found += environments.evaluate(place, gait, settings).having(motors=UNTRAINED + place, seed=0).rows
+        found += environments.evaluate(place, gait).having(motors=UNTRAINED + place, seed=0).rows
     for seed in range(settings.seeds):
         policy = Policy.load(trained(settings, prior, seed)).arrays
         for place in PLACES:
-            evaluated = environments.evaluate(place, policy, settings).having(seed=seed)
-            found += evaluated.rows
-            for speed in evaluated.distinct("part"):
-                values = ", ".join(f"{row.quantity} {row.value:.3g}" for row in evaluated.where(part=speed))
-                PROGRESS.note(f"seed {seed}, {place}, commanded {speed} m/s: {values}")
-            found += environments.turns(place, policy, settings, seed).rows
+            found += environments.evaluate(place, policy).having(seed=seed).rows
+            found += environments.turns(place, policy, seed)
     return Results.of(found)
-
-
-def write(settings: Settings, results: Results) -> None:
-    """Write results.json, figures.json and tables.md."""
-    results.save(settings.out / "results.json")
-    write_json(settings.out / "figures.json", figures_of(results))
-    write_text(settings.out / "tables.md", tables(results) + "\n")
 
 
 def figures_of(results: Results) -> dict[str, float]:
@@ -279,23 +259,25 @@ def table(results: Results, places: tuple[str, ...]) -> str:
     """Markdown: one row per quantity; means over the seeds by command, with the range of the seeds in brackets."""
     walked = results.where(motors=places)
     columns = [(place, speed) for place in places for speed in walked.distinct("part")]
-    heads = [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
-    lines = ["| measure | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
+    head, rows = ["measure"], []
+    head += [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
     for quantity in walked.distinct("quantity"):
         cells = []
         for place, speed in columns:
             values = [row.value for row in walked.where(quantity=quantity, motors=place, part=speed)]
             cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})" if values else "")
         unit = walked.where(quantity=quantity).rows[0].unit
-        lines.append(f"| {quantity}{'' if unit == '1' else f' [{unit}]'} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append([f"{quantity}{'' if unit == '1' else f' [{unit}]'}", *cells])
+    return markdown(head, rows)
 
 
 def main() -> None:
-    """Measure, write, print the tables."""
+    """Measure; write results.json, figures.json and tables.md; print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
     results = measure(settings)
-    write(settings, results)
+    results.save(settings.out / "results.json")
+    write_json(settings.out / "figures.json", figures_of(results))
+    write_text(settings.out / "tables.md", tables(results) + "\n")
     print(tables(results))
 
 

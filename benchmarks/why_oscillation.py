@@ -2,8 +2,6 @@
 
     python benchmarks/why_oscillation.py --out runs/why
 
-Five minutes on two cores.
-
 Torque causes acceleration, so the last change of velocity reveals the torque. A one-step regression learns this
 relation, which is correct in open loop. A simulator closes the loop. Here the network is linearised about recorded
 states and connected to a joint. The largest eigenvalue of joint + history is the growth of disturbances per step; above
@@ -22,6 +20,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from figures import markdown
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.kernels import ActuatorKind
@@ -30,10 +29,14 @@ from motorprior.actuator.motor_prior import Decoder
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.excitation import gait, zero_order_hold
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
 from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED
+from motorprior.identification.presets import identification_preset
+from motorprior.identification.train import identify
+from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -146,10 +149,6 @@ def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> Mo
 
 def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tuple[Learned, MotorLog]:
     """The learned motors of a variant, and their log."""
-    from motorprior.identification.presets import identification_preset
-    from motorprior.identification.train import identify
-    from motorprior.identification.training_data.windows import training_data
-
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
     log = record(motors, variant.bench, STEPS, settings.seed, load_fleet(settings.fleet))
@@ -215,8 +214,6 @@ def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> n
 
 def chatter(actuator, load: float, seed: int) -> float:
     """Median torque above 20 Hz [N·m] of joints with this load, for a gait held at 100 Hz."""
-    from motorprior.bench.excitation import gait, zero_order_hold
-
     rng = np.random.default_rng([HELD_OUT_SEED, seed, 77])
     count = actuator.num_motors
     target = np.stack([zero_order_hold(gait(rng, 1000, 0.002), 5) for _ in range(count)], axis=1)
@@ -298,20 +295,16 @@ def _bars(axes: Axes, results: dict[str, Any]) -> None:
 
 def table(results: dict[str, Any]) -> str:
     """Markdown: one row per variant."""
-    own = [results["physical"][f"{where}_torque_hf"] for where in ("standing", "suspended")]
-    lines = [
-        f"| variant | growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m² | standing: RMSE [mrad] | torque > 20 Hz "
-        "| suspended: RMSE [mrad] | torque > 20 Hz |",
-        "|---|---|---|---|---|---|",
-    ]
+    head, rows = ["variant", f"growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m²"], []
+    for where in ("standing", "suspended"):
+        head += [f"{where}: RMSE [mrad]", "torque > 20 Hz"]
     for name, found in results["variants"].items():
-        loop = f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz" if "growth" in found else ""
-        cells = [
-            f"{1e3 * found[f'{where}_rmse']:.1f} | {found[f'{where}_torque_hf'] / high:.2f} ×"
-            for where, high in zip(("standing", "suspended"), own, strict=True)
-        ]
-        lines.append(f"| {name} | {loop} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        cells = [f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz" if "growth" in found else ""]
+        for where in ("standing", "suspended"):
+            ratio = found[f"{where}_torque_hf"] / results["physical"][f"{where}_torque_hf"]
+            cells += [f"{1e3 * found[f'{where}_rmse']:.1f}", f"{ratio:.2f} ×"]
+        rows.append([name, *cells])
+    return markdown(head, rows)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A fleet of out-of-family motors means what its file says, and a bench gives its motors back."""
+"""A fleet of out-of-family motors has the constants in its file, and a bench reproduces its motors."""
 
 import json
 from pathlib import Path

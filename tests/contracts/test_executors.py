@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_motors import draw_pd
 
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import Executor, make_executor
@@ -23,11 +23,6 @@ from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
 SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
 WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
-
-
-def draw_pd(rng):
-    kp = rng.uniform(8.0, 10.0, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
 
 
 def make_walker():
@@ -113,7 +108,8 @@ def ray(patient_ray):
 
     import ray.cloudpickle
 
-    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    for name in (__name__, draw_pd.__module__):
+        ray.cloudpickle.register_pickle_by_value(sys.modules[name])
     return module
 
 
@@ -130,7 +126,7 @@ def cluster(ray):
 
 
 def remember(simulator, shared, task):
-    """Leave a mark that says where the task runs; end nowhere but on the nodes that stay."""
+    """Leave a mark with the node of the task; end only on the nodes that stay."""
     import ray as there
 
     folder, doomed_id = shared

@@ -1,7 +1,6 @@
-"""A new actuator is one file, this one: it walks, is chosen by a text, and runs on the bench at once."""
+"""A new actuator is one file, this one: it walks and runs on the bench at once, without compiling them again."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -10,14 +9,9 @@ from policies import random_policy
 from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.registry import Drawn, register
 from motorprior.bench import dynamometer
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.commands.transfer import Transfer, run_transfer
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.robots.robot import Robot
 from motorprior.simulation import scene
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
@@ -69,11 +63,6 @@ class Spring:
         return empty_arrays(SPRING, np.full((1, self.num_motors), KP), 1, 1, self.damping)
 
 
-@register("spring")
-def spring_motors(robot: Robot) -> Drawn:
-    return Drawn(lambda rng: Spring(robot.num_joints))
-
-
 def same_pd(n: int) -> IdealPd:
     return IdealPd.uniform(n, KP, KD, torque_limit=1e9, armature=0.002)
 
@@ -100,13 +89,3 @@ def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
     assert len(dynamometer._simulate.signatures) == before  # pyright: ignore[reportFunctionMemberAccess]
     np.testing.assert_allclose(new.joint_pos, known.joint_pos[::4], atol=1e-9)
     np.testing.assert_allclose(new.encoder_pos, new.joint_pos + ENCODER_ZERO)
-
-
-def test_it_is_chosen_by_its_text_in_walk_and_study(tmp_path: Path):
-    run_walk(Walk(out=tmp_path / "walk", motors="spring", iterations=1, episode_steps=20, workers=1))
-    provenance = Policy.load(tmp_path / "walk" / POLICY).provenance
-    assert provenance["motors"] == {"text": "spring", "files": {}}
-    results = run_transfer(Transfer((tmp_path / "walk",), tmp_path / "transfer"))
-    assert results.distinct("model") == ["spring"]
-    source = Path(scene.__file__).parents[1]
-    assert not [file for file in source.rglob("*.py") if "spring_motors" in file.read_text("utf-8")]

@@ -1,4 +1,4 @@
-"""Exports of motors: what each format says, what it loses, and that the user's file is otherwise untouched."""
+"""Exports of motors: what each format contains and loses, and that the user's file is otherwise untouched."""
 
 # pyright: reportAttributeAccessIssue=false, reportMissingImports=false
 import json
@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
@@ -25,11 +23,6 @@ from motorprior.exports.registry import find_exporters, is_supported
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
-CENTRAL = {
-    "kp": 9.0, "kd_over_kp": 0.09, "velocity_filter": 0.005, "delay": 0.006, "torque_limit": 1.5, "armature": 0.003,
-    "coulomb": 0.1, "stribeck_torque": 0.005, "viscous_damping": 0.005, "load_friction": 0.1, "gear_stiffness": 80.0,
-    "backlash": 0.008, "gear_damping": 0.02, "encoder_zero": 1.0,
-}  # fmt: skip
 # comments, classes, odd spaces, a second actuator and a default that must stay
 MODEL = """<?xml version="1.0"?>
 <mujoco model="arm"> <!-- keep > me -->
@@ -56,10 +49,7 @@ MODEL = """<?xml version="1.0"?>
 
 @pytest.fixture(scope="module")
 def prior() -> MotorPrior:
-    center = np.array([np.log(CENTRAL[name]) if name != "encoder_zero" else 0.0 for name in PARAMETERS])
-    model = GreyBox(GearedMotor(center, 0.1 * np.eye(len(PARAMETERS))), 0.002)
-    zeros = np.zeros((2, len(PARAMETERS)))
-    return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
+    return mp.from_pretrained("pupper_v2")
 
 
 @pytest.fixture
@@ -84,7 +74,7 @@ DETAILED = pytest.mark.skipif(not is_supported(find_exporters()["mjcf-detailed"]
 
 @pytest.mark.parametrize(
     ("name", "leg", "shank"),
-    [pytest.param("mjcf-detailed", 0.004, 0.006, marks=DETAILED), ("mjcf", 0.02, 0.02), ("bam", 0.02, 0.02)],
+    [pytest.param("mjcf-detailed", 0.005, 0.008, marks=DETAILED), ("mjcf", 0.02, 0.02), ("bam", 0.02, 0.02)],
 )
 def test_exported_motors_move_as_ours(
     name: str, leg: float, shank: float, prior: MotorPrior, arm: Path, tmp_path: Path
@@ -111,8 +101,8 @@ def test_a_log_is_replayed_too(prior: MotorPrior, tmp_path: Path):
 
 
 def test_the_motors_of_a_posterior_are_exported_by_name(prior: MotorPrior):
-    mean = np.outer(np.arange(3.0), np.ones(len(PARAMETERS)))
-    covariance = np.tile(1e-12 * np.eye(len(PARAMETERS)), (3, 1, 1))
+    mean = np.outer(np.arange(3.0), np.ones(prior.mean.shape[1]))
+    covariance = np.tile(1e-12 * np.eye(prior.mean.shape[1]), (3, 1, 1))
     found = MotorPosterior(prior, mean, covariance, ("a", "b", "c"), 10.0, (0.5,) * 3)
     chosen = sampled(found, 1, 0, ("c", "a"), None).robots[0]
     np.testing.assert_allclose(chosen.z[:, 0], [2.0, 0.0], atol=1e-4)
@@ -206,7 +196,7 @@ def test_a_published_servo_moves_here_as_in_its_own_simulation(tmp_path: Path):
     own = BamMotor.of(SERVO, kp=16.0).simulate(given, 0)
     ours = run(read_motor(path, kp=16.0), given).joint_pos[:, 0]
     assert np.ptp(own) > 1.0 and float(rms(ours - own)) < 5e-3
-    assert BamMotor.of(SERVO, kp=16.0).law()[0] == pytest.approx(16 * 0.166 * 7.4 * 1.2 / 2.7)
+    assert BamMotor.of(SERVO, kp=16.0).kp == pytest.approx(16 * 0.166 * 7.4 * 1.2 / 2.7)
 
 
 DIRECTIONAL = {
@@ -258,7 +248,7 @@ def test_a_card_is_a_folder_that_loads(prior: MotorPrior, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", shipped_cards())
-def test_shipped_cards_sample_motors_and_say_their_licence(name: str):
+def test_shipped_cards_sample_motors_and_state_their_licence(name: str):
     motors = mp.from_pretrained(name).sample(12, seed=0)
     assert motors.num_motors == 12 and np.isfinite(motors.arrays(0.002).parameters).all()
     folder = Path(mp.__file__).parent / "exports" / "library" / name

@@ -140,7 +140,7 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
         state = BackendState(np.zeros(3), np.zeros(4), np.zeros(3), np.zeros(3), joints, places, 0.0)
         return sliding(BODY, gait.feet, state, 0.0, 0.0)
 
-    assert slid(feet_at(0.0)) == 0.0, "nobody knows where they were"
+    assert slid(feet_at(0.0)) == 0.0, "their earlier places are unknown"
     assert slid(feet_at(0.003, 0.004)) == pytest.approx(4 * 0.005 / DT)
     assert slid(feet_at(0.003, 0.004)) == pytest.approx(0.0, abs=1e-12)
     assert slid(feet_at(0.1, height=0.01)) == 0.0 and slid(feet_at(0.2)) == 0.0

@@ -66,25 +66,6 @@ def mass_matrix(suspended, joint_pos):
     return columns
 
 
-def closed_form_foot(leg, abduction, hip, knee):
-    """Foot in the chassis frame, by hand: Rx(abduction)·(hip + Ry(hip)·(knee + Ry(knee)·foot))."""
-
-    def about(axis, angle):
-        c, s = np.cos(angle), np.sin(angle)
-        return np.array([[1, 0, 0], [0, c, -s], [0, s, c]] if axis == "x" else [[c, 0, s], [0, 1, 0], [-s, 0, c]])
-
-    side, front = {"FR": (-1, 1), "FL": (1, 1), "RR": (-1, 0), "RL": (1, 0)}[leg]
-    shank = np.array([0.0, side * -0.004, -0.080]) + about("y", knee) @ [0.0, side * -0.002, -0.110]
-    thigh = np.array([-0.02725, side * 0.0395, 0.0]) + about("y", hip) @ shank
-    return np.array([0.10225 if front else -0.09775, side * 0.047, 0.0]) + about("x", abduction) @ thigh
-
-
-def test_forward_kinematics_is_the_closed_form(model):
-    for pose in poses():
-        expected = [closed_form_foot(leg, *pose[3 * i : 3 * i + 3]) for i, leg in enumerate(spec.LEGS)]
-        np.testing.assert_allclose(feet(model, pose), expected, atol=1e-9)
-
-
 def test_the_feet_touch_the_ground_at_standing_height(model):
     data = mujoco.MjData(model)
     data.qpos[-12:] = spec.NOMINAL_POSE

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_motors import draw_pd
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy_search import PolicySearch
@@ -55,15 +55,10 @@ def found(draw: DrawMotors) -> str:
     return hashlib.sha256(b"".join(array.tobytes() for array in search.state().values())).hexdigest()
 
 
-def ideal_pd(rng):
-    kp = rng.uniform(8.0, 10.0, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
-
-
 @pytest.fixture(params=DIGESTS)
 def motors(request, grey_box) -> tuple[str, DrawMotors]:
     box = grey_box()
-    draws = {"ideal_pd": ideal_pd, "grey_box": lambda rng: GreyBoxActuator(box, rng.standard_normal((12, 3)))}
+    draws = {"ideal_pd": draw_pd, "grey_box": lambda rng: GreyBoxActuator(box, rng.standard_normal((12, 3)))}
     return request.param, draws[request.param]
 
 
@@ -88,7 +83,7 @@ def test_the_bytes_are_those_of_the_golden_run(motors):
 
 
 def test_the_digests_are_of_the_libraries_that_the_project_installs():
-    """Or the test above would skip for ever after an upgrade, and nobody would know."""
+    """Otherwise the test above would be skipped unnoticed after an upgrade."""
     lock = (Path(__file__).parents[2] / "requirements.lock").read_text(encoding="utf-8")
     pinned = dict(re.findall(r"^([a-z]+)==(\S+)", lock, flags=re.MULTILINE))
     libraries = ("mujoco", "numba", "llvmlite", "numpy")

@@ -1,20 +1,14 @@
 """The compiled episode is the Python episode bit for bit, on any number of threads."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-
-import mujoco
 import numpy as np
 import pytest
+from drawn_motors import draw_pd
 from policies import random_policy
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.kernels import measure_joint_pos, step_actuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
-from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import GAITS, GaitName
 from motorprior.locomotion.command import Commands
@@ -24,7 +18,6 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, find_fault
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")
@@ -41,11 +34,6 @@ def pd_network():
         log_armature=np.array(np.log(0.003)), armature_slope=np.array([0.2, 0.0, 0.0]), taps=(0, 2), period=0.002,
         error_scale=0.1, velocity_scale=2.0, torque_scale=9.0, torque_limit=1.26, has_armature=True,
     )  # fmt: skip
-
-
-def draw_pd(rng):
-    kp = rng.uniform(8.0, 10.0, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), rng.uniform(0.002, 0.004, 12), rng.uniform(0.0, 0.01, 12))
 
 
 def draw_physical(rng):
@@ -76,41 +64,6 @@ POLICY = random_policy(0.05, seed=1, mean=0.1, std=0.7)
 CLUMSY = random_policy(3.0, seed=4, std=0.5)
 
 
-class PlainLoop:
-    """`World` written out: one interpreted call of MuJoCo per physics step."""
-
-    def __init__(self, draw, physics_dt):
-        self.world, self.draw = World(PUPPER_V2, physics_dt), draw
-
-    def reset(self, seed):
-        self.motors = self.world.reset(self.draw(np.random.default_rng(seed)))
-        return self.state(0.0)
-
-    def step(self, position_target):
-        world, total, torque = self.world, 0.0, np.zeros(12)
-        q, dq = world.data.qpos[-12:], world.data.qvel[-12:]
-        for _ in range(world.substeps):
-            step_actuator(self.motors, world.physics_dt, position_target, q, dq, torque)
-            world.data.qfrc_applied[-12:] = torque
-            world.model.dof_damping[-12:] = self.motors.damping
-            mujoco.mj_step(world.model, world.data)
-            squared = 0.0
-            for motor in torque - self.motors.damping * dq:
-                squared += float(motor) * float(motor)
-            total += squared
-        return self.state(total / world.substeps)
-
-    def close(self):
-        pass
-
-    def state(self, torque_squared_sum):
-        data, measured = self.world.data, np.zeros(12)
-        measure_joint_pos(self.motors, data.qpos[-12:], measured)
-        pos, quat, lin, ang = data.qpos[:3], data.qpos[3:7], data.qvel[:3], data.qvel[3:6]
-        parts = pos.copy(), quat.copy(), lin.copy(), ang.copy(), measured, data.geom_xpos[self.world.arrays.feet]
-        return BackendState(*parts, torque_squared_sum, find_fault(self.world.arrays))
-
-
 def assert_equal(one, other):
     for name in ("total", "steps", "fault", "speed_error", "displacement", "mean", "m2"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -122,24 +75,23 @@ def assert_equal(one, other):
 def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
     scene = Scene(PUPPER_V2, KINDS[kind][0], walk, KINDS[kind][1])
-    others = (
-        BackendSimulator(PUPPER_V2, backend, walk) for backend in (SimulatedBackend(scene), PlainLoop(*KINDS[kind]))
-    )
-    compiled, *pythons = WalkSimulator(scene), *others
+    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)
     for seed in (0, 1):
         episode = compiled.run(policy, seed, trace=True)
-        for python in pythons:
-            assert_equal(episode, python.run(policy, seed, trace=True))
+        assert_equal(episode, python.run(policy, seed, trace=True))
         assert (episode.steps < STEPS) == falls
 
 
 EVERY = Randomization(
-    sensor_delay=(0.004, 0.025), command_delay=(0.001, 0.018), gyro_bias=0.05, rate_noise=0.05, gravity_tilt=0.05
-)
+    armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
+    encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
+    command_delay=(0.001, 0.018), push=0.02, push_interval=0.2, gyro_bias=0.05, sensor_jitter=0.008, dropped=0.1,
+    command_jitter=0.006, strength=(0.9, 1.1), kp=(0.9, 1.1), kd=(0.9, 1.1), torque_limit=(0.9, 1.1),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("gait", GAITS)
-def test_gaits_commands_delays_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
+def test_gaits_commands_randomization_and_hidden_units_are_the_same_in_both_loops(gait: GaitName):
     walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2), gait)
     policy, scene = random_policy(0.05, seed=4, units=6), Scene(PUPPER_V2, draw_pd, walk)
     compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)

@@ -32,11 +32,11 @@ class ClassBehaviour:
     recorded: dict[str, np.ndarray]
 
 
-def class_behaviours(prior: MotorPrior, seed: int = 0) -> list[ClassBehaviour]:
+def class_behaviours(prior: MotorPrior) -> list[ClassBehaviour]:
     """Step and chirp response [rad] on a load of LOADS[1], and friction [N·m] of grey boxes, of DRAWS samples."""
     found = []
     for name in prior.classes.names:
-        sampled = prior.sample((name,) * DRAWS, np.random.default_rng([seed, len(found)]))
+        sampled = prior.sample((name,) * DRAWS, np.random.default_rng([0, len(found)]))
         recorded = prior.training_motors(prior.classes.rows_of(name))
         inertia = LOADS[1] * float(np.median(_armature(recorded)))
         axes, ours, theirs = {}, _responses(sampled, inertia), _responses(recorded, inertia)

@@ -1,11 +1,11 @@
-"""Servos of better-actuator-models (BAM): law, friction m1 to m6, and integration of its simulator.
+"""Servos of better-actuator-models (BAM): law, friction m1, m2 and m5, and integration of its simulator.
 
 After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E that of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
     friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic,  s = exp(-|dq/dtheta_stribeck|^alpha)
-              G = load_friction_base·|E - M| (m3, m4), |load_friction_external·E - load_friction_motor·M| (m5, m6)
+              G = |load_friction_external·E - load_friction_motor·M| (m5)
     encoder   reads q - q_offset, where q is the angle of the joint
     joint     stopped by at most F + friction_viscous·|dq|, inertia J + armature
 
@@ -16,6 +16,7 @@ from E and M, acts on the torque in the gear, and the Stribeck velocity is our o
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,58 +44,48 @@ RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved a
 
 @dataclass(frozen=True)
 class BamMotor:
-    """One servo."""
+    """One servo; its law in units of the joint."""
 
     values: Mapping[str, float]  # parameters by BAM's names; those of other models are 0
-    actuator: str
-    kp: float  # in firmware units, or N·m/rad for the law with torque
-    vin: float  # supply voltage [V]
+    kp: float  # [N·m/rad]
+    kd: float  # [N·m·s/rad]
+    max_torque: float  # at standstill [N·m]
+    limits_damping: bool  # whether max_torque also limits kd·dq, as in the law with torque
 
     @classmethod
-    def of(cls, table: Mapping[str, Any], kp: float | None = None, vin: float | None = None) -> BamMotor:
-        """The servo of a table of parameters; kp and vin of the table, or BAM's own, if not given.
+    def of(
+        cls, table: Mapping[str, Any], kp: float | None = None, vin: float | None = None, where: Path | None = None
+    ) -> BamMotor:
+        """The servo of a table of parameters; kp (as in `read_motor`) and vin of the table, or BAM's own, if not given.
 
         Raises:
-            ArtifactError: an unknown model or actuator, or a value that is not a number.
+            ArtifactError: an unknown model or actuator, or a value that is not a number; names the file ``where``.
         """
         model, actuator = table.get("model"), table.get("actuator")
         if model not in _MODELS or (actuator not in VOLTAGE and actuator != TORQUE):
             known = f"models {', '.join(_MODELS)}, actuators {', '.join((*VOLTAGE, TORQUE))}"
-            raise ArtifactError(f"model {quoted(model)}, actuator {quoted(actuator)}", remedy=f"known are {known}")
-        numbers = {name: value for name, value in table.items() if name not in ("model", "actuator", "motorprior")}
-        for name, value in numbers.items():
+            problem = f"model {quoted(model)}, actuator {quoted(actuator)}"
+            raise ArtifactError(problem, where=where, remedy=f"known are {known}")
+        v = {name: value for name, value in table.items() if name not in ("model", "actuator", "motorprior")}
+        for name, value in v.items():
             if not is_number(value):
-                raise ArtifactError(f"{name} {quoted(value)} is not a number", remedy=_REMEDY)
-        supply, _, _, usual = VOLTAGE.get(str(actuator), (0.0, 0.0, 0.0, 0.0))
-        gain = kp if kp is not None else float(numbers.get("kp", usual))
-        return cls(numbers, str(actuator), gain, float(numbers.get("vin", supply)) if vin is None else vin)
-
-    def __getitem__(self, name: str) -> float:
-        return float(self.values.get(name, 0.0))
-
-    def law(self) -> tuple[float, float, float, float]:
-        """Gains kp [N·m/rad], kd [N·m·s/rad], stall torque [N·m], and 1 if kd acts within the limit, else 0."""
-        if self.actuator == TORQUE:
-            return self["ratio"] * self.kp, self["damping"], self["max_torque"], 1.0
-        _, gain, max_pwm, _ = VOLTAGE[self.actuator]
-        gain *= self.values.get("error_gain_ratio", 1.0)
-        per_volt = self["kt"] / self["R"]
-        return gain * self.kp * self.vin * per_volt, self["kt"] * per_volt, self.vin * max_pwm * per_volt, 0.0
+                raise ArtifactError(f"{name} {quoted(value)} is not a number", where=where, remedy=_REMEDY)
+        v = defaultdict(float, v)
+        if actuator == TORQUE:
+            kp = v["kp"] if kp is None else kp
+            return cls(v, v["ratio"] * kp, v["damping"], v["max_torque"], True)
+        supply, gain, max_pwm, usual = VOLTAGE[str(actuator)]
+        kp, vin = v.get("kp", usual) if kp is None else kp, v.get("vin", supply) if vin is None else vin
+        gain, per_volt = gain * v.get("error_gain_ratio", 1.0), v["kt"] / v["R"] if v["R"] else 0.0
+        return cls(v, gain * kp * vin * per_volt, v["kt"] * per_volt, vin * max_pwm * per_volt, False)
 
     def friction(self, motor: float, load: float, dq: float) -> float:
         """Dry friction [N·m] at these torques [N·m] and this velocity [rad/s]."""
-        v = self
+        v = self.values
         slow = math.exp(-(abs(dq / v["dtheta_stribeck"]) ** v["alpha"])) if v["dtheta_stribeck"] else 0.0
-        both = abs(load - motor)
-        found = v["friction_base"] + slow * v["friction_stribeck"]
-        found += (v["load_friction_base"] + slow * v["load_friction_stribeck"]) * both
-        found += abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
-        found += slow * abs(load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"])
-        if load * motor < 0.0:
-            driving = abs(load) < abs(motor)
-            name, torque = ("load_friction_external_quad", load) if driving else ("load_friction_motor_quad", motor)
-            found += slow * v[name] * torque * torque
-        return found
+        own = abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
+        slow_own = abs(load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"])
+        return v["friction_base"] + slow * v["friction_stribeck"] + own + slow * slow_own
 
     def simulate(self, given: Trial, motor: int, load: Callable[[float], float] | None = None) -> np.ndarray:
         """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial.
@@ -102,18 +93,18 @@ class BamMotor:
         ``load`` (angle [rad]) replaces the external torque of the trial [N·m].
         """
         assert given.load_stiffness is not None
-        kp, kd, limit, within = self.law()
-        inertia, h, viscous = given.load_inertia[motor] + self["armature"], given.dt, self["friction_viscous"]
-        late, offset = self["command_delay"] / h, self["q_offset"]
+        v, limit, h = self.values, self.max_torque, given.dt
+        inertia, viscous = given.load_inertia[motor] + v["armature"], v["friction_viscous"]
+        late, offset = v["command_delay"] / h, v["q_offset"]
         steps = np.arange(len(given.position_target)) - late
         targets = np.interp(steps, np.arange(len(steps)), given.position_target[:, motor])
         out = np.zeros(len(steps))
-        q = given.position_target[0, motor] if given.joint_pos is None else given.joint_pos[motor]
-        dq = 0.0
+        q, dq = given.position_target[0, motor] if given.joint_pos is None else given.joint_pos[motor], 0.0
         for step in range(len(steps)):
             out[step] = q
-            push = kp * (targets[step] - q + offset) - within * kd * dq
-            torque = min(limit, max(-limit, push)) - (1.0 - within) * kd * dq
+            inside, outside = (self.kd * dq, 0.0) if self.limits_damping else (0.0, self.kd * dq)
+            push = self.kp * (targets[step] - q + offset) - inside
+            torque = min(limit, max(-limit, push)) - outside
             weight = given.external_torque[step, motor] + given.load_stiffness[step, motor] * q
             weight = weight if load is None else load(q)
             net = torque + weight
@@ -153,23 +144,20 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
     table = read_json(path)
     if not isinstance(table, dict):
         raise ArtifactError("not a table", where=path, remedy=_REMEDY)
-    try:
-        servo = BamMotor.of(table, kp, vin)
-    except ArtifactError as error:
-        raise ArtifactError(error.problem, where=path, remedy=error.remedy) from error
-    stiff, damping, limit, within = servo.law()
-    armature = servo["armature"]
-    if not (stiff > 0.0 and limit > 0.0 and armature > 0.0):
-        problem = f"kp {stiff:.3g} N·m/rad, torque limit {limit:.3g} N·m, armature {armature:.3g} kg·m²"
+    servo = BamMotor.of(table, kp, vin, path)
+    v, limit = servo.values, servo.max_torque
+    armature = v["armature"]
+    if not (servo.kp > 0.0 and limit > 0.0 and armature > 0.0):
+        problem = f"kp {servo.kp:.3g} N·m/rad, torque limit {limit:.3g} N·m, armature {armature:.3g} kg·m²"
         raise ConfigError(problem, where=path, remedy="give kp and vin above 0, and a file with kt, R and armature")
-    load = servo["load_friction_motor"] + servo["load_friction_external"] + 2.0 * servo["load_friction_base"]
+    load = v["load_friction_motor"] + v["load_friction_external"] + 2.0 * v["load_friction_base"]
     values = {
-        "kp": stiff, "kd": max(damping, 1e-9), "velocity_filter": 1e-5, "delay": servo["command_delay"],
-        "torque_limit": limit if within else 1e3, "armature": armature, "coulomb": servo["friction_base"],
-        "stribeck_torque": servo["friction_stribeck"], "viscous_damping": servo["friction_viscous"],
-        "load_friction": load, "encoder_zero": -servo["q_offset"], **rigid_gear(armature),
+        "kp": servo.kp, "kd": max(servo.kd, 1e-9), "velocity_filter": 1e-5, "delay": v["command_delay"],
+        "torque_limit": limit if servo.limits_damping else 1e3, "armature": armature, "coulomb": v["friction_base"],
+        "stribeck_torque": v["friction_stribeck"], "viscous_damping": v["friction_viscous"], "load_friction": load,
+        "encoder_zero": -v["q_offset"], **rigid_gear(armature),
     }  # fmt: skip
-    if not within:  # the voltage limits, and the back-EMF brakes beyond it
-        values |= {"stall_torque": limit, "no_load_speed": limit / damping}
-    terms = () if within else ("torque_speed",)
+    terms = () if servo.limits_damping else ("torque_speed",)
+    if terms:  # the voltage limits, and the back-EMF brakes beyond it
+        values |= {"stall_torque": limit, "no_load_speed": limit / servo.kd}
     return motors_of({name: np.full(count, value) for name, value in values.items()}, terms)

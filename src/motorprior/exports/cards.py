@@ -26,7 +26,7 @@ def from_pretrained(name: str | Path) -> MotorPrior:
     Raises:
         ArtifactError: neither a shipped card nor a folder with a prior.
     """
-    folder = Path(name) if Path(name).is_dir() or str(name) not in shipped_cards() else Path(str(_LIBRARY / str(name)))
+    folder = Path(name) if Path(name).is_dir() else Path(str(_LIBRARY / str(name)))
     if not (folder / PRIOR).is_file():
         remedy = f"give a folder with {PRIOR}, or one of {', '.join(shipped_cards())}"
         raise ArtifactError("no motor card", where=name, remedy=remedy)

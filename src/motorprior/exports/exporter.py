@@ -1,9 +1,9 @@
-"""What a format of exported motors is: the interface of a format, and the sample of motors that is exported."""
+"""The interface of an export format, and the sample of motors that it writes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -21,6 +21,8 @@ from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ConfigError
 
 Constants: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
+# (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
+Replay: TypeAlias = Callable[[Constants, Trial], np.ndarray]
 MIN_CONSTANT = 1e-9  # of a constant that is 0: decoders have its logarithm
 
 
@@ -32,22 +34,16 @@ class MotorSample:
     robots: tuple[GreyBoxActuator, ...]  # K
     joint_names: tuple[str, ...]  # J
     seed: int
-    carried: np.ndarray  # (K, J) mean absolute torque in the gear on a leg (`replay.carried`) [N·m]
 
     @property
     def prior(self) -> MotorPrior:
         """The prior of the motors."""
         return self.source.prior if isinstance(self.source, MotorPosterior) else self.source
 
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """Optional terms of the motors."""
-        return self.robots[0].model.motor.terms
-
     def constants(self) -> dict[str, np.ndarray]:
-        """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp, and ``carried``."""
+        """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp."""
         each = [with_kd(robot.constants()) for robot in self.robots]
-        return {name: np.stack([values[name] for values in each]) for name in each[0]} | {"carried": self.carried}
+        return {name: np.stack([values[name] for values in each]) for name in each[0]}
 
     def bank(self) -> GreyBoxActuator:
         """K·J motors, the K samples of a joint one after the other."""
@@ -55,25 +51,33 @@ class MotorSample:
         z = np.stack([robot.z for robot in self.robots], axis=1).reshape(-1, first.z.shape[1])
         return replace(first, z=z, gains=np.stack(gains, axis=2).reshape(2, -1) if gains else None)
 
-    def provenance(self) -> dict[str, object]:
-        """Origin of the motors, for the files of every format."""
-        return {
-            "version": __version__, "prior_sha256": self.prior.sha256(), "robot": self.prior.robot,
-            "motor": self.prior.motor, "seed": self.seed, "joint_names": list(self.joint_names),
-            "distribution": "posterior" if isinstance(self.source, MotorPosterior) else "prior",
-            "spread": self.prior.spread_notes(),
-        }  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Request:
     """What to write, and where."""
 
     sample: MotorSample
+    constants: Constants  # (K, J) of the sample, and `carried`
     out: Path
-    model: Path | None = None  # the user's MJCF
-    losses: Mapping[str, float] = field(default_factory=dict)  # `replay.losses` by load [rad]
-    not_expressed: Mapping[str, float] = field(default_factory=dict)  # median value by constant
+    model: Path | None  # the user's MJCF
+    losses: Mapping[str, float]  # `replay.losses` by load [rad]
+    not_expressed: Mapping[str, float]  # median value by constant
+
+    def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
+        """Sample, joint and constants of every motor."""
+        for index in range(len(self.sample.robots)):
+            for column, joint in enumerate(self.sample.joint_names):
+                yield index, joint, one_motor(self.constants, (index, column))
+
+    def provenance(self) -> dict[str, object]:
+        """Origin and loss of the motors, for the files of every format."""
+        prior, source = self.sample.prior, self.sample.source
+        return {
+            "version": __version__, "prior_sha256": prior.sha256(), "robot": prior.robot, "motor": prior.motor,
+            "seed": self.sample.seed, "joint_names": list(self.sample.joint_names), "spread": prior.spread_notes(),
+            "distribution": "posterior" if isinstance(source, MotorPosterior) else "prior",
+            "loss_rad": dict(self.losses), "not_expressed": dict(self.not_expressed),
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -81,12 +85,9 @@ class Exporter:
     """A format; the EXPORTER of a module in `exports.formats`."""
 
     name: str  # of the option --format
-    title: str  # for messages
     drops: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
-    # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors; None: the format loses nothing
-    replay: Callable[[Constants, Trial], np.ndarray] | None = None
-    drops_terms: bool = True  # whether it lacks the optional terms
+    replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms
     needs_model: bool = False  # whether it changes the user's MJCF
     mujoco: int = 3  # major version that it needs
 
@@ -111,13 +112,18 @@ def sampled(
     if len(boxes) < len(robots):
         remedy = "identify with preset rollout"
         raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
-    return MotorSample(source, boxes, joint_names, seed, np.zeros((motors, len(joint_names))))
+    return MotorSample(source, boxes, joint_names, seed)
 
 
 def with_kd(values: Constants) -> dict[str, np.ndarray]:
     """The constants with kd = kp·kd_over_kp [N·m·s/rad] in place of kd_over_kp."""
     others = {name: value for name, value in values.items() if name != "kd_over_kp"}
     return others | {"kd": values["kp"] * values["kd_over_kp"]}
+
+
+def one_motor(values: Constants, index: int | tuple[int, int]) -> dict[str, float]:
+    """The constants of one motor of (n,) or (K, J)."""
+    return {name: float(value[index]) for name, value in values.items()}
 
 
 def motors_of(values: Constants, terms: tuple[str, ...] = (), period: float = 0.002) -> GreyBoxActuator:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from xml.parsers import expat
@@ -18,17 +18,22 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.user_model import cannot_read
 
 OF_JOINTS = ("joint", "jointinparent")  # attributes by which an actuator names its joint
+_START_TAG = re.compile(rb"<(?:[^>\"']|\"[^\"]*\"|'[^']*')*>")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Tag:
     """A start tag, and the place of its element."""
 
     element: str
     attributes: dict[str, str]
-    path: tuple[int, ...]  # index of every enclosing tag, from the outermost
+    parents: tuple[Tag, ...]  # from the outermost
     start: int  # of the tag in the file's bytes
-    ends: list[int] = field(default_factory=list)  # start of the end tag; that of the start tag if it has none
+    end: int = 0  # of the element: start of the end tag; that of the start tag if it has none
+
+    def is_in(self, element: str) -> bool:
+        """Whether an enclosing element has this name."""
+        return any(each.element == element for each in self.parents)
 
 
 class MjcfText:
@@ -37,23 +42,22 @@ class MjcfText:
     def __init__(self, path: Path):
         self._path = path
         self._data = read_text(path).encode()
+        self._edits: list[tuple[int, int, bytes]] = []
         self.tags: list[Tag] = []
-        parser, open_tags = expat.ParserCreate(), []
+        parser, enclosing = expat.ParserCreate(), []
 
         def begin(element: str, attributes: dict[str, str]) -> None:
-            open_tags.append(len(self.tags))
-            self.tags.append(Tag(element, attributes, tuple(open_tags[:-1]), parser.CurrentByteIndex))
+            enclosing.append(Tag(element, attributes, tuple(enclosing), parser.CurrentByteIndex))
+            self.tags.append(enclosing[-1])
 
-        def end(element: str) -> None:
-            self.tags[open_tags.pop()].ends.append(parser.CurrentByteIndex)
+        def end(_: str) -> None:
+            enclosing.pop().end = parser.CurrentByteIndex
 
         parser.StartElementHandler, parser.EndElementHandler = begin, end
         try:
             parser.Parse(self._data, True)
         except expat.ExpatError as error:
             raise ArtifactError(f"not XML ({error})", where=path, remedy="give an MJCF") from error
-        self._edits: list[tuple[int, int, bytes]] = []
-        self._options: set[str] = set()
 
     @cached_property
     def compiled(self) -> mujoco.MjModel:
@@ -63,91 +67,72 @@ class MjcfText:
         except ValueError as error:
             raise cannot_read(self._path, str(error)) from error
 
-    @property
-    def timestep(self) -> float:
-        """Physics step of the model [s]."""
-        return float(self.compiled.opt.timestep)
-
     def joint(self, name: str) -> Tag:
         """The joint in the bodies; raises ConfigError if this file has none of the name."""
-        joints = [tag for tag in self.tags if tag.element == "joint" and "worldbody" in self._parents(tag)]
-        for tag in joints:
-            if tag.attributes.get("name") == name:
-                return tag
-        names = ", ".join(tag.attributes.get("name", "?") for tag in joints) or "no joints"
-        remedy = f"it has {names}; joints of an included file: give that file"
-        raise ConfigError(f"no joint {name!r}", where=self._path, remedy=remedy, argument="joints")
-
-    def set_option(self, name: str, value: str) -> None:
-        """Set an attribute of the root's <option>, which is added if there is none; a second time has no effect."""
-        if name in self._options:
-            return
-        self._options.add(name)
-        own = [tag for tag in self.tags if tag.element == "option" and len(tag.path) == 1]
-        if own:
-            self.set(own[-1], {name: value})
-        else:
-            at = self.tags[0].ends[0]
-            self._edits.append((at, at, f'  <option {name}="{value}"/>\n'.encode()))
+        inside = (tag for tag in self.tags if tag.element == "joint" and tag.is_in("worldbody"))
+        joints = {tag.attributes.get("name", "?"): tag for tag in inside}
+        if name not in joints:
+            remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
+            raise ConfigError(f"no joint {name!r}", where=self._path, remedy=remedy, argument="joints")
+        return joints[name]
 
     def actuator_of(self, joint: str) -> Tag | None:
         """The first actuator that names the joint."""
-        for tag in self.tags:
-            named = {tag.attributes.get(key) for key in OF_JOINTS}
-            if joint in named and "actuator" in self._parents(tag):
-                return tag
-        return None
-
-    def _parents(self, tag: Tag) -> set[str]:
-        return {self.tags[index].element for index in tag.path}
+        named = (tag for tag in self.tags if joint in map(tag.attributes.get, OF_JOINTS) and tag.is_in("actuator"))
+        return next(named, None)
 
     def set(self, tag: Tag, values: Mapping[str, str], element: str | None = None, drop: tuple[str, ...] = ()) -> None:
         """Set attributes of a start tag, delete those in ``drop``, and rename the element."""
-        stop = self._end_of(tag.start)
-        text = self._data[tag.start : stop].decode()
+        found = _START_TAG.match(self._data, tag.start)
+        assert found is not None  # expat has parsed it
+        text = found[0].decode()
         for name in (*values, *drop):
             text = re.sub(rf"\s+{re.escape(name)}\s*=\s*(\"[^\"]*\"|'[^']*')", "", text, count=1)
         close = "/>" if text.endswith("/>") else ">"
-        added = "".join(f' {name}="{value}"' for name, value in values.items())
-        text = text.removesuffix(close).rstrip() + added + close
-        if element is not None and element != tag.element:
+        text = text.removesuffix(close).rstrip() + " " + attribute_text(values) + close
+        if element is not None:
             text = f"<{element}" + text[1 + len(tag.element) :]
-            if close == ">":  # the end tag
-                at = tag.ends[0]
-                self._edits.append((at, at + len(f"</{tag.element}".encode()), f"</{element}".encode()))
-        self._edits.append((tag.start, stop, text.encode()))
+            if close == ">":
+                self._edit(tag.end, f"</{element}", tag.end + len(f"</{tag.element}"))
+        self._edit(tag.start, text, found.end())
 
-    def insert_in(self, section: str, lines: list[str], apart: bool = False) -> None:
-        """Insert elements at the end of a section of the root; in one more section if there is none, or ``apart``."""
-        own = (
-            []
-            if apart
-            else [
-                tag for tag in self.tags if tag.element == section and len(tag.path) == 1 and tag.ends[0] != tag.start
-            ]
-        )
-        inner = "".join(f"  {line}\n  " for line in lines)
-        if own:
-            at = own[0].ends[0]
-            self._edits.append((at, at, inner.encode()))
-            return
-        at = self.tags[0].ends[0]
-        self._edits.append((at, at, f"  <{section}>\n  {inner}</{section}>\n".encode()))
+    def set_option(self, name: str, value: str) -> None:
+        """Set an attribute of the root's <option>, which is added if there is none."""
+        if own := self._sections("option"):
+            self.set(own[-1], {name: value})
+        else:
+            self._edit(self.tags[0].end, f'  <option {name}="{value}"/>\n')
 
-    def insert_before_body_of(self, joint: Tag, lines: list[str]) -> None:
-        """Insert elements in front of the body that a joint moves."""
-        body = next(self.tags[index] for index in reversed(joint.path) if self.tags[index].element == "body")
-        self._edits.append((body.start, body.start, "".join(f"{line}\n" for line in lines).encode()))
+    def insert_in(self, section: str, line: str, apart: bool = False) -> None:
+        """Insert an element at the end of a section of the root; in one more section if there is none, or ``apart``."""
+        own = [tag for tag in self._sections(section) if tag.end != tag.start]
+        if own and not apart:
+            self._edit(own[0].end, f"  {line}\n  ")
+        else:
+            self._edit(self.tags[0].end, f"  <{section}>\n    {line}\n  </{section}>\n")
+
+    def insert_before_body_of(self, joint: Tag, line: str) -> None:
+        """Insert an element in front of the body that a joint moves."""
+        body = next(tag for tag in reversed(joint.parents) if tag.element == "body")
+        self._edit(body.start, f"{line}\n")
+
+    def _sections(self, name: str) -> list[Tag]:
+        return [tag for tag in self.tags if tag.element == name and len(tag.parents) == 1]
+
+    def _edit(self, start: int, text: str, stop: int | None = None) -> None:
+        edit = start, start if stop is None else stop, text.encode()
+        if edit not in self._edits:  # options are set once per joint
+            self._edits.append(edit)
 
     def text(self) -> str:
         """The text with all changes."""
-        data = self._data
-        order = sorted(range(len(self._edits)), key=lambda index: (self._edits[index][0], index), reverse=True)
-        for start, stop, new in (self._edits[index] for index in order):
-            data = data[:start] + new + data[stop:]
-        return data.decode()
+        parts, at = [], 0
+        for start, stop, new in sorted(self._edits, key=lambda edit: edit[0]):
+            parts += [self._data[at:start], new]
+            at = stop
+        return b"".join([*parts, self._data[at:]]).decode()
 
-    def _end_of(self, start: int) -> int:
-        match = re.compile(rb"<(?:[^>\"']|\"[^\"]*\"|'[^']*')*>").match(self._data, start)
-        assert match is not None  # expat has parsed it
-        return match.end()
+
+def attribute_text(values: Mapping[str, str]) -> str:
+    """Attributes as they stand in a tag."""
+    return " ".join(f'{name}="{value}"' for name, value in values.items())

@@ -5,8 +5,8 @@
 
 A drive cannot pass a damping to the solver, so the joint gets torque - damping·velocity as an effort, which is stable
 for 2·k·h²/I + D·h/I < 4 with gear stiffness k, gear damping D, link inertia I and step h. Give the joints no armature,
-damping and friction of their own. A motor has one past, so rotor and delay line are arrays of the drive; Newton's state
-holds the motors that a reset restarts, at the angles of their next step.
+damping and friction of their own. Rotor and delay line are arrays of the drive; Newton's states hold the motors that a
+reset restarts, at the angles of their next step.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
@@ -20,16 +20,15 @@ from newton.actuators import DriveBase
 
 from motorprior.actuator.geared_motor import DAMPING
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.exports.warp_motors import WarpMotors
+from motorprior.exports.warp_motors import Row, Rows, WarpMotors
 
-_DAMPING = wp.constant(DAMPING)
+Places = wp.array(dtype=wp.uint32)
 
 
 @wp.kernel
 def _gather(
-    angles: wp.array(dtype=float), velocities: wp.array(dtype=float), targets: wp.array(dtype=float),
-    at_angle: wp.array(dtype=wp.uint32), at_velocity: wp.array(dtype=wp.uint32), at_target: wp.array(dtype=wp.uint32),
-    pos: wp.array(dtype=float), vel: wp.array(dtype=float), target: wp.array(dtype=float),
+    angles: Row, velocities: Row, targets: Row, at_angle: Places, at_velocity: Places, at_target: Places, pos: Row,
+    vel: Row, target: Row,
 ):  # fmt: skip
     i = wp.tid()
     pos[i] = angles[at_angle[i]]
@@ -38,13 +37,17 @@ def _gather(
 
 
 @wp.kernel
-def _effort(
-    torque: wp.array(dtype=float), damping: wp.array(dtype=float), vel: wp.array(dtype=float),
-    memory: wp.array2d(dtype=float), forces: wp.array(dtype=float),
-):  # fmt: skip
+def _effort(torque: Row, damping: Row, vel: Row, memory: Rows, forces: Row):
     i = wp.tid()
     forces[i] = torque[i] - damping[i] * vel[i]
-    memory[_DAMPING, i] = 0.0  # the engine does not damp, so the rotor gets no momentum from it
+    memory[wp.static(DAMPING), i] = 0.0  # the engine does not damp, so the rotor gets no momentum from it
+
+
+@wp.kernel
+def _mark(mask: wp.array(dtype=wp.bool), waiting: wp.array(dtype=wp.bool)):
+    i = wp.tid()
+    if mask[i]:
+        waiting[i] = True
 
 
 class MotorPriorDrive(DriveBase):
@@ -79,11 +82,6 @@ class MotorPriorDrive(DriveBase):
         self._chosen = wp.array(np.arange(n, dtype=np.int32), dtype=int, device=device)
         self._pos, self._vel, self._target = (wp.zeros(n, dtype=float, device=device) for _ in range(3))
 
-    @classmethod
-    def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
-        """The arguments as they are: motors and dt."""
-        return args
-
     def is_stateful(self) -> bool:
         """True."""
         return True
@@ -116,10 +114,3 @@ class MotorPriorDrive(DriveBase):
         self._motors.step(self._target, self._pos, self._vel)
         arrays = [self._motors.torque, self._motors.damping, self._vel, self._motors.memory, forces]
         wp.launch(_effort, dim=n, inputs=arrays, device=self._device)
-
-
-@wp.kernel
-def _mark(mask: wp.array(dtype=wp.bool), waiting: wp.array(dtype=wp.bool)):
-    i = wp.tid()
-    if mask[i]:
-        waiting[i] = True

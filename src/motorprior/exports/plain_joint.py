@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ArtifactError
-from motorprior.exports.exporter import Constants, Request
-from motorprior.exports.mjcf_text import MjcfText
-from motorprior.exports.replay import replay_mjcf, rig
+from motorprior.exports.exporter import Constants, Request, one_motor
+from motorprior.exports.mjcf_text import MjcfText, attribute_text
+from motorprior.exports.replay import RIG, as_mrad, replay_mjcf
 from motorprior.robots.model_source import model_files
 
 DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
@@ -25,11 +26,11 @@ UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
-# Writes one motor, of constants () by name, at a joint of a text
-WriteMotor = Callable[[MjcfText, str, Constants], None]
+# Writes one motor, of its constants by name, at a joint of a text
+WriteMotor = Callable[[MjcfText, str, Mapping[str, float]], None]
 
 
-def plain(values: Constants) -> dict[str, np.ndarray]:
+def plain(values: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters by name of UNITS, in the shape of the constants."""
     return {
         "armature": values["armature"], "damping": values["viscous_damping"], "frictionloss": dry_friction(values),
@@ -38,55 +39,46 @@ def plain(values: Constants) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def dry_friction(values: Constants) -> np.ndarray:
-    """Dry friction [N·m] at the mean torque on a leg, which stands for that of the load."""
+def dry_friction(values: Mapping[str, Any]) -> Any:
+    """Dry friction [N·m] with its load-dependent part at the mean torque on a leg."""
     return values["coulomb"] + values["load_friction"] * values["carried"]
 
 
-def servo(values: Constants, kv: float, timestep: float) -> dict[str, str]:
-    """Attributes of an actuator with the force clip(kp·(target - q - encoder_zero) - kv·dq, ±torque_limit).
+def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, str]:
+    """Attributes of an actuator with the force clip(kp·(target - q - encoder_zero) - kv·dq, ±torque_limit), delayed.
 
     A ``position`` actuator is the same without the encoder zero.
     """
-    kp, limit = float(values["kp"]), float(values["torque_limit"])
-    bias = " ".join(map(number, (-kp * float(values["encoder_zero"]), -kp, -kv)))
+    kp, limit = values["kp"], values["torque_limit"]
+    bias = " ".join(map(number, (-kp * values["encoder_zero"], -kp, -kv)))
     law = {"gaintype": "fixed", "gainprm": number(kp), "biastype": "affine", "biasprm": bias}
     bounded = {"forcelimited": "true", "forcerange": f"{number(-limit)} {number(limit)}"}
-    return law | (bounded if math.isfinite(limit) else {}) | delayed(float(values["delay"]), timestep)
+    # our targets are means from half a step before to half a step after now; MuJoCo's minimum delay is one step
+    delay = max(values["delay"] + 0.5 * timestep, timestep)
+    samples = math.ceil(delay / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
+    delayed = {"nsample": str(samples), "interp": "linear", "delay": number(delay)}
+    return law | (bounded if math.isfinite(limit) else {}) | delayed
 
 
-def delayed(delay: float, timestep: float) -> dict[str, str]:
-    """Attributes of an actuator whose target is late by ``delay`` [s].
-
-    Our targets are means from half a step before to half a step after now, so half a step is added; the least delay of
-    MuJoCo is one step.
-    """
-    late = max(delay + 0.5 * timestep, timestep)
-    samples = math.ceil(late / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
-    return {"nsample": str(samples), "interp": "linear", "delay": number(late)}
-
-
-def number(value: float | np.ndarray) -> str:
+def number(value: float) -> str:
     """Six significant digits."""
-    return f"{float(value):.6g}"
+    return f"{value:.6g}"
 
 
-def write_plain(text: MjcfText, joint: str, values: Constants) -> None:
+def write_plain(text: MjcfText, joint: str, values: Mapping[str, float]) -> None:
     """One motor as attributes of its joint and a position actuator."""
     found = plain(values)
-    own = {name: number(found[name]) for name in ("armature", "damping", "frictionloss")}
-    text.set(text.joint(joint), own)
-    drive(text, joint, joint, "general", servo(values, float(values["kd"]), text.timestep))
+    text.set(text.joint(joint), {name: number(found[name]) for name in ("armature", "damping", "frictionloss")})
+    drive(text, joint, joint, servo(values, values["kd"], text.compiled.opt.timestep))
 
 
-def drive(text: MjcfText, joint: str, driven: str, element: str, attributes: dict[str, str]) -> None:
+def drive(text: MjcfText, joint: str, driven: str, attributes: Mapping[str, str]) -> None:
     """Make the actuator of a joint this servo of the joint ``driven``, under its name; add one if there is none."""
-    tag = text.actuator_of(joint)
+    tag, attributes = text.actuator_of(joint), {"joint": driven, **attributes}
     if tag is None:
-        values = {"name": joint, "joint": driven} | attributes
-        text.insert_in("actuator", [f"<{element} " + " ".join(f'{k}="{v}"' for k, v in values.items()) + "/>"])
-        return
-    text.set(tag, {"joint": driven} | attributes, element, _OTHERS)
+        text.insert_in("actuator", f"<general {attribute_text({'name': joint, **attributes})}/>")
+    else:
+        text.set(tag, attributes, "general", _OTHERS)
 
 
 # attributes of actuators that a servo lacks, or that mean something else there
@@ -98,21 +90,21 @@ _OTHERS = (
 
 def replayed(values: Constants, given: Trial, write: WriteMotor) -> np.ndarray:
     """(steps, n) joint angles [rad] of motors that ``write`` has written into the test model."""
-    texts = []
+    columns = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "rig.xml"
-        for motor in range(len(values["kp"])):
-            path.write_text(rig(given, motor), "utf-8")
+        for motor, inertia in enumerate(given.load_inertia.tolist()):
+            path.write_text(RIG.format(dt=given.dt, inertia=inertia), "utf-8")
             text = MjcfText(path)
-            write(text, "joint", {name: value[motor] for name, value in values.items()})
-            texts.append(text.text())
-    return replay_mjcf(texts, given)
+            write(text, "joint", one_motor(values, motor))
+            columns.append(replay_mjcf(text.text(), given, motor))
+    return np.stack(columns, axis=1)
 
 
 def write_variants(request: Request, write: WriteMotor) -> list[Path]:
     """K variants of the user's MJCF, with copies of the files that it names, and motors.json."""
     assert request.model is not None
-    model, files = request.model.resolve(), []
+    model = request.model.resolve()
     for file in model_files(model)[1:]:
         if not file.is_relative_to(model.parent):
             problem = f"it names {file}, outside its folder"
@@ -121,43 +113,39 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.resolve() != file:
             shutil.copyfile(file, target)
-    values = request.sample.constants()
-    for index in range(len(request.sample.robots)):
-        text = MjcfText(model)
-        for column, joint in enumerate(request.sample.joint_names):
-            write(text, joint, {name: value[index, column] for name, value in values.items()})
-        path = request.out / f"{model.stem}_{index:03d}.xml"
-        write_text(path, _with_comment(text.text(), request))
-        files.append(path)
-    write_table(request, request.out / "motors.json")
-    return [*files, request.out / "motors.json"]
+    texts = [MjcfText(model) for _ in request.sample.robots]
+    for index, joint, values in request.motors():
+        write(texts[index], joint, values)
+    files = [request.out / f"{model.stem}_{index:03d}.xml" for index in range(len(texts))]
+    for path, text in zip(files, texts, strict=True):
+        write_text(path, f"{text.text().rstrip()}\n<!-- {_about(request)} -->\n")
+    return [*files, *write_table(request)]
 
 
-def _with_comment(text: str, request: Request) -> str:
-    """The text with the loss of the export in a comment at its end."""
+def _about(request: Request) -> str:
+    """Origin and loss of the export, for a comment, in which XML allows no double hyphen."""
     lost = ", ".join(f"{name} (median {value:.3g})" for name, value in request.not_expressed.items())
-    found = ", ".join(f"{load} {1e3 * value:.1f} mrad" for load, value in request.losses.items())
-    note = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}; RMSE against the learned motors: "
-    note = re.sub("-{2,}", "-", f"{note}{found}; not expressed: {lost or 'nothing'}")
-    return f"{text.rstrip()}\n<!-- {note} -->\n"
+    origin = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}"
+    found = f"RMSE against the learned motors: {as_mrad(request.losses)}; not expressed: {lost or 'nothing'}"
+    return re.sub("-{2,}", "-", f"{origin}; {found}")
 
 
-def write_table(request: Request, path: Path) -> None:
+def write_table(request: Request) -> list[Path]:
     """Parameters of every sample and joint, their 5, 50 and 95 % quantiles, and correlations of their logarithms."""
-    found = plain(request.sample.constants())
-    positive = {name: value for name, value in found.items() if name != "offset"}
-    columns = np.stack([np.log(np.maximum(value, 1e-12)).ravel() for value in positive.values()])
-    quantiles = {name: np.quantile(value, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, value in found.items()}
-    several = columns.shape[1] > 2
+    found = plain(request.constants)
+    positive = [name for name in found if name != "offset"]
+    columns = np.stack([np.log(np.maximum(found[name], 1e-12)).ravel() for name in positive])
     spread = columns.std(axis=1, keepdims=True)
     scaled = (columns - columns.mean(axis=1, keepdims=True)) / np.where(spread > 0.0, spread, 1.0)
+    matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if columns.shape[1] > 2 else None
     content = {
-        **request.sample.provenance(), "units": UNITS,
+        **request.provenance(), "units": UNITS,
         "samples": {name: value.tolist() for name, value in found.items()},  # (K, J)
-        "quantiles_5_50_95": quantiles,  # (J, 3)
-        "correlation_of_logarithms": {
-            "order": list(positive), "matrix": (scaled @ scaled.T / scaled.shape[1]).tolist() if several else None,
+        "quantiles_5_50_95": {  # (J, 3)
+            name: np.quantile(value, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, value in found.items()
         },
-        "loss_rad": dict(request.losses), "not_expressed": dict(request.not_expressed),
+        "correlation_of_logarithms": {"order": positive, "matrix": matrix},
     }  # fmt: skip
+    path = request.out / "motors.json"
     write_json(path, content)
+    return [path]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -17,7 +17,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.exports import formats
 from motorprior.exports.exporter import Exporter, Request, motors_of, sampled
-from motorprior.exports.replay import carried, log_loss, losses
+from motorprior.exports.replay import carried, log_trial, losses
 from motorprior.logs.motor_log import MotorLog
 
 MAX_STEP = 0.002  # of the replay [s]
@@ -88,14 +88,15 @@ def export(
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
-    values, step = sample.constants(), min(MAX_STEP, sample.prior.model.period)
-    flat = motors_of({name: value.ravel() for name, value in values.items()}, sample.terms, sample.prior.model.period)
-    sample = replace(sample, carried=carried(flat, step).reshape(sample.carried.shape))
+    values, period, terms = sample.constants(), sample.prior.model.period, sample.robots[0].model.motor.terms
+    step = min(MAX_STEP, period)
+    flat = motors_of({name: value.ravel() for name, value in values.items()}, terms, period)
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
-    if exporter.drops_terms:
-        lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(sample.terms)}
-    found = losses(exporter, flat, step)
-    if log is not None and exporter.replay is not None:
-        found["log"] = log_loss(exporter, flat, sample.joint_names, log, step)
-    request = Request(sample, Path(out), None if model is None else Path(model), found, lost)
+    found: dict[str, float] = {}
+    if exporter.replay is not None:
+        lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(terms)}
+        recorded = None if log is None else log_trial(log, sample.joint_names, motors, step)
+        found = losses(exporter.replay, flat, step, recorded)
+    values["carried"] = carried(flat, step).reshape(motors, -1)
+    request = Request(sample, values, Path(out), None if model is None else Path(model), found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)

@@ -7,13 +7,14 @@ motor has its own position in the delay line, so each can be reset alone.
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 # pyright: reportCallIssue=false, reportInvalidTypeForm=false
-# Warp is an optional dependency.
-from __future__ import annotations
+# Warp is an optional dependency; no `annotations` from the future, as it reads those of kernels.
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from motorprior.actuator.geared_motor import memory_rows, motor_table
 from motorprior.actuator.geared_motor_step import (
@@ -31,6 +32,15 @@ from motorprior.exceptions import ConfigError
 
 _REFERENCE = MotorState._fields.index(REFERENCE)
 _TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of the memory, as in `geared_motor`
+Rows, Row, Indices = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
+
+
+def _operator(sign: str, kind: str = "float", swapped: bool = False) -> "Callable[[Symbol, Any], Symbol]":
+    def write(own: "Symbol", other: Any) -> "Symbol":
+        left, right = (other, own) if swapped else (own, other)
+        return own.new(f"{_text(left)} {sign} {_text(right)}", kind)
+
+    return write
 
 
 class Symbol:
@@ -39,53 +49,22 @@ class Symbol:
     def __init__(self, code: list[str], text: str):
         self.code, self.text = code, text
 
-    def new(self, text: str, kind: str = "float") -> Symbol:
+    def new(self, text: str, kind: str = "float") -> "Symbol":
         """A variable with this value."""
         name = f"t{len(self.code)}"
         self.code.append(f"{kind} {name} = {text};")
         return Symbol(self.code, name)
 
-    def _binary(self, sign: str, other: Any, swapped: bool = False, kind: str = "float") -> Symbol:
-        left, right = (_text(other), self.text) if swapped else (self.text, _text(other))
-        return self.new(f"{left} {sign} {right}", kind)
+    __add__, __radd__ = _operator("+"), _operator("+", swapped=True)
+    __sub__, __rsub__ = _operator("-"), _operator("-", swapped=True)
+    __mul__, __rmul__ = _operator("*"), _operator("*", swapped=True)
+    __truediv__, __rtruediv__ = _operator("/"), _operator("/", swapped=True)
+    __gt__, __lt__, __or__ = _operator(">", "bool"), _operator("<", "bool"), _operator("||", "bool")
 
-    def __add__(self, other: Any) -> Symbol:
-        return self._binary("+", other)
-
-    def __radd__(self, other: Any) -> Symbol:
-        return self._binary("+", other, True)
-
-    def __sub__(self, other: Any) -> Symbol:
-        return self._binary("-", other)
-
-    def __rsub__(self, other: Any) -> Symbol:
-        return self._binary("-", other, True)
-
-    def __mul__(self, other: Any) -> Symbol:
-        return self._binary("*", other)
-
-    def __rmul__(self, other: Any) -> Symbol:
-        return self._binary("*", other, True)
-
-    def __truediv__(self, other: Any) -> Symbol:
-        return self._binary("/", other)
-
-    def __rtruediv__(self, other: Any) -> Symbol:
-        return self._binary("/", other, True)
-
-    def __gt__(self, other: Any) -> Symbol:
-        return self._binary(">", other, kind="bool")
-
-    def __lt__(self, other: Any) -> Symbol:
-        return self._binary("<", other, kind="bool")
-
-    def __or__(self, other: Any) -> Symbol:
-        return self._binary("||", other, kind="bool")
-
-    def __neg__(self) -> Symbol:
+    def __neg__(self) -> "Symbol":
         return self.new(f"-{self.text}")
 
-    def __abs__(self) -> Symbol:
+    def __abs__(self) -> "Symbol":
         return self.new(f"wp::abs({self.text})")
 
 
@@ -133,55 +112,45 @@ clock.data[i] = newest + 1 < length ? newest + 1 : 0;
 
 
 @cache
-def motor_kernels(terms: tuple[str, ...]) -> tuple[Any, Any]:
-    """Warp kernels of motors with these terms: a step, and a reset of the motors that a mask selects."""
-    import warp as wp
-
+def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
+    """The kernel of a step of motors with these terms."""
     body = _DELAY_LINE.format(line=_LINE, target=_TARGET, delay=StepConstants._fields.index("delay"))
-    snippet = f"const int n = table.shape[1];\n{body}\n{traced_step(terms)}"
 
-    # Warp reads types from annotations, which would be text here: they are set on the functions
-    rows, row, ints = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
-    arrays = dict(table=rows, memory=rows, clock=ints)
+    @wp.func_native(f"const int n = table.shape[1];\n{body}\n{traced_step(terms)}")
+    def motor_step(
+        i: int, table: Rows, memory: Rows, clock: Indices, command: float, q: float, dq: float, h: float, torque: Row,
+        damping: Row,
+    ): ...  # fmt: skip
 
-    def motor_step(i, table, memory, clock, command, q, dq, h, torque, damping): ...
-
-    motor_step.__annotations__ = dict(
-        i=int, **arrays, command=float, q=float, dq=float, h=float, torque=row, damping=row
-    )
-    native = wp.func_native(snippet)(motor_step)
-    reference, line = wp.constant(_REFERENCE), wp.constant(_LINE)
-
-    def step_kernel(table, memory, clock, command, joint_pos, joint_vel, h, torque, damping):
+    @wp.kernel(module="unique")
+    def motors_step(
+        table: Rows, memory: Rows, clock: Indices, command: Row, joint_pos: Row, joint_vel: Row, h: float, torque: Row,
+        damping: Row,
+    ):  # fmt: skip
         i = wp.tid()
-        native(i, table, memory, clock, command[i], joint_pos[i], joint_vel[i], h, torque, damping)
+        motor_step(i, table, memory, clock, command[i], joint_pos[i], joint_vel[i], h, torque, damping)
 
-    def reset_kernel(bank, chosen, mask, command, joint_pos, table, memory, clock, damping):
-        i = wp.tid()
-        if mask[i]:
-            for row in range(table.shape[0]):
-                table[row, i] = bank[row, chosen[i]]
-            for row in range(line):
-                memory[row, i] = 0.0
-            memory[0, i] = joint_pos[i]
-            memory[reference, i] = command[i]
-            for row in range(line, memory.shape[0]):
-                memory[row, i] = command[i]
-            clock[i] = 0
-            damping[i] = 0.0
+    return motors_step
 
-    step_kernel.__annotations__ = dict(
-        **arrays, command=row, joint_pos=row, joint_vel=row, h=float, torque=row, damping=row
-    )
-    reset_kernel.__annotations__ = dict(
-        bank=rows, chosen=ints, mask=wp.array(dtype=wp.bool), command=row, joint_pos=row, **arrays, damping=row
-    )
-    suffix = "_".join(terms) or "base"
-    module = wp.get_module(f"{__name__}.{suffix}")
-    return (
-        wp.Kernel(step_kernel, key=f"motor_step_{suffix}", module=module),
-        wp.Kernel(reset_kernel, key=f"motor_reset_{suffix}", module=module),
-    )
+
+@wp.kernel
+def motors_reset(
+    bank: Rows, chosen: Indices, mask: wp.array(dtype=wp.bool), command: Row, joint_pos: Row, table: Rows, memory: Rows,
+    clock: Indices, damping: Row,
+):  # fmt: skip
+    """Restart the motors that a mask selects."""
+    i = wp.tid()
+    if mask[i]:
+        for row in range(table.shape[0]):
+            table[row, i] = bank[row, chosen[i]]
+        for row in range(wp.static(_LINE)):
+            memory[row, i] = 0.0
+        for row in range(wp.static(_LINE), memory.shape[0]):
+            memory[row, i] = command[i]
+        memory[0, i] = joint_pos[i]
+        memory[wp.static(_REFERENCE), i] = command[i]
+        clock[i] = 0
+        damping[i] = 0.0
 
 
 class WarpMotors:
@@ -198,12 +167,9 @@ class WarpMotors:
     """
 
     def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
-        import warp as wp
-
         require_gear(bank, dt)
-        self._launch, self._dt, self._device, self.count = wp.launch, dt, device, count
         terms = bank.model.motor.terms
-        self._step, self._reset = motor_kernels(terms)
+        self._step, self._dt, self._device, self.count = step_kernel(terms), dt, device, count
         table = motor_table(bank.constants(), dt, terms).astype(np.float32)
         self._bank = wp.array(table, dtype=float, device=device)
         self.table = wp.zeros((len(table), count), dtype=float, device=device)
@@ -217,7 +183,7 @@ class WarpMotors:
         ``command`` is the target before the first step [rad]. All are Warp arrays (n,).
         """
         inputs = [self._bank, chosen, mask, command, joint_pos, self.table, self.memory, self.clock, self.damping]
-        self._launch(self._reset, dim=self.count, inputs=inputs, device=self._device)
+        wp.launch(motors_reset, dim=self.count, inputs=inputs, device=self._device)
 
     def step(self, command: Any, joint_pos: Any, joint_vel: Any) -> None:
         """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step.
@@ -225,7 +191,7 @@ class WarpMotors:
         The engine gets torque - damping·joint_vel, of which it integrates the damping implicitly, as for `Motors`.
         """
         arrays = [self.table, self.memory, self.clock, command, joint_pos, joint_vel, self._dt, self.torque]
-        self._launch(self._step, dim=self.count, inputs=[*arrays, self.damping], device=self._device)
+        wp.launch(self._step, dim=self.count, inputs=[*arrays, self.damping], device=self._device)
 
 
 def require_gear(motors: GreyBoxActuator, dt: float) -> None:

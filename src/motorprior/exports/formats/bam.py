@@ -13,6 +13,7 @@ BAM's models: set them where the file is used.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,14 @@ from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.artifacts import write_json
 from motorprior.bench.dynamometer import Trial
 from motorprior.exports.bam_law import BamMotor
-from motorprior.exports.exporter import Constants, Exporter, Request
+from motorprior.exports.exporter import Constants, Exporter, Request, one_motor
 
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
 
 
-def parameters(values: Constants) -> dict[str, float | str]:
-    """BAM's parameters of one motor, of constants () by name."""
-    v = {name: float(value) for name, value in values.items()}
+def parameters(v: Mapping[str, float]) -> dict[str, float | str]:
+    """BAM's parameters of one motor, of its constants by name."""
     return {
         "model": "m5", "actuator": "unitree_go1", "ratio": 1.0, "max_torque": v["torque_limit"],
         "armature": v["armature"], "q_offset": -v["encoder_zero"], "friction_base": v["coulomb"],
@@ -42,26 +42,17 @@ def parameters(values: Constants) -> dict[str, float | str]:
 
 def write(request: Request) -> list[Path]:
     """One JSON per sample and joint; the key motorprior, which BAM ignores, has origin and loss."""
-    sample, files, values = request.sample, [], request.sample.constants()
-    about = {**sample.provenance(), "loss_rad": dict(request.losses), "not_expressed": dict(request.not_expressed)}
-    for index in range(len(sample.robots)):
-        for column, joint in enumerate(sample.joint_names):
-            one = parameters({name: value[index, column] for name, value in values.items()})
-            files.append(request.out / f"{joint}_{index:03d}.json")
-            write_json(files[-1], one | {"motorprior": about})
+    files, about = [], request.provenance()
+    for index, joint, values in request.motors():
+        files.append(request.out / f"{joint}_{index:03d}.json")
+        write_json(files[-1], parameters(values) | {"motorprior": about})
     return files
 
 
 def replay(values: Constants, given: Trial) -> np.ndarray:
     """(steps, n) joint angles [rad] of BAM's law and its own integration."""
-    columns = []
-    for motor in range(len(values["kp"])):
-        one = BamMotor.of(parameters({name: value[motor] for name, value in values.items()}))
-        columns.append(one.simulate(given, motor))
-    return np.stack(columns, axis=1)
+    servos = [BamMotor.of(parameters(one_motor(values, motor))) for motor in range(len(values["kp"]))]
+    return np.stack([servo.simulate(given, motor) for motor, servo in enumerate(servos)], axis=1)
 
 
-EXPORTER = Exporter(
-    "bam", "JSON of better-actuator-models", ("velocity_filter", "gear_stiffness", "backlash", "gear_damping"), write,
-    replay=replay,
-)  # fmt: skip
+EXPORTER = Exporter("bam", ("velocity_filter", "gear_stiffness", "backlash", "gear_damping"), write, replay)

@@ -16,54 +16,52 @@ tendons implicitly is changed to implicitfast.
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-from pathlib import Path
+import math
+from collections.abc import Mapping
+from functools import partial
 
 import mujoco
 import numpy as np
 
-from motorprior.exports.exporter import Constants, Exporter, Request
-from motorprior.exports.mjcf_text import MjcfText
+from motorprior.exports.exporter import Exporter
+from motorprior.exports.mjcf_text import MjcfText, attribute_text
 from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_variants
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _INERTIAL = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-10 1e-10 1e-10"/>'
-_FREE = 'limited="false" stiffness="0"'
 
 
-def write_detailed(text: MjcfText, joint: str, values: Constants) -> None:
+def write_detailed(text: MjcfText, joint: str, values: Mapping[str, float]) -> None:
     """One motor at a joint."""
-    v = {name: float(value) for name, value in values.items()}
     text.set(text.joint(joint), {"armature": "0", "damping": "0", "frictionloss": "0"})
-    rotor = {
-        "armature": v["armature"], "damping": v["viscous_damping"], "frictionloss": float(dry_friction(values)),
-        "ref": v["encoder_zero"],
-    }  # fmt: skip
-    text.insert_before_body_of(text.joint(joint), [_hinge(text, joint, rotor, v["torque_limit"])])
-    ends = " ".join(number(v["encoder_zero"] + side * 0.5 * v["backlash"]) for side in (-1.0, 1.0))
-    gear = f'stiffness="{number(v["gear_stiffness"])}" damping="{number(v["gear_damping"])}" springlength="{ends}"'
+    text.insert_before_body_of(text.joint(joint), _rotor(text, joint, values))
+    ends = " ".join(number(values["encoder_zero"] + side * 0.5 * values["backlash"]) for side in (-1.0, 1.0))
+    stiffness, damping = number(values["gear_stiffness"]), number(values["gear_damping"])
+    gear = f'stiffness="{stiffness}" damping="{damping}" springlength="{ends}"'
     joints = f'<joint joint="{joint}_rotor" coef="1"/><joint joint="{joint}" coef="-1"/>'
-    text.insert_in("tendon", [f'<fixed name="{joint}_gear" {gear}>{joints}</fixed>'])
-    at_rotor = {**values, "encoder_zero": np.zeros(()), "torque_limit": np.inf}  # the sum is limited, not the servo
-    drive(text, joint, f"{joint}_rotor", "general", servo(at_rotor, 0.0, text.timestep))
-    brake = {"motorconst": "1", "resistance": number(1.0 / v["kd"]), "inductance": f"0 {number(v['velocity_filter'])}"}
-    attributes = " ".join(f'{name}="{value}"' for name, value in brake.items())
-    brake_tag = f'<dcmotor name="{joint}_brake" joint="{joint}_rotor" input="none" {attributes}/>'
-    text.insert_in("actuator", [brake_tag], apart=True)  # after the others, whose indices stay
+    text.insert_in("tendon", f'<fixed name="{joint}_gear" {gear}>{joints}</fixed>')
+    at_rotor = {**values, "encoder_zero": 0.0, "torque_limit": math.inf}  # the sum is limited, not the servo
+    drive(text, joint, f"{joint}_rotor", servo(at_rotor, 0.0, text.compiled.opt.timestep))
+    winding = {"resistance": number(1.0 / values["kd"]), "inductance": f"0 {number(values['velocity_filter'])}"}
+    brake = f'<dcmotor name="{joint}_brake" joint="{joint}_rotor" input="none" motorconst="1"'
+    text.insert_in("actuator", f"{brake} {attribute_text(winding)}/>", apart=True)  # last: the indices of others stay
     if text.compiled.opt.integrator not in IMPLICIT:
         text.set_option("integrator", "implicitfast")
 
 
-def _hinge(text: MjcfText, joint: str, attributes: dict[str, float], limit: float) -> str:
-    """The rotor: a body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
-    model = text.compiled
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
-    body = model.jnt_bodyid[index]
-    place = f'pos="{_numbers(model.body_pos[body])}" quat="{_numbers(model.body_quat[body])}"'
-    axis = f'pos="{_numbers(model.jnt_pos[index])}" axis="{_numbers(model.jnt_axis[index])}"'
-    given = " ".join(f'{name}="{number(value)}"' for name, value in attributes.items())
-    force = f'actuatorfrclimited="true" actuatorfrcrange="{number(-limit)} {number(limit)}"'
-    hinge = f'<joint name="{joint}_rotor" type="hinge" {axis} {given} {_FREE} {force}/>'
+def _rotor(text: MjcfText, joint: str, values: Mapping[str, float]) -> str:
+    """A body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
+    found = text.compiled.joint(joint)
+    body, limit = text.compiled.body(int(found.bodyid[0])), number(values["torque_limit"])
+    own = {
+        "pos": _numbers(found.pos), "axis": _numbers(found.axis), "armature": number(values["armature"]),
+        "damping": number(values["viscous_damping"]), "frictionloss": number(dry_friction(values)),
+        "ref": number(values["encoder_zero"]), "limited": "false", "stiffness": "0",
+        "actuatorfrclimited": "true", "actuatorfrcrange": f"-{limit} {limit}",
+    }  # fmt: skip
+    hinge = f'<joint name="{joint}_rotor" type="hinge" {attribute_text(own)}/>'
+    place = attribute_text({"pos": _numbers(body.pos), "quat": _numbers(body.quat)})
     return f'<body name="{joint}_rotor" {place}>{_INERTIAL}{hinge}</body>'
 
 
@@ -71,13 +69,7 @@ def _numbers(values: np.ndarray) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
-def write(request: Request) -> list[Path]:
-    """K variants of the model, and motors.json."""
-    return write_variants(request, write_detailed)
-
-
 EXPORTER = Exporter(
-    "mjcf-detailed", "MJCF with rotor and play", ("stribeck_torque", "load_friction"), write,
-    replay=lambda values, given: replayed(values, given, write_detailed), needs_model=True,
-    mujoco=4,
+    "mjcf-detailed", ("stribeck_torque", "load_friction"), partial(write_variants, write=write_detailed),
+    partial(replayed, write=write_detailed), needs_model=True, mujoco=4,
 )  # fmt: skip
