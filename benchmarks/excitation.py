@@ -1,4 +1,4 @@
-"""Likeness of a learned excitation to the robot, and errors of models that were fitted to it: docs/excitation.md.
+"""Is a learned excitation like the robot, does it cure the paper's models, where does it pay: docs/excitation.md.
 
     python benchmarks/excitation.py --out runs/excitation
 
@@ -8,7 +8,9 @@ Every cell (one excitation, loss, seed and length of log) is a file; the same co
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
@@ -19,7 +21,6 @@ import tyro
 from matplotlib.figure import Figure
 
 from excitation_likeness import FEATURES, KINDS, likeness, windows_of_kind
-from figures import markdown
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
@@ -42,7 +43,9 @@ from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
+from motorprior.simulation.training import train_policy
 from motorprior.simulation.world import World
+from motorprior.studies.compare import compare
 from motorprior.studies.robot_fidelity import robot_fidelity, trot_targets
 from motorprior.studies.statistics import estimate, means
 from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitivities
@@ -52,7 +55,9 @@ PLACES = {"standing": False, "suspended": True}
 COLORS = dict(zip(("runs", *KINDS), ("k", *MODEL_COLORS.values()), strict=False))
 HELD_OUT_STREAM = 67
 TROT = 2.5  # [s]
-LOSSES = ("paper", "paper_wide", "rollout")  # recipes; the last two have the same clock and data
+ROUTES = {  # loss -> recipe; the last two have the same clock and data, so that only the loss differs
+    "paper": "paper", "paper_wide": "paper_wide", "rollout": "rollout",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -69,31 +74,31 @@ class Settings:
     motors: int = 32  # on the bench, and as many held-out ones
     seconds: float = 20.0  # of log per motor [s]
     seeds: int = 5
-    losses: tuple[str, ...] = LOSSES
+    losses: tuple[str, ...] = tuple(ROUTES)
     kinds: tuple[str, ...] = KINDS
+    rollout_recipe: str = "rollout"  # of identification, for the loss rollout; latent_network has the paper's network
     adam_steps: int | None = None  # of networks; those of their recipes if not given
-    adapt_seconds: float = 10.0  # of log of the held-out motors [s]
+    adapt_seconds: float = 10.0  # of log of the held-out motors [s]; 0 measures on the training motors
     budgets: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 60.0)  # of the curves [s]; none: leave them out
+    policies: int = 0  # per cell of the largest losses, for transfer; 0: leave it out
+    iterations: int = 50  # of their trainings
     logs: tuple[Path, ...] = ()  # of a real robot: likeness of an excitation that is fitted to the first fit_logs
     fit_logs: int = 5
     columns: str | None = None  # column map of the logs
     real_robot: str | None = None  # its .toml file, for the loads of suspended robots and fixed arms
 
 
-def cells(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seconds: float) -> list[dict[str, Any]]:
-    """`measure` for every seed, from a file if it is there; ``error`` where the library refuses."""
-    found = []
-    for seed in range(settings.seeds):
-        path = settings.out / "cells" / f"{loss}_{kind}_{seed}_{seconds:g}.json"
-        if not path.exists():
-            try:
-                values = measure(settings, robot, fleet, loss, kind, seed, seconds)
-            except MotorPriorError as error:
-                values = {"error": str(error)}
-            write_json(path, values)
-            PROGRESS.note(f"{path.stem}: {json.dumps(values)[:200]}")
-        found.append(read_json(path))
-    return found
+def cell(settings: Settings, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The result of a cell, from its file if it is there; ``error`` where the library refuses."""
+    path = settings.out / "cells" / f"{name.replace('/', '_')}.json"
+    if not path.exists():
+        try:
+            found = compute()
+        except MotorPriorError as error:
+            found = {"error": str(error)}
+        write_json(path, found)
+        PROGRESS.note(f"{name}: {json.dumps(found)[:200]}")
+    return read_json(path)
 
 
 def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
@@ -151,10 +156,12 @@ def bench_of(settings: Settings, robot: Robot, loss: str, kind: str) -> BenchPre
 def measure(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seed: int, seconds: float) -> dict:
     """Errors in the robot of motors that were learned from so many seconds [s] of bench log."""
     prior, log = _prior(settings, robot, fleet, loss, kind, seed, seconds)
-    motors = fleet.sample(settings.motors, np.random.default_rng([seed, HELD_OUT_STREAM]))
-    preset = bench_of(settings, robot, loss, kind)
-    rows = round(settings.adapt_seconds / preset.period)
-    z = adapt_to(prior, record(motors, preset, rows, 10_000 + seed, fleet)).mean
+    motors, z = training_motors(fleet, settings.motors, seed), prior.mean
+    if settings.adapt_seconds:
+        rng = np.random.default_rng([seed, HELD_OUT_STREAM])
+        motors, preset = fleet.sample(settings.motors, rng), bench_of(settings, robot, loss, kind)
+        rows = round(settings.adapt_seconds / preset.period)
+        z = adapt_to(prior, record(motors, preset, rows, 10_000 + seed, fleet)).mean
     found: dict[str, Any] = {}
     for place, suspended in PLACES.items():
         errors = robot_fidelity(robot, motors, {"model": lambda index: prior.model.motors(z[index])}, suspended, seed)
@@ -167,6 +174,8 @@ def measure(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str
         own = Learned(prior.model, prior.mean, armature, np.zeros_like(armature))
         slopes = sensitivities(prior.model, prior.mean, recorded_inputs(prior.model, log))
         found["growth"] = growth(prior.model, own, slopes, float(LOADS[0]))[0]
+    if settings.policies:
+        found |= transfer(settings, robot, fleet, prior, seed)
     return found
 
 
@@ -176,9 +185,20 @@ def _prior(
     preset = bench_of(settings, robot, loss, kind)
     motors = training_motors(fleet, settings.motors, seed)
     log = replace(record(motors, preset, round(seconds / preset.period), seed, fleet), robot=robot.name)
-    recipe = identification_preset(loss, network_steps(loss, settings.adam_steps))
+    name = settings.rollout_recipe if loss == "rollout" else ROUTES[loss]
+    recipe = identification_preset(name, network_steps(name, settings.adam_steps))
     folder = settings.out / "priors" / f"{loss}_{kind}_{seed}_{seconds:g}"
-    return fit_recipe(log, loss, recipe, seed, folder, PROGRESS), log
+    return fit_recipe(log, name, recipe, seed, folder, PROGRESS), log
+
+
+def transfer(settings: Settings, robot: Robot, fleet: Fleet, prior: MotorPrior, seed: int) -> dict[str, float]:
+    """Share of time upright and speed, on physical motors, of policies trained on samples of the prior."""
+    policies = [
+        train_policy(robot, prior, iterations=settings.iterations, seed=100 * seed + index, progress=PROGRESS)
+        for index in range(settings.policies)
+    ]
+    walked = compare(robot, {"prior": policies}, {"twin": fleet}, progress=PROGRESS)
+    return {f"transfer_{name}": walked.mean(quantity=name) for name in ("speed", "upright")}
 
 
 def summary(cells: list[dict[str, Any]], quantity: str) -> dict[str, float]:
@@ -191,7 +211,7 @@ def summary(cells: list[dict[str, Any]], quantity: str) -> dict[str, float]:
     return {"": found.value, **ends}
 
 
-def run(settings: Settings) -> dict[str, float]:
+def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
     """All figures."""
     robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
     excitation, held_out, train_seconds = learned(settings, robot, fleet)
@@ -203,14 +223,22 @@ def run(settings: Settings) -> dict[str, float]:
     write_text(settings.out / "likeness.md", likeness_table(alike, excitation.classes))
     for loss in settings.losses:
         for kind in settings.kinds:
-            found = cells(settings, robot, fleet, loss, kind, settings.seconds)
-            for quantity in sorted({key for each in found for key in each} - {"error"}):
+            cells = [
+                cell(
+                    settings, f"{loss}/{kind}/{seed}/{settings.seconds:g}",
+                    lambda loss=loss, kind=kind, seed=seed: measure(
+                        settings, robot, fleet, loss, kind, seed, settings.seconds
+                    ),
+                )
+                for seed in range(settings.seeds)
+            ]  # fmt: skip
+            for quantity in sorted({key for found in cells for key in found} - {"error"}):
                 name = {"standing_rmse": "walking_error"}.get(quantity, quantity)
-                for end, value in summary(found, quantity).items():
+                for end, value in summary(cells, quantity).items():
                     figures["/".join(filter(None, (name, loss, kind, end)))] = value
     figures |= budgets(settings, robot, fleet, excitation)
     write_json(settings.out / "figures.json", figures)
-    return figures
+    return figures, {"likeness": alike}
 
 
 def likeness_figures(alike: Results, name: str) -> dict[str, float]:
@@ -246,8 +274,16 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
             active(excitation.playing("generated"), prior)[0].save(settings.out / "active.safetensors")
         curves[kind] = []
         for seconds in settings.budgets:
-            found = cells(settings, robot, fleet, "rollout", kind, seconds)
-            curves[kind].append(summary(found, "standing_rmse").get("", np.inf))
+            cells = [
+                cell(
+                    settings, f"rollout/{kind}/{seed}/{seconds:g}",
+                    lambda kind=kind, seed=seed, seconds=seconds: measure(
+                        settings, robot, fleet, "rollout", kind, seed, seconds
+                    ),
+                )
+                for seed in range(settings.seeds)
+            ]  # fmt: skip
+            curves[kind].append(summary(cells, "standing_rmse").get("", np.inf))
             figures[f"budget/{kind}/{seconds:g}"] = curves[kind][-1]
     goal = curves["rollout"][-1]
     for kind, curve in curves.items():
@@ -260,12 +296,13 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
 def likeness_table(alike: Results, classes: tuple[str, ...]) -> str:
     """Markdown: a row per class and kind."""
     columns = ("auc", "coverage", "nearest", *FEATURES)
-    rows = []
+    lines = [f"| class | excitation | {' | '.join(columns)} |", "|" + "---|" * (len(columns) + 2)]
     for name in classes:
         for kind in ("runs", *KINDS):
-            found = {row.quantity: row.value for row in alike.where(part=name, model=kind)}
-            rows.append([name, kind, *(f"{found[column]:.3g}" if column in found else "" for column in columns)])
-    return markdown(("class", "excitation", *columns), rows) + "\n"
+            rows = {row.quantity: row.value for row in alike.where(part=name, model=kind)}
+            cells = [f"{rows[column]:.3g}" if column in rows else "" for column in columns]
+            lines.append(f"| {name} | {kind} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, name: str) -> None:
@@ -299,20 +336,22 @@ def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, 
 
 def table(figures: dict[str, float], settings: Settings) -> str:
     """Markdown: a row per loss and excitation."""
-    factors = dict.fromkeys(("walking_error", "suspended_rmse"), 1e3)
-    factors |= dict.fromkeys(("standing_torque_hf", "suspended_torque_hf", "growth"), 1.0)
-    rows = []
+    columns = ("walking_error", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf", "growth")
+    lines = ["| loss | excitation | " + " | ".join(columns) + " |", "|---|---|" + "---|" * len(columns)]
     for loss in settings.losses:
         for kind in settings.kinds:
-            found = [factor * figures.get(f"{name}/{loss}/{kind}", np.nan) for name, factor in factors.items()]
-            rows.append([loss, kind, *(f"{value:.3g}" for value in found)])
-    return markdown(("loss", "excitation", *factors), rows) + "\n"
+            values = [figures.get(f"{column}/{loss}/{kind}") for column in columns]
+            factors = (1e3, 1e3, 1.0, 1.0, 1.0)
+            cells = ["" if v is None else f"{f * v:.3g}" for v, f in zip(values, factors, strict=True)]
+            lines.append(f"| {loss} | {kind} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
     """Measure; write figures.json, tables and pictures; print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
-    figures = run(settings)
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    figures, _ = run(settings)
     write_text(settings.out / "table.md", table(figures, settings))
     print((settings.out / "likeness.md").read_text("utf-8"), table(figures, settings), sep="\n")
 

@@ -82,6 +82,11 @@ class MotorPriorDrive(DriveBase):
         self._chosen = wp.array(np.arange(n, dtype=np.int32), dtype=int, device=device)
         self._pos, self._vel, self._target = (wp.zeros(n, dtype=float, device=device) for _ in range(3))
 
+    @classmethod
+    def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
+        """The arguments as they are: motors and dt."""
+        return args
+
     def is_stateful(self) -> bool:
         """True."""
         return True
