@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MODEL_ERROR, SAME_JOINT_STD, MotorPrior
 from motorprior.exceptions import ConfigError
 
 
@@ -46,7 +47,21 @@ def test_a_posterior_that_is_the_prior_identifies_nothing():
     alike = replace(posterior(3), mean=np.zeros((3, 2)), covariance=np.tile(np.eye(2), (3, 1, 1)))
     known = {row.name for row in alike.constants() if row.identifiable}
     assert known <= {"delay"}  # those of this prior are at the length of the delay line
-    assert sum(row.identifiable is True for row in posterior(3).constants()) > 10
+    narrow = replace(posterior(3), covariance=1e-4 * np.tile(np.eye(2), (3, 1, 1)))
+    assert sum(row.identifiable is True for row in narrow.constants()) > 10
+
+
+def test_a_joint_that_was_not_moved_identifies_nothing_although_its_motor_was_recorded():
+    names = tuple(f"joint{index}" for index in range(3))
+    still = np.tile(SAME_JOINT_STD**2 * np.eye(2), (3, 1, 1))
+    alike = replace(posterior(3), prior=replace(PRIOR, joint_names=names), mean=np.zeros((3, 2)), covariance=still)
+    assert not any(row.identifiable for row in alike.constants())
+
+
+def test_ranges_of_a_posteriors_constants_contain_the_error_of_the_model():
+    row = replace(posterior(1), mean=np.zeros((1, 2)), covariance=1e-4 * np.eye(2)[None]).constants()["kp"]
+    # kp = exp(z1 + z2), with a standard deviation of 0.01 of each without that error
+    np.testing.assert_allclose(np.log(row.high / row.low), 2 * 1.645 * MODEL_ERROR * 0.01 * np.sqrt(2), rtol=0.1)
 
 
 def test_frozen_constants_are_those_of_the_mean_motor():
@@ -57,6 +72,11 @@ def test_frozen_constants_are_those_of_the_mean_motor():
     np.testing.assert_array_equal(frozen.constants()["armature"], free.constants()["armature"])
     with pytest.raises(ConfigError, match="colour"):
         PRIOR.with_frozen("colour")
+    copula = Copula(np.eye(2), 0.3 + SCORES[:, None] * np.ones(2))
+    moved = replace(PRIOR, model=replace(PRIOR.model, copula=copula))
+    frozen, mean = moved.with_frozen("friction").sample(2, 0), moved.sample(2, 0, spread=0.0)
+    assert isinstance(frozen, GreyBoxActuator) and isinstance(mean, GreyBoxActuator)
+    np.testing.assert_allclose(frozen.constants()["coulomb"], mean.constants()["coulomb"])
 
 
 def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_box):

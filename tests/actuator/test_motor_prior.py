@@ -100,6 +100,14 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
     np.testing.assert_array_equal(one.gains, [[40.0], [2.0]])
 
 
+def test_what_is_assumed_of_the_spread_is_shown_in_full(classed: MotorPrior):
+    source = "units of " + 100 * "x"
+    units = {name: 1 for name in classed.classes.names}
+    spread = {"units": units, "degrees_of_freedom": 0, "assumed": {}, "assumed_units": 3.0, "source": source}
+    shown = str(replace(classed, provenance={"spread": spread}))
+    assert f"assumed, worth 3 units: the spread of {source}" in shown and "class that was not recorded" in shown
+
+
 def test_another_robots_joint_is_expected_at_its_own_and_as_uncertain_as_a_unit(classed: MotorPrior):
     log: Any = SimpleNamespace(joint_names=("calf", "other calf"), stated_classes=("calf", "calf"))
     found = classed.predicted(log)

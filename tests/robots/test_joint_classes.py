@@ -15,7 +15,9 @@ from motorprior.robots.shipped import SHIPPED
         (("joint1", "joint2", "joint3"), ("",) * 3),
         (("motor_000", "motor_001"), ("",) * 2),
         (("Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Jaw"), ("",) * 6),
-        (("joint1", "joint2", "jointGripper"), ("",) * 3),  # a class of one
+        (("joint1", "joint2", "jointGripper"), ("",) * 3),
+        (("l_knee", "r_knee", "l_hip", "r_hip", "waist"), ("knee", "knee", "hip", "hip", "waist")),
+        (("l_knee", "waist", "neck"), ("",) * 3),
     ],
 )
 def test_names_without_sides_and_numbers_are_classes(names: tuple[str, ...], classes: tuple[str, ...]):

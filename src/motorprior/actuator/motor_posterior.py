@@ -12,7 +12,7 @@ from motorprior.actuator.actuator import Factors
 from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
-from motorprior.actuator.motor_prior import MotorPrior, checked_gains
+from motorprior.actuator.motor_prior import MODEL_ERROR, MotorPrior, checked_gains
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
 from motorprior.exceptions import ConfigError, listed
@@ -100,18 +100,21 @@ class MotorPosterior(Described):
         """Constants of these motors with units and ranges, at their gains; identifiable if the log narrows them.
 
         That is, for at least half of the motors the standard deviation of a constant is below NARROWER times the
-        prior's; of its logarithm, if it is positive.
+        prior's; of its logarithm, if it is positive. Ranges are with MODEL_ERROR, as those of `MotorPrior.intervals`.
         """
-        rng, factors = np.random.default_rng(0), np.linalg.cholesky(self.covariance)
+        mean, std, _ = self.prior.expected(self.joint_names, self.prior.classes_at(self.joint_names))
+        before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
+        precision = before + (np.linalg.inv(self.covariance) - before) / MODEL_ERROR**2
+        rng, factors = np.random.default_rng(0), np.linalg.cholesky(np.linalg.inv(precision))
         z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((DRAWS, *self.mean.shape)))
         gains = None if self.gains is None else np.tile(self.gains, DRAWS)
         values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
-        mean, std = self.prior.classes.moments(self.prior.classes_at(self.joint_names))
         new = mean + std * rng.standard_normal(z.shape)
-        before = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
+        known = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
         narrowed: dict[str, bool | None] = {}
         for name, samples in values.items():
-            both = (np.log(each) if samples.min() > 0.0 else each for each in (samples, before[name]))
+            both = samples, known[name]
+            both = map(np.log, both) if min(map(np.min, both)) > 0.0 else both
             own, prior = (each.reshape(DRAWS, -1).std(axis=0) for each in both)
             varies = np.median(prior) > 1e-9  # logged gains do not
             narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None

@@ -202,8 +202,10 @@ class MotorPrior(Described):
             problem = f"no constants {group!r} to freeze"
             raise ConfigError(problem, remedy=f"a prior of preset rollout has {', '.join(FROZEN)}", argument="frozen")
         constants = np.array([name in FROZEN[group] for name in parameters_of(model.motor.terms)])
-        motor = replace(model.motor, slope=np.where(constants, 0.0, model.motor.slope))
-        return replace(self, model=replace(model, motor=motor))
+        center, slope = model.motor.center, model.motor.slope
+        mean_motor = center + model.decoder_latents(np.zeros((1, model.num_latents)))[0] @ slope
+        center, slope = np.where(constants, mean_motor, center), np.where(constants, 0.0, slope)
+        return replace(self, model=replace(model, motor=replace(model.motor, center=center, slope=slope)))
 
     def _classes_of(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
         if isinstance(of, Robot):
@@ -230,17 +232,20 @@ class MotorPrior(Described):
         return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
 
     def predicted(self, log: MotorLog) -> Prediction:
-        """Motors of the joints of a log, without the log: a training motor of the same name, or a unit of the class.
+        """`expected` motors of the joints of a log, without the log."""
+        return self.expected(log.joint_names, self.classes_of(log))
+
+    def expected(self, joint_names: Sequence[str], classes: Sequence[str]) -> Prediction:
+        """Motors of joints of these classes: a training motor of the same name, or a unit of the class.
 
         The standard deviation from a training motor of the same name is SAME_JOINT_STD; with several classes 1, that
         between units, since the log may be that of another robot.
         """
-        classes = self.classes_of(log)
         mean, std = self.classes.moments(classes)
         own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
         misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes])
         rows = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
-        for joint, name in enumerate(log.joint_names):
+        for joint, name in enumerate(joint_names):
             if name in rows:
                 mean[joint], misfit[joint] = self.mean[rows[name]], own[rows[name]]
                 std[joint] = SAME_JOINT_STD if len(self.classes.names) == 1 else 1.0
@@ -262,7 +267,7 @@ class MotorPrior(Described):
         return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
 
     def spread_notes(self) -> list[str]:
-        """What is measured, pooled and assumed of the spread between units, for people; a line each."""
+        """What is measured, pooled and assumed of the spread between units, for people; a line "name: text" each."""
         found = self.provenance.get(SPREAD)
         if not found:
             return []
@@ -273,7 +278,7 @@ class MotorPrior(Described):
         if found["assumed_units"]:
             lines += [f"assumed, worth {found['assumed_units']:g} units: the spread of {found['source']}"]
         if len(found["units"]) > 1:
-            lines += ["a class that was not recorded has the mean of all classes and the spread between them"]
+            lines += ["a class that was not recorded: mean of all classes and the spread between them"]
         return lines
 
     def constants(self, joint_class: str | None = None) -> Constants:
@@ -307,7 +312,7 @@ class MotorPrior(Described):
             "model": f"{kinds[isinstance(self.model, LatentNetwork)]}, {self.model.num_latents} latents, "
             f"physics steps up to {1e3 * self.model.period:g} ms",
             "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
-            "joints": listed(self.joint_names, 8), "spread between units": "; ".join(self.spread_notes()),
+            "joints": listed(self.joint_names, 8), **dict(line.split(": ", 1) for line in self.spread_notes()),
             "replayed logs, median error": ", ".join(filter(None, errors)),
         }  # fmt: skip
         if len(self.classes.names) > 1:

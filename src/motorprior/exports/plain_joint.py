@@ -131,13 +131,17 @@ def _about(request: Request) -> str:
 
 
 def write_table(request: Request) -> list[Path]:
-    """Parameters of every sample and joint, their 5, 50 and 95 % quantiles, and correlations of their logarithms."""
+    """Parameters of every sample and joint, their 5, 50 and 95 % quantiles, and correlations of their logarithms.
+
+    Correlations are those between units: of the deviations from the mean of each joint.
+    """
     found = plain(request.constants)
     positive = [name for name in found if name != "offset"]
-    columns = np.stack([np.log(np.maximum(found[name], 1e-12)).ravel() for name in positive])
+    logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])  # (constants, K, J)
+    columns = (logs - logs.mean(axis=1, keepdims=True)).reshape(len(logs), -1)
     spread = columns.std(axis=1, keepdims=True)
-    scaled = (columns - columns.mean(axis=1, keepdims=True)) / np.where(spread > 0.0, spread, 1.0)
-    matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if columns.shape[1] > 2 else None
+    scaled = columns / np.where(spread > 0.0, spread, 1.0)
+    matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if logs.shape[1] > 2 else None
     content = {
         **request.provenance(), "units": UNITS,
         "samples": {name: value.tolist() for name, value in found.items()},  # (K, J)

@@ -22,7 +22,9 @@ def kind_of(joint_name: str) -> str:
 def classes_by_name(joint_names: Sequence[str]) -> tuple[str, ...]:
     """The class of each joint: `kind_of` its name.
 
-    One class, "", for all joints if a class would have a single joint: names then state places, not kinds.
+    One class, "", for all joints if at least half of them are the only one of their kind, or one has a number instead
+    of a kind: names then state places, not kinds.
     """
     found = tuple(map(kind_of, joint_names))
-    return found if min(map(found.count, found), default=0) > 1 else ("",) * len(found)
+    alone = sum(found.count(kind) == 1 for kind in found)
+    return ("",) * len(found) if "" in found or 2 * alone >= len(found) else found
