@@ -93,6 +93,10 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
     assert np.abs(away).max() < 4.0
     np.testing.assert_array_equal(motors.gains, [[1.0, 2.0, 3.0] * 2, np.ones(6)])
     np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1] * 2])
+    # other words in the robot's file for joints that were recorded
+    recorded = tuple(replace(joint, name=name) for joint, name in zip(joints, ("calf", "hip", "thigh"), strict=False))
+    robot = replace(PUPPER_V2, joints=recorded, stated_classes=("knee", "abad", "upper"))
+    np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1]])
     unseen = prior.sample(("tail",) * 500, 0)
     assert unseen.z.std() > 3.5 and np.abs(unseen.z.mean()) < 0.4
     one = prior.sample(("calf",), 0)

@@ -158,9 +158,12 @@ class MotorPrior(Described):
         names = zip(joint_names, map(kind_of, joint_names), classes_by_name(joint_names), strict=True)
         return tuple(own.get(name, kind if kind in self.classes.names else other) for name, kind, other in names)
 
-    def classes_of(self, log: MotorLog) -> tuple[str, ...]:
-        """The class of each joint of a log: as stated by its robot's description, otherwise `classes_at`."""
-        return log.stated_classes if any(log.stated_classes) else self.classes_at(log.joint_names)
+    def classes_of(self, of: MotorLog | Robot) -> tuple[str, ...]:
+        """The class of each joint: as stated by the robot's description, otherwise, or if unknown, `classes_at`."""
+        named, known = self.classes_at(of.joint_names), self.classes.names
+        stated = of.stated_classes if any(of.stated_classes) else named
+        both = zip(stated, named, strict=True)
+        return tuple(own if own in known or name not in known else name for own, name in both)
 
     def sample(
         self,
@@ -209,7 +212,7 @@ class MotorPrior(Described):
 
     def _classes_of(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
         if isinstance(of, Robot):
-            return of.joint_classes
+            return self.classes_of(of)
         if not isinstance(of, int | np.integer):
             return (of,) if isinstance(of, str) else tuple(of)
         require_count("count", of)

@@ -80,7 +80,7 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
 
 def _class_note(prior: MotorPrior, robot: Robot) -> list[str]:
     """A note on classes of joints that were never recorded."""
-    names, several = dict.fromkeys(robot.joint_classes), len(prior.classes.names) > 1
+    names, several = dict.fromkeys(prior.classes_of(robot)), len(prior.classes.names) > 1
     unknown = [name for name in names if several and name not in prior.classes.names]
     known = ", ".join(prior.classes.names)
     return [
