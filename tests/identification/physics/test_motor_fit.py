@@ -30,13 +30,20 @@ def truth(terms: tuple[str, ...] = ()) -> np.ndarray:
     return raw
 
 
-def initial_box(terms: tuple[str, ...] = ()) -> GreyBox:
-    return grey_box(initial_center(terms), terms, PRESET)
+def true_center(terms: tuple[str, ...] = ()) -> np.ndarray:
+    """The initial motor, with a velocity filter of 3 ms, which is not its own."""
+    center = initial_center(terms)
+    center[PARAMETERS.index("velocity_filter")] = np.log(3e-3)
+    return center
+
+
+def true_box(terms: tuple[str, ...] = ()) -> GreyBox:
+    return grey_box(true_center(terms), terms, PRESET)
 
 
 @pytest.fixture(scope="module")
 def runs(decoder_data: Data) -> WindowRuns:
-    return WindowRuns(decoder_data(initial_box(), truth(), segments=10, rows=400), PRESET)
+    return WindowRuns(decoder_data(true_box(), truth(), segments=10, rows=400), PRESET)
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +52,15 @@ def found(runs: WindowRuns) -> FleetFit:
 
 
 def test_the_constants_of_four_motors_are_found(found: FleetFit):
-    assert found.loss.max() < 1e-2, found.loss
-    error = np.abs(found.center + found.offsets - initial_center(()) - truth())
-    within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.15}
+    assert found.loss.max() < 3e-3, found.loss
+    error = np.abs(found.center + found.offsets - true_center() - truth())
+    within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}
     for name, bound in within.items():
         assert error[:, PARAMETERS.index(name)].max() < bound, (name, error[:, PARAMETERS.index(name)])
 
 
 def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
-    center, kp = initial_center(()), PARAMETERS.index("kp")
+    center, kp = true_center(), PARAMETERS.index("kp")
     center[kp] += np.log(0.04)
     runs = WindowRuns(decoder_data(grey_box(center, (), PRESET), truth(), segments=5, rows=400), PRESET)
     found = fit_motors(runs, (), True, 0)
@@ -65,12 +72,12 @@ def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
 def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, limit: float, identifiable: bool):
     column, motors = PARAMETERS.index("torque_limit"), truth()
     motors[:, column] = np.log(limit / 1.5)
-    runs = WindowRuns(decoder_data(initial_box(), motors, segments=5, rows=400), PRESET)
+    runs = WindowRuns(decoder_data(true_box(), motors, segments=5, rows=400), PRESET)
     asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.max_request
     fit = fit_motors(runs, (), True, 0)
     found = np.exp((fit.center + fit.offsets)[:, column])
     if identifiable:
-        assert np.median(np.abs(np.log(found / limit))) < 0.01, found  # one motor hardly reaches it
+        np.testing.assert_allclose(found, limit, rtol=0.15)
     else:
         assert np.all(found > 3.0 * asked)
 

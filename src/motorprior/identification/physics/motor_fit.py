@@ -199,7 +199,9 @@ def _alone(
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
         found = search.until_found_again(found, prior, draw_near, restarts // 3, STEPS, which=rest)
-    return search.descend(found.x, prior, ((10, FINEST),))
+    # at the loss that was reached: the prior of filters is too strong at that of the simplest motors
+    prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
+    return search.descend(found.x, prior, ((10, NARROW), (10, FINEST)))
 
 
 def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray) -> None:
