@@ -40,7 +40,7 @@ from motorprior.delay_line import fill_line, interpolated, write_line
 # rows of the table
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
 _DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING = range(5)
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
 _REFERENCE = MotorState._fields.index(REFERENCE)
 # rows of the memory: the state, the delayed target, the delay line
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1

@@ -184,12 +184,9 @@ def step(
     expected = where(change * before * state.damping > 0.0, smaller, 0.0)
 
     twist = r - q
-    twist_at_t = twist + half_h * (v - dq)
-    above, below = twist_at_t > p.half_backlash, twist_at_t < -p.half_backlash
     # contact that begins within the step damps, but does not pull
-    beyond = arithmetic.positive_part(abs(twist) - p.half_backlash)
-    deflection = where(above | below, arithmetic.with_sign_of(beyond, twist), 0.0)
-    contact = arithmetic.indicator(above | below)
+    deflection = twist - arithmetic.clip(twist, p.half_backlash)
+    contact = arithmetic.indicator(abs(twist + half_h * (v - dq)) > p.half_backlash)
     stiffness = contact * p.gear_stiffness
     damping = 0.5 * (contact * p.gear_damping + h * stiffness)
     damper = contact * p.gear_damping + EXTRA_DAMPING * h * stiffness

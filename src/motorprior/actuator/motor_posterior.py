@@ -12,7 +12,7 @@ from motorprior.actuator.actuator import Factors
 from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
-from motorprior.actuator.motor_prior import MODEL_ERROR, MotorPrior, checked_gains
+from motorprior.actuator.motor_prior import MotorPrior, checked_gains, with_model_error
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
 from motorprior.exceptions import ConfigError, listed
@@ -100,11 +100,12 @@ class MotorPosterior(Described):
         """Constants of these motors with units and ranges, at their gains; identifiable if the log narrows them.
 
         That is, for at least half of the motors the standard deviation of a constant is below NARROWER times the
-        prior's; of its logarithm, if it is positive. Ranges are with MODEL_ERROR, as those of `MotorPrior.intervals`.
+        prior's; of its logarithm, if it is positive. Ranges are with `MODEL_ERROR`, as those of
+        `MotorPrior.intervals`.
         """
         mean, std, _ = self.prior.expected(self.joint_names, self.prior.classes_at(self.joint_names))
         before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
-        precision = before + (np.linalg.inv(self.covariance) - before) / MODEL_ERROR**2
+        precision = with_model_error(np.linalg.inv(self.covariance), before)
         rng, factors = np.random.default_rng(0), np.linalg.cholesky(np.linalg.inv(precision))
         z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((DRAWS, *self.mean.shape)))
         gains = None if self.gains is None else np.tile(self.gains, DRAWS)

@@ -53,7 +53,7 @@ UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
 # factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
-# share. Chosen on four simulated arms; the 90 % intervals of eight others hold 88 % (benchmarks/simulated_arms.py)
+# share. Chosen on four simulated arms; the 90 % intervals of eight others hold 92 % (benchmarks/simulated_arms.py)
 MODEL_ERROR = 4.0
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
@@ -263,8 +263,8 @@ class MotorPrior(Described):
         if not isinstance(self.model, GreyBox):
             return {}
         noise = np.random.default_rng(0).standard_normal((DRAWS, *self.mean.shape))
-        likelihood = np.maximum(np.exp(-self.log_var) - 1.0, 0.0) / MODEL_ERROR**2
-        z = (self.mean + noise / np.sqrt(1.0 + likelihood)).reshape(-1, self.mean.shape[1])
+        std = with_model_error(np.exp(-self.log_var), 1.0) ** -0.5
+        z = (self.mean + std * noise).reshape(-1, self.mean.shape[1])
         ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
         values = self.model.constants(z)
         return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
@@ -413,6 +413,11 @@ def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
 def limit_text(name: str, value: float) -> str:
     """For example "torque limit of 20 N·m"."""
     return f"{name.replace('_', ' ')} of {value:.3g} {'N·m' if name == 'torque_limit' else 'rad/s'}"
+
+
+def with_model_error(posterior: np.ndarray, prior: np.ndarray | float) -> np.ndarray:
+    """Precision of a posterior whose likelihood has MODEL_ERROR; precisions of posterior and prior."""
+    return prior + (posterior - prior) / MODEL_ERROR**2
 
 
 def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:

@@ -31,6 +31,9 @@ POLICY = "policy.safetensors"  # in the folder of a training
 DURATION_STEPS = 500  # control steps of a walk of 5 s
 DRAWS = 24  # walks of an evaluation
 EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
+# of `robustness_map`
+PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
+FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
 
 ONE_AT_A_TIME = partial(ThreadExecutor, workers=1)
 
@@ -211,10 +214,6 @@ def compare(
                 rows += evaluate(policy, scenes, model, seed)[0]
                 task.advance(len(twins))
     return Results.of(rows)
-
-
-PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
-FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
 
 
 def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int) -> np.ndarray:
