@@ -43,7 +43,9 @@ def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
 )
 def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...], tolerance: float):
     motors = motors_of_prior(bench.COUNT, terms)
-    ours, theirs = (bench.free_run(make(motors), bench.COUNT, bench.STEPS) for make in (bench.compiled, bench.kernel))
+    # an encoder behind the backlash makes these motors oscillate, and any difference grows exponentially
+    steps = 200 if "output_encoder" in terms else bench.STEPS
+    ours, theirs = (bench.free_run(make(motors), bench.COUNT, steps) for make in (bench.compiled, bench.kernel))
     assert np.abs(ours).max() > 0.3, "they move"
     difference = np.abs(ours - theirs).max(axis=0)  # [rad]
     assert np.median(difference) < 1e-4

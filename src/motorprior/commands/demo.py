@@ -66,12 +66,12 @@ class Demo:
     """Samples per motor and excitation."""
     adam_steps: int | None = None
     """Adam steps of the paper's network; the preset's own number if not given."""
-    iterations: int = 25
+    iterations: int = 20
     """ARS iterations per policy."""
     directions: int = 14
     """Directions per iteration of ARS."""
     seeds: int = 2
-    """Policies per condition."""
+    """Policies per condition, but one of the oracle."""
     draws: int = 16
     """Walks of each policy per environment."""
     workers: int = 2
@@ -147,14 +147,14 @@ def study_of(config: Demo) -> Study:
     """The transfer study, small: one bench, the environments fleet and hard."""
     shared = {name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__}
     return Study(
-        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, robots=1,
+        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, robots=1, oracle_seeds=1,
         pd_range=_PD_RANGE, prior_share=_PRIOR_SHARE,
     )  # fmt: skip
 
 
 def _folders(bench: Study, name: str) -> list[Path]:
     """Trainings of a condition, one per seed."""
-    return [bench.out / "walk" / f"{name}_{seed}" for seed in range(bench.seeds)]
+    return [bench.out / "walk" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
 
 
 def _policies(bench: Study, name: str) -> list[TrainedPolicy]:

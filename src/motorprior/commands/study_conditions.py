@@ -67,7 +67,7 @@ class Condition:
 def conditions_of(bench: Study, seed: int) -> list[Condition]:
     """The policies of this seed on a bench."""
     made = []
-    for name in bench.conditions:
+    for name in (name for name in bench.conditions if seed in bench.seeds_of(name)):
         robot = bench.robot_of(seed) if name in ADAPTED else None
         randomization = ROBUST if name == "robust_prior" else TRAINING
         for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):

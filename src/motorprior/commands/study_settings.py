@@ -40,6 +40,8 @@ class Study:
     """Benches, each with its own motors, robots, floors and pushes: with the seed `seed` and the following ones."""
     seeds: int = 4
     """Policies per condition and bench."""
+    oracle_seeds: int | None = None
+    """Policies of the oracle, whose physics step is shorter; `seeds` if not given."""
     draws: int = 32
     """Walks of each policy per environment."""
     robots: int | None = None
@@ -95,6 +97,10 @@ class Study:
         if population == VALIDATION:
             return self.validation_fleet(load_robot(self.robot))
         return self.foreign if population == OUT_OF_FAMILY else self.fleet
+
+    def seeds_of(self, condition: str) -> range:
+        """Seeds of the policies of a condition."""
+        return range(self.seeds if condition != "oracle" or self.oracle_seeds is None else self.oracle_seeds)
 
     def robot_of(self, seed: int) -> int:
         """Number of the robot that the adapted policies of a seed walk on."""
