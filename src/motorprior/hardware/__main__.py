@@ -21,7 +21,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 def parser() -> argparse.ArgumentParser:
     """The command line, from the settings and their docstrings."""
-    usage = "motorprior {deploy,record,doctor} ...; for other commands: pip install 'motorprior[full]'"
+    usage = "motorprior {deploy,record,doctor} ...; for other commands: pip install motorprior"
     top = argparse.ArgumentParser(usage=usage, description="Deploy to, record from, or check a robot.")
     commands = top.add_subparsers(dest="command", required=True, prog="motorprior")
     deploy, record, doctor = (commands.add_parser(name) for name in ("deploy", "record", "doctor"))
