@@ -133,11 +133,10 @@ def with_velocities(log: MotorLog) -> MotorLog:
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
-    """The log at steps of ``period`` [s]: angles are splines through smoothed readings, commands are smoothed likewise.
+    """The log at steps of ``period`` [s]; angles are splines through smoothed readings.
 
-    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Smoothed
-    angles begin to move before the motor; a motor without saturation is nearly linear, so smoothed commands move it
-    likewise.
+    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Commands
+    stay as they are: a smoothed step would keep a motor at its torque limit for another time.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -147,8 +146,6 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     found = smoothing_of(angles, parts, log.period)
     if found is not None:
         angles = smoothed(angles, parts, log.period, *found)[0]
-        noise, rows = found[0] * math.sqrt(log.period / period), tuple(grid.segment_slices())
-        grid = replace(grid, position_target=smoothed(grid.position_target, rows, period, noise, found[1])[0])
     pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
     for old, new in zip(parts, grid.segment_slices(), strict=True):
         spline = CubicSpline(log.time[old], angles[old], axis=0)

@@ -1,7 +1,8 @@
 """Fit of motors to their logs: every motor alone, or together with a Gaussian over the motors.
 
 Unknowns are the logarithms of the constants (linear where they may be negative), relative to a central motor; one
-latent is one output. Alone, the simplest motor is fitted first, a rigid gear with Coulomb and viscous friction. Every
+latent is one output. Alone, the simplest motor is fitted first, a rigid gear with Coulomb and viscous friction, and a
+torque limit if that fits better: no descent finds the constants of a motor at its limit from one without. Every
 further search starts from this optimum, with the constants that it lacks drawn around the initial motor, from the best
 motor so far with a random half of its constants redrawn, and from other motors' constants, until the best optimum of
 each motor was found three times: a motor never fits worse than one that is nested in it. Together, a Gaussian over the
@@ -133,17 +134,23 @@ def fit_motors(
 
 
 def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int) -> FleetFit:
-    """The simplest motors: the best of RIGID_STARTS random searches, refined; arguments as for `fit_motors`."""
+    """The simplest motors: the best of RIGID_STARTS random searches without a torque limit, and as many with one.
+
+    Arguments as for `fit_motors`.
+    """
     rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
     initial = sized_center(runs, terms)
     rigid, lacks = rigid_motor(initial, terms, runs)
-    search, held = centred(rigid, terms, runs), lacks | fixed
+    search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
-    prior = weak_prior(np.zeros(len(rigid))).fixing(held)
+    prior = weak_prior(np.zeros(len(rigid))).fixing(lacks | fixed)
     found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
-    for _ in range(RIGID_STARTS):
+    for start in range(2 * RIGID_STARTS):
+        held = fixed | (lacks & ~(limit & (start >= RIGID_STARTS)))
         away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
+        away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~held[limit]
         away[:, 0] = 0.0
+        prior = weak_prior(np.zeros(len(rigid))).fixing(held)
         best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
         found = found.better(search.descend(best, prior, STEPS[:1]))
     found = search.descend(found.x, prior, STEPS[1:])
