@@ -146,11 +146,6 @@ def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (a - middle) / spread, (b - middle) / spread
 
 
-def _labels(count_a: int, count_b: int) -> np.ndarray:
-    """(n + m,) labels, True for the first sample."""
-    return np.arange(count_a + count_b) < count_a
-
-
 def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
     """Area under the ROC curve of a classifier that separates motors of ``a`` (n, F) from those of ``b`` (m, F) [-].
 
@@ -161,7 +156,7 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
     1.4 times √((n + m + 1) / (12·n·m)), that of a fixed score (Mann & Whitney 1947).
     """
     features = _quadratic(np.clip(np.concatenate(standardise(a, b)), -_CLIP, _CLIP))
-    labels, rng, areas = _labels(len(a), len(b)), np.random.default_rng(seed), []
+    labels, rng, areas = np.arange(len(a) + len(b)) < len(a), np.random.default_rng(seed), []
     for _ in range(_REPEATS):
         fold = np.concatenate([rng.permutation(np.arange(count) % _FOLDS) for count in (len(a), len(b))])
         for held_out in range(_FOLDS):
