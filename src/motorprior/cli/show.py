@@ -48,9 +48,7 @@ from motorprior.stage import FIGURES, PAGE
 from motorprior.studies.compare import DRAWS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 
-_DISTRIBUTION = (
-    "adapt_rmse_ratio", "adapt_false_alarms", "adapt_unlikely", "coverage50", "coverage90", "two_sample_auc",
-)  # fmt: skip
+_DISTRIBUTION = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample_auc")
 
 
 @dataclass(frozen=True)

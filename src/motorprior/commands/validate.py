@@ -21,7 +21,6 @@ from motorprior.identification.held_out import (
     adapt_all,
     adaptation,
     adapted_models,
-    armature_results,
     distribution,
     held_out_motors,
 )
@@ -103,7 +102,7 @@ def _measure(
     }
     models = baselines | {name: prior.training_motors for name, prior in priors.items()}
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
-        results = fidelity(robot, motors, models, "train", seed, task) + armature_results(motors, priors)
+        results = fidelity(robot, motors, models, "train", seed, task)
         task.advance()
     if not config.held_out:
         return results

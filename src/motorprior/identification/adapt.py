@@ -154,10 +154,7 @@ def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, f
 
 
 def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> dict[str, np.ndarray]:
-    """(M,) constants by name [SI] of motors (M, Z) at the gains in their log; empty for a network.
-
-    Constants in units of a firmware are multiples with names of their own (`named_multiples`).
-    """
+    """(M,) `named_constants` of motors (M, Z) at the gains in their log; empty for a network."""
     return named_constants(prior.model, latents, log.gains) if isinstance(prior.model, GreyBox) else {}
 
 

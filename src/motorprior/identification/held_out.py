@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.behaviour import Behaviours, behaviours
+from motorprior.bench.behaviour import behaviours
 from motorprior.bench.bench_folder import BenchSettings
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import bench_preset, preset_of_period, record
@@ -27,7 +26,6 @@ from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
 ADAPTED_SECONDS = 10.0  # log from which held-out motors are adapted for the fidelity table
-UNLIKELY = 0.1  # p-value of `outlier_test` below which a held-out motor counts in ``adapt_unlikely``
 POPULATION, COMPARISONS = 256, 5
 _MOTORS, _SAMPLES = 29, 31  # tags of random streams
 # of the classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
@@ -86,8 +84,8 @@ def adaptation(
 
     Returns:
         For each length ``adapt_rmse_ratio``: median closed-loop RMSE on gait + impacts over that of the training
-        motors; ``adapt_false_alarms`` and ``adapt_unlikely``: share of held-out motors whose p-value is below
-        FALSE_ALARMS and UNLIKELY; and the `bench_coverage` for the longest up to ADAPTED_SECONDS.
+        motors; ``adapt_false_alarms``: share of held-out motors whose p-value is below FALSE_ALARMS; and the
+        `bench_coverage` for the longest up to ADAPTED_SECONDS.
     """
     preset = HELD_OUT.for_robot(robot)
     train = bench_errors(bench.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
@@ -102,7 +100,6 @@ def adaptation(
         measured = {
             "adapt_rmse_ratio": np.median(error) / np.median(train),
             "adapt_false_alarms": np.mean(p_value < FALSE_ALARMS),
-            "adapt_unlikely": np.mean(p_value < UNLIKELY),
         }
         results += Results.of(
             Result(quantity, "1", float(value), motors="held_out", seconds=length)
@@ -120,40 +117,21 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
     Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some hundredths.
 
     Returns:
-        ``two_sample_auc`` (0.5 is ideal), median with minimum and maximum; of the first comparison per feature
-        ``behaviour_auc`` (0.5 is ideal, above it the prior's values are larger); and
-        ``aggregate_posterior_kl``, of the training motors' posteriors to N(0, I) [nat].
+        ``two_sample_auc`` (0.5 is ideal), median with minimum and maximum; and ``aggregate_posterior_kl``, of the
+        training motors' posteriors to N(0, I) [nat].
     """
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, _SAMPLES])
-    pairs: list[tuple[Behaviours, Behaviours]] = []
+    areas = []
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
-        pairs.append((drawn, behaviours(bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2).actuator())))
-    first, physical = pairs[0]
-    areas = [two_sample_auc(one.values, other.values, bench.seed) for one, other in pairs]
+        physical = behaviours(bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2).actuator())
+        areas.append(two_sample_auc(drawn.values, physical.values, bench.seed))
     return Results.of([
         Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
         Result("two_sample_auc", "1", min(areas), statistic="low"),
         Result("two_sample_auc", "1", max(areas), statistic="high"),
         Result("aggregate_posterior_kl", "nat", prior.metrics.get("aggregate_posterior_kl", 0.0)),
-        *(
-            Result("behaviour_auc", "1", float(value), part=name)
-            for name, value in zip(first.names, feature_auc(first.values, physical.values), strict=True)
-        ),
     ])  # fmt: skip
-
-
-def armature_results(motors: TrueMotors, priors: Mapping[str, MotorPrior]) -> Results:
-    """Mean ratio of the decoded armature to that of the physical motors, and their correlation over the motors."""
-    rows: list[Result] = []
-    for name, prior in priors.items():
-        if isinstance(prior.model, GreyBox) or prior.model.has_armature:
-            decoded = prior.model.armature(prior.mean)
-            rows.append(Result("armature_ratio", "1", float(np.mean(decoded / motors.armature)), name, "train"))
-            if np.ptp(decoded) > 0 and np.ptp(motors.armature) > 0:
-                correlation = float(np.corrcoef(decoded, motors.armature)[0, 1])
-                rows.append(Result("armature_correlation", "1", correlation, name, "train"))
-    return Results.of(rows)
 
 
 def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -168,11 +146,6 @@ def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (a - middle) / spread, (b - middle) / spread
 
 
-def _labels(count_a: int, count_b: int) -> np.ndarray:
-    """(n + m,) labels, True for the first sample."""
-    return np.arange(count_a + count_b) < count_a
-
-
 def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
     """Area under the ROC curve of a classifier that separates motors of ``a`` (n, F) from those of ``b`` (m, F) [-].
 
@@ -183,7 +156,7 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
     1.4 times √((n + m + 1) / (12·n·m)), that of a fixed score (Mann & Whitney 1947).
     """
     features = _quadratic(np.clip(np.concatenate(standardise(a, b)), -_CLIP, _CLIP))
-    labels, rng, areas = _labels(len(a), len(b)), np.random.default_rng(seed), []
+    labels, rng, areas = np.arange(len(a) + len(b)) < len(a), np.random.default_rng(seed), []
     for _ in range(_REPEATS):
         fold = np.concatenate([rng.permutation(np.arange(count) % _FOLDS) for count in (len(a), len(b))])
         for held_out in range(_FOLDS):
@@ -191,14 +164,6 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
             weights = _fit_logistic(features[~test], labels[~test])
             areas.append(area_under_curve(features[test & labels] @ weights, features[test & ~labels] @ weights))
     return float(np.mean(areas))
-
-
-def feature_auc(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(F,) AUC of each feature alone, P(a's value > b's) + P(equal)/2 [-]: below 0.5 where ``a`` has lower values.
-
-    It identifies the feature that makes `two_sample_auc` large, but misses differences of spread and correlation.
-    """
-    return np.array([area_under_curve(one, other) for one, other in zip(a.T, b.T, strict=True)])
 
 
 def area_under_curve(positive: np.ndarray, negative: np.ndarray) -> float:
