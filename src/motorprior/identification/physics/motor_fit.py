@@ -55,6 +55,8 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
+GEAR_SAVING = 0.2  # share of the loss that compliant gears must save, otherwise they are rigid
+RIGID_GEAR = ("gear_stiffness", "gear_damping", "backlash")
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -126,6 +128,8 @@ def fit_motors(
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, runs.classes, report)
+    rigid = np.where(fixed, 0.0, rigid_motor(initial, terms, runs)[0] - center)
+    found = _with_rigid_gears(search, found, rigid, start - center, fixed, runs.classes)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
@@ -288,6 +292,27 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes:
     spread = (motors + 1) / max(1, motors - len(names)) * np.mean((found.x - mean) ** 2, axis=0)
     variance = np.maximum(spread + variance, _MIN_STD**2)
     return GaussianPrior(mean, found.loss.mean() / windows / variance)
+
+
+def _with_rigid_gears(
+    search: Search, found: Fit, rigid: np.ndarray, simplest: np.ndarray, fixed: np.ndarray, classes: np.ndarray
+) -> Fit:
+    """The fit with rigid gears in the classes (M,) of motors where compliance saves less than GEAR_SAVING of the loss.
+
+    ``rigid`` (K,) is a motor with a rigid gear, ``simplest`` (M, K) are fits of such motors. A soft gear replays the
+    motion of a suspended robot slightly better by physics that the model lacks, but the robot falls when it walks.
+    """
+    gear = np.isin(np.arange(len(rigid)), [PARAMETERS.index(name) for name in RIGID_GEAR])
+    if fixed[gear].any():
+        return found
+    held = GaussianPrior(np.where(gear, rigid, found.x), np.where(fixed | gear, FIXED, WEAK) + np.zeros(found.x.shape))
+    starts = [np.where(gear, rigid, np.where(fixed, 0.0, x)) for x in (found.x, simplest)]
+    first, second = (search.descend(np.clip(x, -LOG_REACH, LOG_REACH), held, STEPS) for x in starts)
+    stiff, chosen = first.better(second), np.zeros(len(classes), dtype=bool)
+    for each in np.unique(classes):
+        own = classes == each
+        chosen |= own & (stiff.loss[own].sum() * (1.0 - GEAR_SAVING) <= found.loss[own].sum())
+    return found.replaced(np.flatnonzero(chosen), stiff.of(np.flatnonzero(chosen)))
 
 
 def _without_unidentified_limits(
