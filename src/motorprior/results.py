@@ -11,6 +11,7 @@ import numpy as np
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
+from motorprior.texts import text_table
 
 # suffix of a figure's name by statistic; others, such as the median, have none
 _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"}
@@ -51,6 +52,12 @@ class Results:
 
     def __add__(self, other: Results) -> Results:
         return Results(self.rows + other.rows)
+
+    def __str__(self) -> str:
+        named = [name for name in Result.__dataclass_fields__ if any(getattr(row, name) is not None for row in self)]
+        rows = [[getattr(row, name) for name in named] for row in self]
+        cells = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell or "") for cell in row] for row in rows]
+        return text_table(named, cells)
 
     def where(self, **columns: Any) -> Results:
         """Rows with these values; a tuple stands for any of its values, None for no value."""

@@ -93,7 +93,12 @@ def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.nda
     values = model.constants(z)
     if model.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_logged_gains(values, *gains)
-    return named_multiples(values) if model.gain_unit else values
+    if not model.gain_unit:
+        return values
+    named = named_multiples(values)
+    if gains is not None and np.array_equal(*gains):  # kd is not logged: the ratio is one of the motor
+        named = {name if name != f"kd_over_kp{PER_LOGGED}" else "kd_over_kp": each for name, each in named.items()}
+    return named
 
 
 def draw_response(motors: Any, title: str, period: float) -> Any:

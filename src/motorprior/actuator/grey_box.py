@@ -70,7 +70,7 @@ class GreyBox:
         return GreyBoxActuator(self, z, conditions, gains)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class GreyBoxActuator(Actuator):
     """n motors of one grey box."""
 
@@ -79,6 +79,9 @@ class GreyBoxActuator(Actuator):
     conditions: Conditions = HALF_WARM
     gains: np.ndarray | None = None  # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
     factors: Factors | None = None  # on the constants
+
+    def __repr__(self) -> str:
+        return f"{self.num_motors} grey-box motors; their numbers: constants()"
 
     @property
     def kind(self) -> ActuatorKind:

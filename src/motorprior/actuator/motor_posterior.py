@@ -16,6 +16,7 @@ from motorprior.actuator.motor_prior import MotorPrior, checked_gains, with_mode
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
 from motorprior.exceptions import ConfigError, listed
+from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Described, Summary
 
@@ -50,18 +51,18 @@ class MotorPosterior(Described):
 
     def sample(
         self,
-        count: int,
+        of: int | Robot,
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
         prior_share: float = 0.0,
     ) -> GreyBoxActuator | NetworkActuator:
-        """Sample ``count`` motors: one per joint of the posterior, or ``count`` samples of a single motor.
+        """Sample motors: one per joint of the posterior, or as many of a single motor.
 
         z ~ N(mean, covariance + prior_share²·I).
 
         Args:
-            count: number of motors.
+            of: number of motors, or the robot.
             seed: seed, or a generator to continue.
             gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not given.
             limit_follows_gain: scale the torque limit of every motor by its kp over that of the prior's central motor,
@@ -69,8 +70,9 @@ class MotorPosterior(Described):
             prior_share: share of the prior's standard deviation of z, 1, in addition to the posterior's [-].
 
         Raises:
-            ConfigError: the posterior has neither one nor ``count`` motors, or an argument is out of range.
+            ConfigError: the posterior has neither one motor nor as many, or an argument is out of range.
         """
+        count = of.num_joints if isinstance(of, Robot) else of
         require_count("count", count)
         if len(self.mean) not in (1, count):
             raise ConfigError(

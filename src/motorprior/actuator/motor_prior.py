@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -84,6 +85,7 @@ _HEADER = Header(
     "identify",
 )
 SCHEMA_VERSION = _HEADER.version
+LIBRARY, CARD_PRIOR = files("motorprior") / "exports" / "library", "prior.safetensors"  # shipped motor cards
 _NETWORK = Schema(
     {
         "input_order": exactly(INPUT_ORDER),
@@ -308,15 +310,14 @@ class MotorPrior(Described):
     def overview(self) -> Summary:
         """For people: origin, errors and constants."""
         kinds, metrics = ("grey box", "network"), self.metrics
-        errors = [f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""]
-        errors += [f"{100 * metrics['unexplained']:.0f} % of a PD's error remains" if "unexplained" in metrics else ""]
+        replayed = f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""
         facts = {
             "robot": self.robot or "none stated", "motor": self.motor, "preset": self.preset,
             "model": f"{kinds[isinstance(self.model, LatentNetwork)]}, {self.model.num_latents} latents, "
             f"physics steps up to {1e3 * self.model.period:g} ms",
             "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
             "joints": listed(self.joint_names, 8), **dict(line.split(": ", 1) for line in self.spread_notes()),
-            "replayed logs, median error": ", ".join(filter(None, errors)),
+            "replayed logs, median error": replayed,
         }  # fmt: skip
         if len(self.classes.names) > 1:
             facts["constants of a class"] = ", ".join(f'prior.constants("{name}")' for name in self.classes.names)
@@ -368,12 +369,12 @@ class MotorPrior(Described):
 
     @classmethod
     def load(cls, path: str | Path) -> MotorPrior:
-        """Read a prior.
+        """Read a prior, or that of a shipped motor card by name.
 
         Raises:
             ArtifactError: not a motor prior, another schema, unknown or missing keys, or wrong shapes.
         """
-        path = Path(path)
+        path = card_file(str(path)) or Path(path)
         tensors, header = _HEADER.read(path)
         _check(tensors, header, path)
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
@@ -396,6 +397,16 @@ class MotorPrior(Described):
             stated_classes=JointClasses(*classes, tensors["class_mean"], tensors["unseen_std"]),
             misfit=tensors["misfit"],
         )  # fmt: skip
+
+
+def shipped_cards() -> tuple[str, ...]:
+    """Names of the motor cards in the package."""
+    return tuple(sorted(card.name for card in LIBRARY.iterdir() if (card / CARD_PRIOR).is_file()))
+
+
+def card_file(name: str) -> Path | None:
+    """The prior of a shipped motor card; None for other names."""
+    return Path(str(LIBRARY / name / CARD_PRIOR)) if name in shipped_cards() else None
 
 
 def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:

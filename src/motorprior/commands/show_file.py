@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior, shipped_cards
 from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ArtifactError
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.read_log import read_log
-from motorprior.robots.robot import GRAVITY
 from motorprior.robots.shipped import SHIPPED
-from motorprior.simulation.training import WEIGHT
-from motorprior.texts import Summary
 
 
 @dataclass(frozen=True)
@@ -23,8 +20,8 @@ class Show:
     """Print what a file holds: constants of a prior, posterior or fleet with units and ranges, a log, or a policy."""
 
     file: Path
-    """A .safetensors of identify, adapt or walk, a log in any format, or a fleet: a .toml file, or a shipped one by
-    name."""
+    """A .safetensors of identify, adapt or walk, a log in any format, a fleet's .toml file, or a shipped fleet or motor
+    card by name."""
     prior: Path | None = None
     """The prior of a posterior, for its constants."""
     columns: str | None = None
@@ -36,28 +33,16 @@ def described(config: Show) -> str:
     path = config.file
     if path.suffix == ".toml" or str(path) in {name for robot in SHIPPED for name, _ in robot.fleets}:
         return str(load_fleet(path))
+    if str(path) in shipped_cards():
+        return str(MotorPrior.load(path))
     if path.suffix != ".safetensors":
         return str(read_log(path, None, config.columns))
     kind = str(read_tensors(path)[1].get("kind"))
     if kind == "motor prior":
         return str(MotorPrior.load(path))
     if kind != "motor posterior":
-        return str(_policy(Policy.load(path)))
+        return str(Policy.load(path))
     if config.prior is None:
         remedy = f"give it: motorprior show {path} --prior prior.safetensors"
         raise ArtifactError("a posterior needs its prior", where=path, remedy=remedy, argument="prior")
     return str(MotorPosterior.load(path, MotorPrior.load(config.prior)))
-
-
-def _policy(policy: Policy) -> Summary:
-    made = policy.provenance
-    motors = made.get("motors")
-    weight = f"{made[WEIGHT] / GRAVITY:.2f} kg" if WEIGHT in made else ""
-    facts = {
-        "robot": ", ".join(filter(None, (policy.robot, weight))), "gait": policy.gait,
-        "commanded speed": f"{policy.forward[0]:g} to {policy.forward[1]:g} m/s",
-        "control": f"{1.0 / policy.control_dt:g} Hz",
-        "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""),
-        "best": f"iteration {made['iteration']}, mean return {made['own_return']:.2f} m" if "iteration" in made else "",
-    }  # fmt: skip
-    return Summary("walking policy", facts)

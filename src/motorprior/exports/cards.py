@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 
 from motorprior.actuator.constants import COLUMNS
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import CARD_PRIOR, MotorPrior, card_file, shipped_cards
 from motorprior.artifacts import write_text
 from motorprior.exceptions import ArtifactError
 
-PRIOR, PAGE = "prior.safetensors", "README.md"
-_LIBRARY = files("motorprior.exports") / "library"
-
-
-def shipped_cards() -> tuple[str, ...]:
-    """Names of the cards in the package."""
-    return tuple(sorted(card.name for card in _LIBRARY.iterdir() if (card / PRIOR).is_file()))
+PAGE = "README.md"
 
 
 def from_pretrained(name: str | Path) -> MotorPrior:
@@ -26,11 +19,11 @@ def from_pretrained(name: str | Path) -> MotorPrior:
     Raises:
         ArtifactError: neither a shipped card nor a folder with a prior.
     """
-    folder = Path(name) if Path(name).is_dir() else Path(str(_LIBRARY / str(name)))
-    if not (folder / PRIOR).is_file():
-        remedy = f"give a folder with {PRIOR}, or one of {', '.join(shipped_cards())}"
+    path = Path(name) / CARD_PRIOR if Path(name).is_dir() else card_file(str(name))
+    if path is None or not path.is_file():
+        remedy = f"give a folder with {CARD_PRIOR}, or one of {', '.join(shipped_cards())}"
         raise ArtifactError("no motor card", where=name, remedy=remedy)
-    return MotorPrior.load(folder / PRIOR)
+    return MotorPrior.load(path)
 
 
 def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None) -> list[Path]:
@@ -41,9 +34,9 @@ def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float]
         folder: for prior.safetensors and README.md.
         about: more lines of the front matter, such as licence, data, held-out error and limits.
     """
-    prior.save(folder / PRIOR)
+    prior.save(folder / CARD_PRIOR)
     write_text(folder / PAGE, _page(prior, folder.name, about or {}))
-    return [folder / PRIOR, folder / PAGE]
+    return [folder / CARD_PRIOR, folder / PAGE]
 
 
 def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str:

@@ -20,9 +20,11 @@ from motorprior.bounds import TABLE, TEXT, many, number, one_of
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
-from motorprior.robots.robot import Robot
+from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Header, Tensor, check_tensors
+from motorprior.texts import Described, Summary
 
+WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
 FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indices in a command after the residuals
@@ -134,8 +136,8 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
     out[joints + TURN] = body.max_yaw_rate * action[joints + TURN]
 
 
-@dataclass(frozen=True, eq=False)
-class Policy:
+@dataclass(frozen=True, eq=False, repr=False)
+class Policy(Described):
     """A trained walking policy and what it was trained for."""
 
     arrays: PolicyArrays  # float64, in the units of the observation
@@ -161,6 +163,20 @@ class Policy:
         """A policy of a robot with the speed range of the training."""
         forward = robot.require_legs().forward
         return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, gait, provenance)
+
+    def overview(self) -> Summary:
+        """For people: the robot, and the training."""
+        made = self.provenance
+        motors = made.get("motors")
+        weight = f"{made[WEIGHT] / GRAVITY:.2f} kg" if WEIGHT in made else ""
+        best = f"iteration {made['iteration']}, mean return {made['own_return']:.2f} m" if "iteration" in made else ""
+        facts = {
+            "robot": ", ".join(filter(None, (self.robot, weight))), "gait": self.gait,
+            "commanded speed": f"{self.forward[0]:g} to {self.forward[1]:g} m/s",
+            "control": f"{1.0 / self.control_dt:g} Hz",
+            "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""), "best": best,
+        }  # fmt: skip
+        return Summary("walking policy", facts)
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
         """Raise ConfigError for a policy of another robot, of other joints, or of another control period.

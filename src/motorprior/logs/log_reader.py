@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -65,7 +65,10 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         *columns.base_orientation,
         *(name for names in wanted.values() for name in names),
     ]
-    table = source(path, list(dict.fromkeys(names)), columns)
+    table, origin = source(path, list(dict.fromkeys(names)), columns), str(path)
+    if columns.time and (repeated := _repeated_rows(table)).any():
+        table = {name: values[~repeated] for name, values in table.items()}
+        origin = f"{path} ({repeated.sum()} repeated rows left out)"
     shape = len(next(iter(table.values()))), len(joints)
     if columns.rate is not None:
         time = np.arange(shape[0]) / columns.rate
@@ -100,10 +103,16 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         values["posture"] = np.full(shape[0], POSTURES.index(columns.posture))
     log = MotorLog(
         joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
-        motor=columns.motor, source=str(path), encoder=columns.encoder or (robot.encoder if robot else "joint"),
+        motor=columns.motor, source=origin, encoder=columns.encoder or (robot.encoder if robot else "joint"),
         gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
     )  # fmt: skip
     return checked(log)
+
+
+def _repeated_rows(table: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Mask (T,) of rows that equal the row before in all columns, the time included."""
+    same = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
+    return np.concatenate([[False], same])
 
 
 def robot_of_joints(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:

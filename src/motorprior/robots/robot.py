@@ -10,10 +10,11 @@ from typing import Literal
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.robots.model_source import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
+from motorprior.texts import Described, Summary
 
 GRAVITY = 9.81  # [m/s²]
 Encoder = Literal["joint", "rotor"]
@@ -85,8 +86,8 @@ class Gait:
         return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
 
 
-@dataclass(frozen=True)
-class Robot:
+@dataclass(frozen=True, repr=False)
+class Robot(Described):
     """A robot. Array properties are new copies in the order of ``joints``."""
 
     name: str  # short name, stored in priors, policies and logs
@@ -116,6 +117,18 @@ class Robot:
     control_dt: float = 0.01  # period of the policy [s]
     twin_physics_dt: float = 0.001  # MuJoCo's step with physical motors [s]
     wire: Wire | None = None  # protocol constants of the real robot; None if not supported
+
+    def overview(self) -> Summary:
+        """For people: motors, joints and size."""
+        kp, kd = (sorted({getattr(joint, name) for joint in self.joints}) for name in ("kp", "kd"))
+        facts = {
+            "motors": self.motor, "joints": listed(self.joint_names, 12), "legs": str(len(self.legs) or ""),
+            "kp": f"{listed([f'{each:g}' for each in kp], 4)} N·m/rad",
+            "kd": f"{listed([f'{each:g}' for each in kd], 4)} N·m·s/rad",
+            "mass": f"{self.weight / GRAVITY:.2f} kg" if self.weight else "",
+            "clocks": f"physics {1e3 * self.physics_dt:g} ms, control {1e3 * self.control_dt:g} ms",
+        }  # fmt: skip
+        return Summary(f"robot {self.name}, {self.base} base", facts)
 
     @property
     def num_joints(self) -> int:

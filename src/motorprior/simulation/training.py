@@ -22,7 +22,7 @@ from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, make_executor
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy import WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
@@ -110,7 +110,6 @@ def train_policy(
 
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
-WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
 
