@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -155,7 +155,8 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     """Channel, kind and row of each jump of one joint; ``period`` of new readings [s].
 
     A jump exceeds 3 usual steps, 10 encoder steps, 10 rad/s and 0.03 rad. The usual step is the sixth largest median of
-    three successive steps, which fast motion raises and a failed read does not.
+    three successive steps, which fast motion raises and a failed read does not. Of a single reading between two that
+    are close, the step need not exceed 3 usual ones but 8 times those around it.
     """
     angle, command = log.joint_pos[:, column], log.position_target[:, column]
     steps, command_steps = (np.diff(values, prepend=values[0]) for values in (angle, command))
@@ -169,7 +170,10 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     moves = np.pad(steps - TURN * np.rint(steps / TURN), 1)
     medians = np.median([moves[:-2], moves[1:-1], moves[2:]], axis=0)
     usual = float(np.sort(np.append(np.zeros(6), np.abs(medians)))[-6])
-    bound = max(3.0 * usual, min(10.0 * encoder_step(angle), 0.3), 10.0 * period, 0.03)
+    least = max(min(10.0 * encoder_step(angle), 0.3), 10.0 * period, 0.03)
+    spikes = set(_spikes(angle, log.segment_slices(), least))
+    yield from (("joint_pos", FAILED, row) for row in sorted(spikes))
+    bound = max(3.0 * usual, least)
     lag, places, back = 1 + int(MAX_LAG / log.period), np.flatnonzero(np.abs(steps) > bound)[:10_000], 0
     for number, place in enumerate(places.tolist()):
         row, size = int(rows[place]), abs(float(steps[place]))
@@ -179,7 +183,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         near &= (waited >= 0.0) & (waited <= 1.01 * READINGS * period)
         speed = size / max(period, float(log.time[row] - log.time[row - 1]))
         neighbours = np.abs(np.delete(steps[max(0, place - 3) : place + 4], min(place, 3)))
-        if row < back:
+        if row < back or {row, row - 1} & spikes:
             continue
         if abs(size - TURN) <= bound:
             yield "joint_pos", "by a turn", row
@@ -190,6 +194,18 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
             yield from (("joint_pos", FAILED, each) for each in range(row, back))
         elif speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size:  # a joint would accelerate over several rows
             yield "joint_pos", STAYS, row
+
+
+def _spikes(angle: np.ndarray, parts: Sequence[slice], least: float) -> Iterator[int]:
+    """Rows of single readings between two that are close, away by ``least`` [rad] and by 8 times the steps around."""
+    for part in parts:
+        steps = np.diff(angle[part])
+        if len(steps) < 4:
+            continue
+        out, back = steps[1:-2], steps[2:-1]
+        around = np.max(np.abs([steps[:-3], out + back, steps[3:]]), axis=0)
+        is_spike = (out * back < 0.0) & (np.minimum(np.abs(out), np.abs(back)) > np.maximum(least, 8.0 * around))
+        yield from (part.start + 2 + np.flatnonzero(is_spike)).tolist()
 
 
 def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
